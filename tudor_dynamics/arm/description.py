@@ -1,0 +1,272 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An arm as the rest of the package sees it: description, Pinocchio models, names, digest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+from pydantic import ValidationError
+import yaml
+
+from tudor_dynamics.arm.kinematics import (
+    joint_axis, model_from_dh, model_from_urdf, unit_vector, with_gauge_joints)
+from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
+from tudor_dynamics.errors import ArmError
+
+MAX_YAML_BYTES = 2_000_000
+
+
+def validation_message(err: ValidationError) -> str:
+    """
+    Put a pydantic error on one line: each key, what is wrong, what was found.
+
+    Parameters
+    ----------
+    err : pydantic.ValidationError
+        Error of a ``model_validate``.
+
+    Returns
+    -------
+    str
+        Parts separated by semicolons.
+
+    """
+    parts = []
+    for item in err.errors(include_url=False):
+        where = '.'.join(str(part) for part in item['loc']) or 'top level'
+        text = item['msg'].removeprefix('Value error, ')
+        if item['type'] == 'extra_forbidden':
+            text = 'unknown key (misspelt?)'
+        found = item.get('input')
+        shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
+            f', found {found!r}')
+        parts.append(f'{where}: {text}{shown}')
+    return '; '.join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """
+    An arm description that was read and checked, with its models.
+
+    Attributes
+    ----------
+    spec : ArmSpec
+        What stands in the YAML.
+    full_model : pinocchio.Model
+        All joints of the description.
+    source : str
+        File the description came from, for messages.
+
+    """
+
+    spec: ArmSpec
+    full_model: pin.Model
+    source: str = field(default='')
+
+    @property
+    def name(self) -> str:
+        """Name of the arm."""
+        return self.spec.name
+
+    @cached_property
+    def active_joints(self) -> tuple[str, ...]:
+        """Names of the joints that the model describes, in the order of the description."""
+        names = tuple(joint.name for joint in self.spec.joints)
+        return names if self.spec.active_joints is None else self.spec.active_joints
+
+    @cached_property
+    def joints(self) -> tuple[JointSpec, ...]:
+        """Descriptions of the active joints."""
+        by_name = {joint.name: joint for joint in self.spec.joints}
+        return tuple(by_name[name] for name in self.active_joints)
+
+    @cached_property
+    def gauges(self) -> tuple[GaugeSpec, ...]:
+        """Gauges behind active joints or behind held ones; all of the description."""
+        return self.spec.gauges
+
+    @property
+    def gauge_names(self) -> tuple[str, ...]:
+        """Names of the gauges."""
+        return tuple(gauge.name for gauge in self.gauges)
+
+    def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
+        held = {joint.name: joint.hold for joint in self.spec.joints}
+        reference = np.zeros(model.nq)
+        locked = []
+        for index in range(1, model.njoints):
+            name = model.names[index]
+            if name not in keep:
+                reference[model.joints[index].idx_q] = held.get(name, 0.0)
+                locked.append(index)
+        return pin.buildReducedModel(model, locked, reference) if locked else model
+
+    @cached_property
+    def model(self) -> pin.Model:
+        """Model of the active joints; the others are locked where they are held."""
+        return self._reduce(self.full_model, self.active_joints)
+
+    @cached_property
+    def gauge_model(self) -> pin.Model:
+        """Model of the active joints with a virtual joint at each gauge."""
+        places = []
+        for gauge in sorted(self.gauges, key=lambda g: g.distance):
+            axis = (joint_axis(self.full_model, gauge.joint) if gauge.axis is None
+                    else unit_vector(gauge.axis))
+            point = gauge.distance * unit_vector(gauge.direction)
+            places.append((gauge.name, gauge.joint, point, axis))
+        cut = with_gauge_joints(self.full_model, places)
+        return self._reduce(cut, self.active_joints + self.gauge_names)
+
+    @cached_property
+    def velocity_index(self) -> NDArray[np.intp]:
+        """Index in ``model``'s velocity vector of each active joint."""
+        model = self.model
+        return np.array([model.joints[model.getJointId(name)].idx_v
+                         for name in self.active_joints], dtype=np.intp)
+
+    @cached_property
+    def digest(self) -> str:
+        """
+        SHA-256 of all that a fitted model depends on.
+
+        Two files with the same content under other comments or names of files are the same arm.
+        """
+        content = self.spec.model_dump(mode='json', exclude={'kinematics'})
+        model = self.full_model
+        content['tree'] = [
+            [model.names[i], int(model.parents[i]), model.joints[i].shortname(),
+             np.round(model.jointPlacements[i].homogeneous, 9).tolist(),
+             np.round(joint_axis(model, model.names[i]), 9).tolist()]
+            for i in range(1, model.njoints)]
+        text = json.dumps(content, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
+    known = list(model.names)[1:]
+    for joint in spec.joints:
+        if joint.name not in known:
+            msg = (f'{source}: joint {joint.name!r} is not in the kinematics, '
+                   f'whose joints are {known}; correct joints[].name')
+            raise ArmError(msg)
+    for joint in spec.joints:
+        index = model.getJointId(joint.name)
+        prismatic = 'P' in model.joints[index].shortname().removeprefix('JointModel')[:1]
+        if joint.type is not None and prismatic != (joint.type == 'prismatic'):
+            found = 'prismatic' if prismatic else 'revolute'
+            msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
+                   f'but is {found} in the kinematics')
+            raise ArmError(msg)
+        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
+        if wrong:
+            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
+            msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
+                   f'{joint.effort.unit!r}; expected {unit!r} or A')
+            raise ArmError(msg)
+
+
+def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
+    """
+    Check a description and build its models.
+
+    Parameters
+    ----------
+    content : dict
+        The description as it stands in YAML.
+    base : Path
+        Directory that file names in the description are relative to.
+    source : str
+        Where the description came from, for messages.
+
+    Returns
+    -------
+    Arm
+        Checked description with its models.
+
+    Raises
+    ------
+    ArmError
+        If a key is unknown or missing, a value impossible, or the kinematics do not fit.
+
+    """
+    if not isinstance(content, dict):
+        msg = f'{source}: expected a YAML mapping with name, kinematics and joints'
+        raise ArmError(msg)
+    try:
+        spec = ArmSpec.model_validate(content)
+    except ValidationError as err:
+        msg = f'{source}: {validation_message(err)}'
+        raise ArmError(msg) from None
+    if spec.kinematics.urdf is not None:
+        model = model_from_urdf(base / spec.kinematics.urdf)
+    else:
+        rows = spec.kinematics.dh
+        assert rows is not None  # the schema has one of the two
+        model = model_from_dh(rows, [joint.name for joint in spec.joints],
+                              [joint.type or 'revolute' for joint in spec.joints])
+    _check_against_model(spec, model, source)
+    model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
+    return Arm(spec, model, source)
+
+
+def load_arm(path: str | Path) -> Arm:
+    """
+    Read an arm description.
+
+    Parameters
+    ----------
+    path : str or Path
+        YAML file, see ``config/tudor.yaml``.
+
+    Returns
+    -------
+    Arm
+        Checked description with its models.
+
+    Raises
+    ------
+    ArmError
+        If the file cannot be read or is wrong; the message names file, key and expectation.
+
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_YAML_BYTES:
+            msg = f'{path}: larger than {MAX_YAML_BYTES} bytes, this is no arm description'
+            raise ArmError(msg)
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f'{path}: the arm description cannot be read ({err}); check --arm'
+        raise ArmError(msg) from None
+    except yaml.YAMLError as err:
+        where = getattr(err, 'problem_mark', None)
+        line = f' in line {where.line + 1}' if where else ''
+        msg = f'{path}: no valid YAML{line}: {getattr(err, "problem", err)}'
+        raise ArmError(msg) from None
+    except RecursionError:
+        msg = f'{path}: nested too deeply to be an arm description'
+        raise ArmError(msg) from None
+    return arm_from_dict(content, base=path.parent, source=str(path))

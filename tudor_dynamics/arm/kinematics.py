@@ -1,0 +1,253 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From a URDF or a D-H table to a Pinocchio model with one scalar coordinate a joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+
+from tudor_dynamics.errors import ArmError
+
+MAX_URDF_BYTES = 20_000_000
+
+JOINT_TYPES = {
+    'revolute': (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ,
+                 pin.JointModelRevoluteUnaligned),
+    'prismatic': (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ,
+                  pin.JointModelPrismaticUnaligned),
+}
+
+
+def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
+    """
+    Give the unit vector of an axis name or of any vector.
+
+    Parameters
+    ----------
+    axis : {'x', 'y', 'z'} or sequence of 3 floats
+        Name or components.
+
+    Returns
+    -------
+    ndarray of shape (3,)
+        Vector of length one.
+
+    Raises
+    ------
+    ArmError
+        If the vector has no length.
+
+    """
+    if isinstance(axis, str):
+        return np.eye(3)['xyz'.index(axis)]
+    vector = np.asarray(axis, dtype=float)
+    norm = float(np.linalg.norm(vector))
+    if norm < 1e-12:
+        msg = f'the axis {list(axis)} has no length: give x, y, z or a vector'
+        raise ArmError(msg)
+    return vector / norm
+
+
+def model_from_urdf(path: Path) -> pin.Model:
+    """
+    Read a URDF; continuous joints become plain angles, fixed ones merge with their parents.
+
+    Parameters
+    ----------
+    path : Path
+        URDF file.
+
+    Returns
+    -------
+    pinocchio.Model
+        Model with ``nq == nv``.
+
+    Raises
+    ------
+    ArmError
+        If the file is missing, is no URDF, or has a joint of another type.
+
+    """
+    try:
+        if path.stat().st_size > MAX_URDF_BYTES:
+            msg = f'{path}: larger than {MAX_URDF_BYTES} bytes, this is hardly a URDF'
+            raise ArmError(msg)
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f'{path}: the URDF cannot be read ({err}); check kinematics.urdf'
+        raise ArmError(msg) from None
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as err:
+        msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
+        raise ArmError(msg) from None
+    for joint in root.iter('joint'):
+        kind = joint.get('type')
+        if kind == 'continuous':
+            # Pinocchio would use (cos q, sin q); one angle a joint keeps nq == nv, and the
+            # dynamics are the same.
+            joint.set('type', 'revolute')
+            limit = joint.find('limit')
+            if limit is None:
+                limit = ElementTree.SubElement(joint, 'limit')
+            limit.attrib.update(lower='-1e9', upper='1e9')
+            limit.attrib.setdefault('effort', '1e9')
+            limit.attrib.setdefault('velocity', '1e9')
+        elif kind in ('floating', 'planar'):
+            msg = (f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
+                   'prismatic and fixed joints can be modelled')
+            raise ArmError(msg)
+    for link in root.iter('link'):  # meshes are not needed and often not there
+        for tag in ('visual', 'collision'):
+            for element in link.findall(tag):
+                link.remove(element)
+    try:
+        model = pin.buildModelFromXML(ElementTree.tostring(root, encoding='unicode'))
+    except (ValueError, RuntimeError, IndexError) as err:
+        msg = f'{path}: Pinocchio cannot build a model from this URDF ({err})'
+        raise ArmError(msg) from None
+    if model.nq != model.nv:
+        msg = f'{path}: a joint of this URDF needs more than one coordinate'
+        raise ArmError(msg)
+    return model
+
+
+def _translation(x: float, y: float, z: float) -> pin.SE3:
+    return pin.SE3(np.eye(3), np.array([x, y, z]))
+
+
+def _rotation(axis: str, angle: float) -> pin.SE3:
+    return pin.SE3(pin.utils.rotate(axis, angle), np.zeros(3))
+
+
+def model_from_dh(
+    rows: Sequence[Sequence[float]],
+    names: Sequence[str],
+    types: Sequence[str],
+) -> pin.Model:
+    """
+    Build a serial chain from standard Denavit-Hartenberg rows, links without mass.
+
+    Link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al., Robotics:
+    Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic joint. The
+    frame of joint i turns with the joint and has its x axis along the link, so that a gauge is
+    found at ``distance`` along x.
+
+    Parameters
+    ----------
+    rows : sequence of (a [m], alpha [rad], d [m], theta_offset [rad])
+        One row a joint, base first.
+    names : sequence of str
+        Joint names.
+    types : sequence of {'revolute', 'continuous', 'prismatic'}
+        Joint types.
+
+    Returns
+    -------
+    pinocchio.Model
+        Chain with a frame ``tip`` at the end of the last row.
+
+    """
+    model = pin.Model()
+    placement = pin.SE3.Identity()
+    parent = 0
+    for (a, alpha, d, theta), name, kind in zip(rows, names, types, strict=True):
+        joint = pin.JointModelPZ() if kind == 'prismatic' else pin.JointModelRZ()
+        parent = model.addJoint(parent, joint, placement * _rotation('z', theta), name)
+        model.addJointFrame(parent)
+        placement = _translation(0.0, 0.0, d) * _translation(a, 0.0, 0.0) * _rotation('x', alpha)
+    model.addFrame(pin.Frame('tip', parent, placement, pin.FrameType.OP_FRAME))
+    return model
+
+
+def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
+    """
+    Give the axis of a joint in its own frame.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Model with the joint.
+    joint : str
+        Name of the joint.
+
+    Returns
+    -------
+    ndarray of shape (3,)
+        Unit vector: angular part for a revolute joint, linear part for a prismatic one.
+
+    """
+    data = model.createData()
+    pin.computeJointJacobians(model, data, np.zeros(model.nq))
+    index = model.getJointId(joint)
+    column = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
+    column = column[:, model.joints[index].idx_v]
+    linear, angular = column[:3], column[3:]
+    axis = angular if np.linalg.norm(angular) > 0.5 else linear
+    return np.asarray(axis, dtype=float)
+
+
+def with_gauge_joints(
+    model: pin.Model,
+    places: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],
+) -> pin.Model:
+    """
+    Cut links at their gauges by virtual joints about the bending axes.
+
+    The torque of such a joint, kept at zero angle, is the bending moment at the gauge: exactly the
+    moment of everything outboard about the point x_s, with the reaction force's lever shortened by
+    x_s and the moment's not. (Malzahn et al., Eqs. (8)-(15), take the joint's own moment instead
+    and call the difference constant, which it is not.)
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Arm without gauges.
+    places : sequence of (name, joint, point (3,) [m], axis (3,))
+        Gauge, joint before it, place and bending axis in the joint's frame. Gauges of one joint
+        must be sorted from the joint outwards.
+
+    Returns
+    -------
+    pinocchio.Model
+        Arm with one revolute joint more for each gauge, named as the gauge. The outboard part of
+        a cut link has its mass parameters to itself.
+
+    """
+    cut = pin.Model()
+    cut.gravity = model.gravity
+    moved: dict[int, tuple[int, pin.SE3]] = {0: (0, pin.SE3.Identity())}
+    for index in range(1, model.njoints):
+        parent, offset = moved[model.parents[index]]
+        name = model.names[index]
+        new = cut.addJoint(parent, model.joints[index],
+                           offset.inverse() * model.jointPlacements[index], name)
+        cut.appendBodyToJoint(new, model.inertias[index], pin.SE3.Identity())
+        here = pin.SE3.Identity()
+        for gauge, joint, point, axis in places:
+            if joint != name:
+                continue
+            place = pin.SE3(np.eye(3), np.asarray(point, dtype=float))
+            new = cut.addJoint(new, pin.JointModelRevoluteUnaligned(axis),
+                               here.inverse() * place, gauge)
+            here = place
+        moved[index] = (new, here)
+    return cut

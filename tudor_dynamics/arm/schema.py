@@ -1,0 +1,172 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The arm description as it stands in ``config/*.yaml``: keys, types, units, bounds.
+
+Every key is checked here and nowhere else. Unknown keys are refused, because a misspelt key that
+is silently ignored gives a wrong model.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+EFFORT_UNITS = ('A', 'N m', 'N')
+FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Vector3 = tuple[Finite, Finite, Finite]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class Spec(BaseModel):
+    """Base of all parts of the description: immutable, no unknown keys."""
+
+    model_config = ConfigDict(extra='forbid', frozen=True)
+
+
+class KinematicsSpec(Spec):
+    """Where the kinematics come from: a URDF file, or standard D-H rows; one of the two."""
+
+    urdf: str | None = None
+    """Path of a URDF file, relative to the description."""
+    dh: tuple[tuple[Finite, Finite, Finite, Finite], ...] | None = None
+    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint (standard D-H)."""
+
+    @model_validator(mode='after')
+    def _one_source(self) -> KinematicsSpec:
+        if (self.urdf is None) == (self.dh is None):
+            raise ValueError('give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]')
+        return self
+
+
+class EffortSpec(Spec):
+    """The topic on which a joint's actuator effort arrives, and what it is measured in."""
+
+    topic: Name = 'joint_states'
+    unit: Literal['A', 'N m', 'N'] = 'N m'
+    torque_constant: Positive | None = None
+    """Joint torque per ampere, gear and efficiency included [N m/A or N/A]; unknown by default."""
+
+    @model_validator(mode='after')
+    def _constant_needs_current(self) -> EffortSpec:
+        if self.torque_constant is not None and self.unit != 'A':
+            raise ValueError(f'torque_constant goes with unit: A, not with unit: {self.unit}')
+        return self
+
+
+class LimitSpec(Spec):
+    """Limits of a joint's motion."""
+
+    lower: Finite = -math.pi
+    """[rad or m]"""
+    upper: Finite = math.pi
+    """[rad or m]"""
+    velocity: Positive | None = None
+    """[rad/s or m/s]"""
+    acceleration: Positive | None = None
+    """[rad/s^2 or m/s^2]"""
+
+    @model_validator(mode='after')
+    def _ordered(self) -> LimitSpec:
+        if self.lower >= self.upper:
+            raise ValueError(f'lower limit {self.lower} is not below upper limit {self.upper}')
+        return self
+
+
+class JointSpec(Spec):
+    """One joint, by the name that its messages carry."""
+
+    name: Name
+    type: Literal['revolute', 'continuous', 'prismatic'] | None = None
+    """Needed with D-H rows (default revolute); a URDF has it already."""
+    effort: EffortSpec = EffortSpec()
+    friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square'],
+                    ...] = ('viscous', 'coulomb')
+    asymmetric: bool = False
+    """Separate viscous and Coulomb coefficients for each direction of motion."""
+    rotor_inertia: bool = True
+    """Identify the inertia of the motor, seen through the gear, as a parameter of its own."""
+    friction_velocity: Positive = 0.02
+    """Speed over which the sign of the velocity is smoothed [rad/s or m/s]."""
+    stribeck_velocity: Positive = 0.1
+    """Speed at which the Stribeck term has decayed to 1/e [rad/s or m/s]."""
+    hold: Finite = 0.0
+    """Position of the joint where it is not active [rad or m]."""
+    limits: LimitSpec | None = None
+
+    @field_validator('friction')
+    @classmethod
+    def _no_repetition(cls, terms: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(terms)) != len(terms):
+            raise ValueError(f'a friction term is named twice in {list(terms)}')
+        return terms
+
+
+class GaugeSpec(Spec):
+    """A strain gauge (bridge) on the link behind a joint."""
+
+    name: Name
+    joint: Name
+    distance: NonNegative
+    """x_s: from the joint axis along the link [m]."""
+    axis: Literal['x', 'y', 'z'] | Vector3 | None = None
+    """Bending axis in the joint's frame; the joint's own axis by default."""
+    direction: Literal['x', 'y', 'z'] | Vector3 = 'x'
+    """Direction of the link in the joint's frame."""
+    topic: Name = 'link_strains'
+    unit: Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'] = 'um/m'
+
+
+class ArmSpec(Spec):
+    """A whole arm description."""
+
+    name: Name
+    kinematics: KinematicsSpec
+    gravity: Vector3 = (0.0, 0.0, -9.81)
+    """In the base frame [m/s^2]."""
+    joints: tuple[JointSpec, ...] = Field(min_length=1, max_length=100)
+    active_joints: tuple[Name, ...] | None = None
+    """Inputs and outputs of the model, all joints by default; the others are held."""
+    joint_topic: Name = 'joint_states'
+    gauges: tuple[GaugeSpec, ...] = ()
+
+    @model_validator(mode='after')
+    def _consistent(self) -> ArmSpec:
+        names = [joint.name for joint in self.joints]
+        for what, listed in (('joint', names), ('gauge', [g.name for g in self.gauges]),
+                             ('active joint', list(self.active_joints or ()))):
+            for name in listed:
+                if listed.count(name) > 1:
+                    raise ValueError(f'{what} {name!r} is named twice')
+        for name in self.active_joints or ():
+            if name not in names:
+                raise ValueError(f'active joint {name!r} is not among the joints {names}')
+        if self.active_joints is not None and not self.active_joints:
+            raise ValueError('active_joints is empty: name at least one joint, or leave it out')
+        for gauge in self.gauges:
+            if gauge.joint not in names:
+                raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
+                                 f'which is not among the joints {names}')
+        rows = self.kinematics.dh
+        if rows is not None and len(rows) != len(names):
+            raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
+                             'give one row a joint, base first')
+        return self

@@ -1,0 +1,62 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Errors of the package: each derives from TudorError and from a builtin.
+
+A message says what was found, where, what was expected and what to do. The command line prints it
+on one line and exits with code 2.
+"""
+
+from __future__ import annotations
+
+
+class TudorError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class ArmError(TudorError, ValueError):
+    """An arm description (YAML, URDF or D-H table) that cannot be used."""
+
+
+class BagError(TudorError, ValueError):
+    """A recording that cannot be read, or not for what was asked."""
+
+
+class SignalError(TudorError, ValueError):
+    """A signal or filter setting that cannot be processed."""
+
+
+class FitError(TudorError, ValueError):
+    """Data from which the model asked for cannot be identified."""
+
+
+class ModelError(TudorError, ValueError):
+    """A model bundle that is damaged, of another version, or of another arm."""
+
+
+class NotFittedError(TudorError, ValueError, AttributeError):
+    """A model that was asked to predict before it was fitted or loaded."""
+
+
+class SimulationError(TudorError, RuntimeError):
+    """A mechanism that cannot be simulated, or a run that diverged."""
+
+
+class UsageError(TudorError, ValueError):
+    """A command line that contradicts itself."""
+
+
+class TudorWarning(UserWarning):
+    """Something odd in data or a model that the user should know of."""
