@@ -240,6 +240,7 @@ def with_gauge_joints(
         name = model.names[index]
         new = cut.addJoint(parent, model.joints[index],
                            offset.inverse() * model.jointPlacements[index], name)
+        cut.addJointFrame(new)  # buildReducedModel reads the frames of the joints it locks
         cut.appendBodyToJoint(new, model.inertias[index], pin.SE3.Identity())
         here = pin.SE3.Identity()
         for gauge, joint, point, axis in places:
@@ -248,6 +249,7 @@ def with_gauge_joints(
             place = pin.SE3(np.eye(3), np.asarray(point, dtype=float))
             new = cut.addJoint(new, pin.JointModelRevoluteUnaligned(axis),
                                here.inverse() * place, gauge)
+            cut.addJointFrame(new)
             here = place
         moved[index] = (new, here)
     return cut
