@@ -1,0 +1,74 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a bag becomes: aligned arrays of one arm's joints, efforts and strains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """
+    Signals of one bag on the stamps of the joint states.
+
+    Attributes
+    ----------
+    path : str
+        Bag that was read.
+    stamp : ndarray of int64, shape (n_samples,)
+        Header stamps, strictly increasing [ns].
+    q : ndarray of shape (n_samples, n_joints)
+        Positions of the arm's active joints, in their order [rad or m].
+    dq : ndarray of shape (n_samples, n_joints) or None
+        Velocities, where the driver has them [rad/s or m/s].
+    effort : ndarray of shape (n_samples, n_joints) or None
+        Actuator efforts in the units of the arm description.
+    strain : ndarray of shape (n_samples, n_gauges) or None
+        Gauge readings in the units of the arm description.
+    segments : tuple of slice
+        Stretches without a gap; nothing may be filtered or differentiated across their ends.
+    dt : float
+        Median sample time [s].
+    dropped : dict of str to int
+        Messages left out, by cause.
+    warnings : tuple of str
+        What is odd about the bag, one sentence each.
+    checksum : str
+        SHA-256 over the storage files.
+
+    """
+
+    path: str
+    stamp: NDArray[np.int64]
+    q: FloatArray
+    dq: FloatArray | None
+    effort: FloatArray | None
+    strain: FloatArray | None
+    segments: tuple[slice, ...]
+    dt: float
+    dropped: dict[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    checksum: str = ''
+
+    @property
+    def t(self) -> FloatArray:
+        """Time since the first stamp [s]."""
+        return (self.stamp - self.stamp[0]) * 1e-9
