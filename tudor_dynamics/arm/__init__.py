@@ -15,6 +15,7 @@
 """Arm description: YAML, URDF or D-H table to a Pinocchio model, joints, gauges, units."""
 
 from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
-from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
+from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec, PreprocessingSpec
 
-__all__ = ['Arm', 'ArmSpec', 'GaugeSpec', 'JointSpec', 'arm_from_dict', 'load_arm']
+__all__ = ['Arm', 'ArmSpec', 'GaugeSpec', 'JointSpec', 'PreprocessingSpec', 'arm_from_dict',
+           'load_arm']

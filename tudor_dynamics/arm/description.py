@@ -154,7 +154,7 @@ class Arm:
 
         Two files with the same content under other comments or names of files are the same arm.
         """
-        content = self.spec.model_dump(mode='json', exclude={'kinematics'})
+        content = self.spec.model_dump(mode='json', exclude={'kinematics', 'preprocessing'})
         model = self.full_model
         content['tree'] = [
             [model.names[i], int(model.parents[i]), model.joints[i].shortname(),

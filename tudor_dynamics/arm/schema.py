@@ -135,6 +135,27 @@ class GaugeSpec(Spec):
     unit: Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'] = 'um/m'
 
 
+class PreprocessingSpec(Spec):
+    """How positions become velocities and accelerations, and how often samples are used."""
+
+    filter: Literal['causal', 'zero_phase'] = 'causal'
+    """The papers' causal filters, or zero-phase ones (offline only)."""
+    velocity_cutoff: Positive = 80.0
+    """First-order low-pass behind the first difference quotient, causal [Hz]."""
+    acceleration_cutoff: Positive = 20.0
+    """First-order low-pass behind the second difference quotient, causal [Hz]."""
+    output_cutoff: Positive | None = None
+    """First-order low-pass over positions, velocities, efforts and strains, causal [Hz]."""
+    cutoff: Positive | None = None
+    """Butterworth cut-off, zero-phase; a tenth of the sample rate by default [Hz]."""
+    measured_velocity: bool = True
+    """Take the driver's velocity where the bag has it."""
+    rate: Positive | None = 20.0
+    """Rate to decimate to for identification and evaluation; null for every sample [Hz]."""
+    settle: NonNegative = 0.5
+    """What is left out at the start of each gapless stretch, and at its end if zero-phase [s]."""
+
+
 class ArmSpec(Spec):
     """A whole arm description."""
 
@@ -147,6 +168,8 @@ class ArmSpec(Spec):
     """Inputs and outputs of the model, all joints by default; the others are held."""
     joint_topic: Name = 'joint_states'
     gauges: tuple[GaugeSpec, ...] = ()
+    preprocessing: PreprocessingSpec = PreprocessingSpec()
+    """Defaults of ``tudor fit`` for this arm."""
 
     @model_validator(mode='after')
     def _consistent(self) -> ArmSpec:

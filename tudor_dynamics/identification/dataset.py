@@ -1,0 +1,216 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recordings made ready for models: which bags, which part of them, filtered how."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.bags import read_recording, Recording
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.models.analytical import Blocks, TrainingBlock
+from tudor_dynamics.signals import prepare, Stretch
+
+FloatArray = NDArray[np.float64]
+
+OUTPUTS = ('effort', 'strain')
+
+
+@dataclass(frozen=True)
+class BagChoice:
+    """
+    A bag, or a part of it by time.
+
+    Attributes
+    ----------
+    path : str
+        Bag directory or file.
+    begin, end : float
+        Part used, as fractions of its duration.
+
+    """
+
+    path: str
+    begin: float = 0.0
+    end: float = 1.0
+
+    def __str__(self) -> str:
+        """Write the choice as it is written on the command line."""
+        if (self.begin, self.end) == (0.0, 1.0):
+            return self.path
+        return f'{self.path}@{100 * self.begin:g}-{100 * self.end:g}%'
+
+
+def parse_choice(text: str) -> BagChoice:
+    """
+    Read a bag argument: ``PATH`` or ``PATH@BEGIN-END%``.
+
+    Parameters
+    ----------
+    text : str
+        Argument, such as ``bags/run1`` or ``bags/run1@0-60%``.
+
+    Returns
+    -------
+    BagChoice
+        Path and part.
+
+    Raises
+    ------
+    UsageError
+        If the part is empty or outside 0-100 %.
+
+    """
+    match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
+    if match is None:
+        return BagChoice(text)
+    begin, end = float(match[2]) / 100.0, float(match[3]) / 100.0
+    if not 0.0 <= begin < end <= 1.0:
+        msg = f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%'
+        raise UsageError(msg)
+    return BagChoice(match[1], begin, end)
+
+
+@dataclass(frozen=True, eq=False)
+class BagData:
+    """
+    One bag, ready for models.
+
+    Attributes
+    ----------
+    choice : BagChoice
+        Bag and part.
+    recording : Recording
+        Signals as read (the part chosen).
+    stretches : tuple of Stretch
+        Gapless stretches, filtered.
+
+    """
+
+    choice: BagChoice
+    recording: Recording
+    stretches: tuple[Stretch, ...]
+
+    def has(self, output: str) -> bool:
+        """Say whether the bag has an output, ``effort`` or ``strain``."""
+        return getattr(self.recording, output) is not None
+
+    @property
+    def samples(self) -> int:
+        """Number of samples used, after decimation."""
+        return sum(stretch.n_kept for stretch in self.stretches)
+
+
+def cut(recording: Recording, choice: BagChoice) -> Recording:
+    """
+    Take a part of a recording by time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Whole recording.
+    choice : BagChoice
+        Part as fractions of its duration.
+
+    Returns
+    -------
+    Recording
+        The part, its segments counted anew.
+
+    """
+    if (choice.begin, choice.end) == (0.0, 1.0):
+        return recording
+    t = recording.t
+    first, last = np.searchsorted(t, [choice.begin * t[-1], choice.end * t[-1]])
+    if choice.end >= 1.0:
+        last = len(t)
+    segments = []
+    for part in recording.segments:
+        begin, end = max(part.start, int(first)), min(part.stop, int(last))
+        if end > begin:
+            segments.append(slice(begin - int(first), end - int(first)))
+
+    def take(x: FloatArray | None) -> FloatArray | None:
+        return None if x is None else x[first:last]
+
+    return replace(
+        recording, stamp=recording.stamp[first:last], q=recording.q[first:last],
+        dq=take(recording.dq), effort=take(recording.effort), strain=take(recording.strain),
+        segments=tuple(segments))
+
+
+def load(choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec) -> BagData:
+    """
+    Read and filter a bag.
+
+    Parameters
+    ----------
+    choice : BagChoice
+        Bag and part.
+    arm : Arm
+        Arm that was recorded.
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+
+    Returns
+    -------
+    BagData
+        Bag ready for models.
+
+    """
+    recording = cut(read_recording(choice.path, arm), choice)
+    return BagData(choice, recording, tuple(prepare(recording, preprocessing)))
+
+
+def training_blocks(data: Sequence[BagData], output: str) -> Blocks:
+    """
+    Give the training data of one output from several bags.
+
+    Parameters
+    ----------
+    data : sequence of BagData
+        Bags that have the output.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    callable
+        Gives blocks anew at each call.
+
+    """
+    def blocks() -> Iterator[TrainingBlock]:
+        for stretch in all_stretches(data):
+            for block in stretch.blocks():
+                values = getattr(block, output)
+                yield TrainingBlock(block.motion, values, block.decimation)
+    return blocks
+
+
+def all_stretches(data: Iterable[BagData]) -> Iterator[Stretch]:
+    """Go through the stretches of several bags."""
+    for bag in data:
+        yield from bag.stretches
+
+
+def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
+    """Say which outputs all the bags have."""
+    return tuple(output for output in OUTPUTS if data and all(bag.has(output) for bag in data))

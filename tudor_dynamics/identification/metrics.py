@@ -1,0 +1,142 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures by which predictions are judged, per channel and over all channels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.errors import FitError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ChannelScore:
+    """
+    Figures of one channel.
+
+    Attributes
+    ----------
+    rmse : float
+        Root mean square error, in the unit of the output.
+    fit : float
+        100 (1 - |y - yhat| / |y - mean y|) [%].
+    relative_error : float
+        |y - yhat| / |y|.
+
+    """
+
+    rmse: float
+    fit: float
+    relative_error: float
+
+
+@dataclass(frozen=True)
+class Score:
+    """
+    Figures over all channels of an output.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples.
+    rmse : float
+        Root of the mean square over samples and channels, in the unit of the output.
+    sigma_e : float
+        Standard deviation over the samples of the Euclidean norm of the error. The definition is
+        inferred: it alone reproduces the pattern of Malzahn et al., Table I, where sigma(E)
+        exceeds the RMSE for strain, which no pooled standard deviation can.
+    fit : float
+        100 (1 - |y - yhat| / |y - mean y|), the mean per channel, norms over all channels [%].
+    fit_printed : float
+        Eq. (18) as printed, |yhat - mean y| in the denominator [%].
+    relative_error : float
+        |y - yhat| / |y|.
+    channels : dict of str to ChannelScore
+        Figures of each channel.
+
+    """
+
+    samples: int
+    rmse: float
+    sigma_e: float
+    fit: float
+    fit_printed: float
+    relative_error: float
+    channels: dict[str, ChannelScore]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the figures as JSON-ready dictionary."""
+        return asdict(self)
+
+
+def _ratio(error: float, reference: float) -> float:
+    """Error relative to a reference; a constant signal has no reference of its own."""
+    if reference > 0.0:
+        return error / reference
+    return 0.0 if error == 0.0 else float('inf')
+
+
+def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> Score:
+    """
+    Judge a prediction.
+
+    Parameters
+    ----------
+    measured, predicted : ndarray of shape (n_samples, n_channels)
+        Outputs in their units.
+    names : sequence of str
+        Names of the channels.
+
+    Returns
+    -------
+    Score
+        Figures per channel and over all.
+
+    Raises
+    ------
+    FitError
+        If shapes differ or there is no sample.
+
+    """
+    if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
+        msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
+               'expected two equal shapes (n_samples, n_channels) with samples')
+        raise FitError(msg)
+    error = measured - predicted
+    mean = measured.mean(axis=0)
+    norm = np.linalg.norm
+    channels = {
+        name: ChannelScore(
+            rmse=float(np.sqrt(np.mean(error[:, i] ** 2))),
+            fit=100.0 * (1.0 - _ratio(float(norm(error[:, i])),
+                                      float(norm(measured[:, i] - mean[i])))),
+            relative_error=_ratio(float(norm(error[:, i])), float(norm(measured[:, i]))))
+        for i, name in enumerate(names)}
+    total = float(norm(error))
+    return Score(
+        samples=len(measured),
+        rmse=float(np.sqrt(np.mean(error ** 2))),
+        sigma_e=float(np.std(norm(error, axis=1))),
+        fit=100.0 * (1.0 - _ratio(total, float(norm(measured - mean)))),
+        fit_printed=100.0 * (1.0 - _ratio(total, float(norm(predicted - mean)))),
+        relative_error=_ratio(total, float(norm(measured))),
+        channels=channels)

@@ -1,0 +1,293 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The analytical model: rigid-body structure, linear in base parameters.
+
+One class serves effort and strain; the regressor makes the difference. Its habits are
+scikit-learn's: ``fit`` returns self, learned attributes end in an underscore, arrays are
+``(samples, channels)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
+from tudor_dynamics.models.base_parameters import base_sets, BaseSet
+from tudor_dynamics.models.estimators import (
+    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve)
+from tudor_dynamics.models.regressor import Regressor
+from tudor_dynamics.signals.preprocessing import Decimation
+
+FloatArray = NDArray[np.float64]
+
+ROWS_AT_A_TIME = 512
+"""Samples for which rows are held in memory at once: 2.8 MB at 7 joints and 98 columns."""
+HUBER_PASSES = 20
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingBlock:
+    """
+    Motion and the outputs that belong to it.
+
+    Attributes
+    ----------
+    motion : ndarray of shape (n_samples, 3 n_joints)
+        ``[q, dq, ddq]``.
+    output : ndarray of shape (n_kept, n_channels)
+        Measured outputs after decimation.
+    decimation : Decimation or None
+        Brings rows of ``motion`` to rows of ``output``; None where they belong together as is.
+
+    """
+
+    motion: FloatArray
+    output: FloatArray
+    decimation: Decimation | None = None
+
+
+Blocks = Callable[[], Iterable[TrainingBlock]]
+
+
+def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
+    """Wrap two arrays as training data of one block, after a check of their shapes."""
+    motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
+    if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
+        msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '
+               '(n_samples, 3 n_joints) and (n_samples, n_channels)')
+        raise FitError(msg)
+    if not (np.all(np.isfinite(motion)) and np.all(np.isfinite(output))):
+        msg = 'motion or output has values that are not finite; leave such samples out'
+        raise FitError(msg)
+    return lambda: [TrainingBlock(motion, output)]
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Base parameters of a group of channels with their estimate."""
+
+    base: BaseSet
+    estimate: Estimate
+
+
+class AnalyticalModel:
+    """
+    Outputs as base regressor times base parameters.
+
+    Parameters
+    ----------
+    regressor : Regressor
+        Rows of the outputs.
+    n_joints : int
+        Number of active joints.
+    estimator : {'wls', 'ols', 'huber'}, default='wls'
+        Least squares weighted by channel variance, plain, or re-weighted with Huber's function.
+
+    Attributes
+    ----------
+    base_ : tuple of BaseSet
+        Base parameters of each group of channels; known before the fit.
+    groups_ : tuple of Group
+        Estimates, after the fit.
+
+    """
+
+    def __init__(
+        self, regressor: Regressor, n_joints: int, *, estimator: str = 'wls',
+    ) -> None:
+        self.regressor = regressor
+        self.n_joints = n_joints
+        self.estimator = estimator
+        self.base_: tuple[BaseSet, ...] = base_sets(regressor, n_joints)
+        self.groups_: tuple[Group, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return self.regressor.channels
+
+    def fit(self, motion: FloatArray, output: FloatArray) -> AnalyticalModel:
+        """
+        Estimate the base parameters.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        output : ndarray of shape (n_samples, n_channels)
+            Measured outputs in their units.
+
+        Returns
+        -------
+        AnalyticalModel
+            Self.
+
+        Raises
+        ------
+        FitError
+            If shapes do not fit or there are too few samples.
+
+        """
+        return self.fit_blocks(block_of(motion, output))
+
+    def fit_blocks(self, blocks: Blocks) -> AnalyticalModel:
+        """
+        Estimate from data that come in blocks.
+
+        Parameters
+        ----------
+        blocks : callable
+            Gives the blocks anew at each call; Huber's estimator needs several passes.
+
+        Returns
+        -------
+        AnalyticalModel
+            Self.
+
+        """
+        if self.estimator not in ESTIMATORS:
+            msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
+            raise FitError(msg)
+        self.fit_products(self.products(blocks))
+        if any(g.estimate.condition > LARGEST_GRAM_CONDITION for g in self.groups_):
+            self.fit_products(self.products(blocks, triangular=True))
+        if self.estimator == 'huber':
+            self._fit_huber(blocks)
+        return self
+
+    def products(
+        self, blocks: Blocks, *, triangular: bool = False, weights: FloatArray | None = None,
+    ) -> list[list[Products]]:
+        """
+        Accumulate the products of every group and channel.
+
+        Parameters
+        ----------
+        blocks : callable
+            Training data.
+        triangular : bool, default=False
+            Accumulate triangular factors too: slower, but accurate for ill-conditioned motion.
+        weights : ndarray of shape (n_kept, n_channels), optional
+            Weight of each squared residual.
+
+        Returns
+        -------
+        list of list of Products
+            For each group, one entry for each of its channels.
+
+        """
+        sums = [[Products.empty(len(base.kept), triangular=triangular) for _ in base.channels]
+                for base in self.base_]
+        done = 0
+        for rows, output in self._rows(blocks):
+            part = None if weights is None else weights[done:done + len(output)]
+            done += len(output)
+            for base, group in zip(self.base_, sums, strict=True):
+                for channel, product in zip(base.channels, group, strict=True):
+                    product.add(rows[:, channel][:, base.kept], output[:, channel],
+                                None if part is None else part[:, channel])
+        return sums
+
+    def fit_products(self, products: list[list[Products]]) -> AnalyticalModel:
+        """
+        Estimate from accumulated products; those of several recordings may be added up.
+
+        Parameters
+        ----------
+        products : list of list of Products
+            As from `products`.
+
+        Returns
+        -------
+        AnalyticalModel
+            Self.
+
+        """
+        self.groups_ = tuple(
+            Group(base, solve(group, weighted=self.estimator != 'ols'))
+            for base, group in zip(self.base_, products, strict=True))
+        return self
+
+    def predict(self, motion: FloatArray) -> FloatArray:
+        """
+        Predict the outputs.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        Raises
+        ------
+        NotFittedError
+            If the model has no parameters yet.
+
+        """
+        coefficients = self.coefficients()
+        output = np.empty((len(motion), len(self.channels)))
+        for first in range(0, len(motion), ROWS_AT_A_TIME):
+            part = slice(first, first + ROWS_AT_A_TIME)
+            output[part] = np.einsum('kcp,cp->kc', self.regressor.rows(motion[part]), coefficients)
+        return output
+
+    def coefficients(self) -> FloatArray:
+        """Give the parameters on all columns, shape (n_channels, n_columns)."""
+        if not self.groups_:
+            msg = 'the analytical model has no parameters yet: call fit, or load a bundle'
+            raise NotFittedError(msg)
+        full = np.zeros((len(self.channels), len(self.regressor.columns)))
+        for group in self.groups_:
+            for channel in group.base.channels:
+                full[channel, group.base.kept] = group.estimate.parameters
+        return full
+
+    def _rows(self, blocks: Blocks) -> Iterable[tuple[FloatArray, FloatArray]]:
+        """Give decimated rows with their outputs, few enough samples at a time."""
+        for block in blocks():
+            if block.decimation is not None and block.decimation.sos is not None:
+                yield block.decimation(self.regressor.rows(block.motion)), block.output
+                continue
+            motion = block.motion if block.decimation is None else block.decimation(block.motion)
+            for first in range(0, len(motion), ROWS_AT_A_TIME):
+                part = slice(first, first + ROWS_AT_A_TIME)
+                yield self.regressor.rows(motion[part]), block.output[part]
+
+    def _fit_huber(self, blocks: Blocks) -> None:
+        before = self.coefficients()
+        for _ in range(HUBER_PASSES):
+            residuals = np.vstack([
+                output - np.einsum('kcp,cp->kc', rows, before)
+                for rows, output in self._rows(blocks)])
+            weights = np.column_stack([huber_weights(column) for column in residuals.T])
+            self.fit_products(self.products(blocks, weights=weights))
+            after = self.coefficients()
+            change = np.linalg.norm(after - before) / max(np.linalg.norm(after), 1e-300)
+            before = after
+            if change < 1e-6:
+                return
+        msg = (f'Huber\'s estimator has not settled after {HUBER_PASSES} passes '
+               f'(last change {change:.1e}); its result is used as it is')
+        warnings.warn(msg, TudorWarning, stacklevel=3)

@@ -1,0 +1,210 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Extreme Learning Machine: a random hidden layer and a linear output, the papers' benchmark.
+
+Malzahn et al., Eqs. (16), (17): ``y = W_out sigma(W_in x + b)`` with logistic neurons, input
+weights and biases uniform in [-1, 1], inputs and outputs normalised to [-1, 1], and ``W_out`` from
+ridge regression with lambda.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+from scipy.special import expit
+
+from tudor_dynamics.errors import FitError, NotFittedError
+from tudor_dynamics.models.analytical import block_of, Blocks, TrainingBlock
+
+FloatArray = NDArray[np.float64]
+
+ROWS_AT_A_TIME = 2048
+
+
+class ExtremeLearningMachine:
+    """
+    Random-feature regression from motion to outputs.
+
+    Inputs beyond the range seen in training are brought back to its edge. The paper does not
+    say so, but without it spikes in an acceleration throw the output far off: the hidden neurons
+    extrapolate linearly, with large weights of opposite signs.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        Names of the outputs.
+    hidden : int, default=100
+        Number of hidden neurons H.
+    ridge : float, default=1e-6
+        lambda of Eq. (17).
+    seed : int, default=0
+        Seed of the hidden layer.
+    clip : bool, default=True
+        Keep inputs within the range of the training data.
+
+    Attributes
+    ----------
+    input_range_, output_range_ : ndarray of shape (2, n)
+        Smallest and largest values in the training data.
+    input_weights_ : ndarray of shape (n_inputs, hidden)
+        W_in.
+    biases_ : ndarray of shape (hidden,)
+        b.
+    output_weights_ : ndarray of shape (hidden, n_channels)
+        W_out.
+
+    """
+
+    def __init__(
+        self,
+        channels: tuple[str, ...],
+        *,
+        hidden: int = 100,
+        ridge: float = 1e-6,
+        seed: int = 0,
+        clip: bool = True,
+    ) -> None:
+        self.channels = channels
+        self.hidden = hidden
+        self.ridge = ridge
+        self.seed = seed
+        self.clip = clip
+        self.output_weights_: FloatArray | None = None
+
+    def fit(self, motion: FloatArray, output: FloatArray) -> ExtremeLearningMachine:
+        """
+        Learn from motion and outputs.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, n_inputs)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        output : ndarray of shape (n_samples, n_channels)
+            Measured outputs in their units.
+
+        Returns
+        -------
+        ExtremeLearningMachine
+            Self.
+
+        Raises
+        ------
+        FitError
+            If a setting is impossible or shapes do not fit.
+
+        """
+        return self.fit_blocks(block_of(motion, output))
+
+    def fit_blocks(self, blocks: Blocks) -> ExtremeLearningMachine:
+        """
+        Learn from data that come in blocks: one pass for the ranges, one for the products.
+
+        Parameters
+        ----------
+        blocks : callable
+            Gives the blocks anew at each call.
+
+        Returns
+        -------
+        ExtremeLearningMachine
+            Self.
+
+        """
+        if self.hidden < 1 or not self.ridge >= 0:
+            msg = (f'hidden is {self.hidden} and ridge {self.ridge}; expected at least one neuron '
+                   'and a ridge of 0 or more')
+            raise FitError(msg)
+        lows: list[FloatArray] = []
+        highs: list[FloatArray] = []
+        for block in blocks():
+            kept = block.motion if block.decimation is None else block.motion[block.decimation.keep]
+            both = [kept, block.output]
+            lows.append(np.concatenate([x.min(axis=0) for x in both]))
+            highs.append(np.concatenate([x.max(axis=0) for x in both]))
+        if not lows:
+            msg = 'no training data'
+            raise FitError(msg)
+        limits = np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
+        n_inputs = limits.shape[1] - len(self.channels)
+        self.input_range_, self.output_range_ = limits[:, :n_inputs], limits[:, n_inputs:]
+        generator = np.random.default_rng(self.seed)
+        self.input_weights_ = generator.uniform(-1.0, 1.0, (n_inputs, self.hidden))
+        self.biases_ = generator.uniform(-1.0, 1.0, self.hidden)
+        gram = np.zeros((self.hidden, self.hidden))
+        moment = np.zeros((self.hidden, len(self.channels)))
+        for block in blocks():
+            for features, output in self._rows(block):
+                gram += features.T @ features
+                moment += features.T @ _normalise(output, self.output_range_)
+        gram[np.diag_indices(self.hidden)] += self.ridge
+        try:
+            self.output_weights_ = linalg.solve(gram, moment, assume_a='pos')
+        except linalg.LinAlgError:
+            msg = f'the hidden layer is singular with ridge {self.ridge}; use a ridge above 0'
+            raise FitError(msg) from None
+        return self
+
+    def predict(self, motion: FloatArray) -> FloatArray:
+        """
+        Predict the outputs.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, n_inputs)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        Raises
+        ------
+        NotFittedError
+            If the model has learned nothing yet.
+
+        """
+        if self.output_weights_ is None:
+            msg = 'the ELM has no weights yet: call fit, or load a bundle'
+            raise NotFittedError(msg)
+        output = np.empty((len(motion), len(self.channels)))
+        low, high = self.output_range_
+        for first in range(0, len(motion), ROWS_AT_A_TIME):
+            part = slice(first, first + ROWS_AT_A_TIME)
+            normal = self._features(motion[part]) @ self.output_weights_
+            output[part] = low + 0.5 * (normal + 1.0) * (high - low)
+        return output
+
+    def _features(self, motion: FloatArray) -> FloatArray:
+        x = _normalise(motion, self.input_range_)
+        if self.clip:
+            np.clip(x, -1.0, 1.0, out=x)
+        return np.asarray(expit(x @ self.input_weights_ + self.biases_))
+
+    def _rows(self, block: TrainingBlock) -> list[tuple[FloatArray, FloatArray]]:
+        if block.decimation is not None and block.decimation.sos is not None:
+            return [(block.decimation(self._features(block.motion)), block.output)]
+        motion = block.motion if block.decimation is None else block.decimation(block.motion)
+        return [(self._features(motion[i:i + ROWS_AT_A_TIME]), block.output[i:i + ROWS_AT_A_TIME])
+                for i in range(0, len(motion), ROWS_AT_A_TIME)]
+
+
+def _normalise(x: FloatArray, limits: FloatArray) -> FloatArray:
+    """Map [low, high] to [-1, 1]; a constant to 0."""
+    low, high = limits
+    width = np.where(high > low, high - low, 1.0)
+    return np.where(high > low, 2.0 * (x - low) / width - 1.0, 0.0)

@@ -1,0 +1,248 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Regressors: outputs as linear functions of constant parameters, row by row.
+
+Effort: ``tau = Y(q, dq, ddq) chi`` with Pinocchio's joint torque regressor, the rotor inertia and
+the friction of each joint (Malzahn et al., Eqs. (2)-(6)). Strain: one row a gauge (Eq. (15)),
+either the joint's own row as the paper has it, or the exact bending moment at the gauge.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import ArmError
+from tudor_dynamics.models.friction import friction_columns, friction_names
+
+FloatArray = NDArray[np.float64]
+
+# Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.
+BODY_PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')
+STRAIN_FORMS = ('paper', 'exact')
+
+
+class Regressor(Protocol):
+    """Rows that are linear in constant parameters, for a fixed set of channels."""
+
+    channels: tuple[str, ...]
+    """Names of the outputs."""
+    columns: tuple[str, ...]
+    """Names of all parameters, base-parameter reduction not yet done."""
+    groups: tuple[tuple[int, ...], ...]
+    """Channels that share their parameters; each channel stands in one group."""
+
+    def rows(self, motion: FloatArray) -> FloatArray:
+        """Evaluate rows, shape (n_samples, n_channels, n_columns)."""
+
+
+class EffortRegressor:
+    """
+    Joint effort rows: link inertias, rotor inertias, friction.
+
+    Joints whose effort is a torque or force, or a current with a known constant, share the
+    inertial parameters and are stacked. A joint with a current of unknown torque constant has
+    parameters of its own, scaled by that constant.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm whose active joints are described.
+
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.channels = arm.active_joints
+        self._joints = arm.joints
+        self._model = arm.model
+        self._data = self._model.createData()
+        self._velocity = arm.velocity_index
+        self._scale = np.array([joint.effort.torque_constant or 1.0 for joint in arm.joints])
+        known = [i for i, joint in enumerate(arm.joints)
+                 if joint.effort.unit != 'A' or joint.effort.torque_constant is not None]
+        alone: list[tuple[int, ...]] = [(i,) for i in range(len(arm.joints)) if i not in known]
+        self.groups = tuple(([tuple(known)] if known else []) + alone)
+        names = [f'{parameter}({name})' for name in list(self._model.names)[1:]
+                 for parameter in BODY_PARAMETERS]
+        self._n_bodies = len(names)
+        self._local: list[slice] = []
+        for joint in arm.joints:
+            first = len(names)
+            if joint.rotor_inertia:
+                names.append(f'Ia({joint.name})')
+            names += friction_names(joint)
+            self._local.append(slice(first, len(names)))
+        self.columns = tuple(names)
+
+    def rows(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_joints, n_columns)
+            Rows in effort units per parameter.
+
+        """
+        n = len(self.channels)
+        dq, ddq = motion[:, n:2 * n], motion[:, 2 * n:]
+        full = in_model_order(motion, self._velocity, self._model.nv)
+        rows = np.zeros((len(motion), n, len(self.columns)))
+        torque_rows(self._model, self._data, self._velocity, full, rows[:, :, :self._n_bodies])
+        for i, joint in enumerate(self._joints):
+            columns = friction_columns(joint, dq[:, i])
+            if joint.rotor_inertia:
+                columns = np.column_stack([ddq[:, i], columns])
+            rows[:, i, self._local[i]] = columns
+        if np.any(self._scale != 1.0):
+            rows /= self._scale[None, :, None]
+        return rows
+
+
+class StrainRegressor:
+    """
+    Gauge rows: the bending moment behind a joint, and an offset; own parameters for each gauge.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with gauges.
+    form : {'paper', 'exact'}
+        ``paper``: the regressor of the joint before the gauge (Malzahn et al., Eq. (15), in which
+        the difference between gauge and joint is taken for constant). ``exact``: the bending
+        moment about the gauge's place x_s, for which the reaction force of the following link has
+        the lever L - x_s and its moment the lever L.
+
+    """
+
+    def __init__(self, arm: Arm, form: str = 'exact') -> None:
+        if form not in STRAIN_FORMS:
+            msg = f'strain form {form!r}; expected one of {STRAIN_FORMS}'
+            raise ArmError(msg)
+        if not arm.gauges:
+            msg = f'{arm.source}: the arm has no gauges, so there is no strain to model'
+            raise ArmError(msg)
+        self.channels = arm.gauge_names
+        self.form = form
+        model = arm.gauge_model if form == 'exact' else arm.model
+        outputs = (arm.gauge_names if form == 'exact'
+                   else tuple(gauge.joint for gauge in arm.gauges))
+        missing = [name for name in outputs if not model.existJointName(name)]
+        if missing:
+            msg = (f'{arm.source}: the paper\'s strain form needs the joint before each gauge to '
+                   f'be active; {missing} are not: use --strain-form exact')
+            raise ArmError(msg)
+        self._model = model
+        self._data = model.createData()
+        self._joint_index = np.array([model.joints[model.getJointId(name)].idx_v
+                                      for name in arm.active_joints])
+        self._output_index = np.array([model.joints[model.getJointId(name)].idx_v
+                                       for name in outputs])
+        names = [f'{parameter}({name})' for name in list(model.names)[1:]
+                 for parameter in BODY_PARAMETERS]
+        self.columns = (*names, 'offset')
+        self.groups = tuple((i,) for i in range(len(self.channels)))
+
+    def rows(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_gauges, n_columns)
+            Rows in N m per parameter; the fitted parameters carry the gauge's scale.
+
+        """
+        # virtual joints at the gauges stay at zero
+        full = in_model_order(motion, self._joint_index, self._model.nv)
+        rows = np.zeros((len(motion), len(self.channels), len(self.columns)))
+        torque_rows(self._model, self._data, self._output_index, full, rows[:, :, :-1])
+        rows[:, :, -1] = 1.0
+        return rows
+
+
+def torque_rows(
+    model: pin.Model,
+    data: pin.Data,
+    index: NDArray[np.intp],
+    motion: FloatArray,
+    out: FloatArray,
+) -> None:
+    """
+    Fill rows of Pinocchio's joint torque regressor, sample by sample.
+
+    Parameters
+    ----------
+    model, data : pinocchio.Model, pinocchio.Data
+        Arm.
+    index : ndarray of int, shape (n_rows,)
+        Rows wanted.
+    motion : ndarray of shape (3, n_samples, model.nv)
+        Positions, velocities, accelerations in the model's order [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    out : ndarray of shape (n_samples, n_rows, 10 n_bodies)
+        Filled in place.
+
+    """
+    q, dq, ddq = motion
+    function = pin.computeJointTorqueRegressor
+    if np.array_equal(index, np.arange(model.nv)):
+        for k in range(len(q)):
+            out[k] = function(model, data, q[k], dq[k], ddq[k])
+    else:
+        for k in range(len(q)):
+            out[k] = function(model, data, q[k], dq[k], ddq[k])[index]
+
+
+def in_model_order(
+    motion: FloatArray, index: NDArray[np.intp], n_velocities: int,
+) -> FloatArray:
+    """
+    Spread the active joints' motion over a model's coordinates; the others stay at zero.
+
+    Parameters
+    ----------
+    motion : ndarray of shape (n_samples, 3 n_joints)
+        ``[q, dq, ddq]`` of the active joints.
+    index : ndarray of int, shape (n_joints,)
+        Place of each active joint in the model.
+    n_velocities : int
+        Size of the model.
+
+    Returns
+    -------
+    ndarray of shape (3, n_samples, n_velocities)
+        Positions, velocities, accelerations.
+
+    """
+    n = len(index)
+    full = np.zeros((3, len(motion), n_velocities))
+    for i in range(3):
+        full[i][:, index] = motion[:, i * n:(i + 1) * n]
+    return full

@@ -1,0 +1,275 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+From a recording to what models are fitted to: filtered states and outputs, settled, decimated.
+
+The same function serves training, validation and evaluation; its settings travel in the model
+bundle. Decimation is linear, and is applied to measured outputs and to regressor rows or
+predictions alike (Gautier's parallel filtering), so that both sides stay comparable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.filters import (
+    CausalDifferentiator, FilteredStates, low_pass, zero_phase)
+
+FloatArray = NDArray[np.float64]
+BLOCK = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """
+    A stretch of motion small enough to build regressor rows for.
+
+    Attributes
+    ----------
+    motion : ndarray of shape (n_samples, 3 n_joints)
+        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    effort, strain : ndarray of shape (n_kept, n_channels) or None
+        Outputs, already decimated.
+    decimation : Decimation
+        What turns rows of ``motion`` into rows of the outputs.
+
+    """
+
+    motion: FloatArray
+    effort: FloatArray | None
+    strain: FloatArray | None
+    decimation: Decimation
+
+
+@dataclass(frozen=True, eq=False)
+class Decimation:
+    """
+    A linear operation on the sample axis: anti-alias filter if need be, then choice of samples.
+
+    Attributes
+    ----------
+    keep : ndarray of int, shape (n_kept,)
+        Samples kept.
+    sos : ndarray or None
+        Zero-phase anti-alias filter, second-order sections; None keeps samples as they are, as
+        sub-sampling does next to the running robot.
+
+    """
+
+    keep: NDArray[np.intp]
+    sos: FloatArray | None = None
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        """Decimate ``x`` of shape (n_samples, ...) along its first axis."""
+        if self.sos is None:
+            return x[self.keep]
+        flat = x.reshape(len(x), -1)
+        pad = min(len(x) - 1, 300)
+        smooth = signal.sosfiltfilt(self.sos, flat, axis=0, padlen=pad)[self.keep]
+        return np.asarray(smooth.reshape(len(self.keep), *x.shape[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """
+    A gapless stretch of a recording, filtered.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n_samples,)
+        Time since the start of the recording [s].
+    stamp : ndarray of int64, shape (n_samples,)
+        Header stamps [ns].
+    states : FilteredStates
+        Positions, velocities, accelerations of all samples.
+    effort, strain : ndarray of shape (n_samples, n_channels) or None
+        Outputs of all samples.
+    decimation : Decimation
+        From all samples to those used.
+    margin : int
+        Samples that the anti-alias filter needs on each side of a block.
+
+    """
+
+    t: FloatArray
+    stamp: NDArray[np.int64]
+    states: FilteredStates
+    effort: FloatArray | None
+    strain: FloatArray | None
+    decimation: Decimation
+    margin: int = 0
+
+    @property
+    def motion(self) -> FloatArray:
+        """All states side by side, shape (n_samples, 3 n_joints)."""
+        return np.hstack([self.states.q, self.states.dq, self.states.ddq])
+
+    @property
+    def n_kept(self) -> int:
+        """Number of samples after decimation."""
+        return len(self.decimation.keep)
+
+    def blocks(self) -> Iterator[Block]:
+        """
+        Cut the stretch into blocks of bounded size.
+
+        Yields
+        ------
+        Block
+            Blocks whose kept samples, in order, are those of the stretch.
+
+        """
+        keep = self.decimation.keep
+        if self.decimation.sos is None:
+            for first in range(0, len(keep), BLOCK):
+                index = keep[first:first + BLOCK]
+                yield self._block(index, Decimation(np.arange(len(index))))
+            return
+        step = max(1, int(np.median(np.diff(keep)))) if len(keep) > 1 else 1
+        size = max(1, BLOCK // step)
+        for first in range(0, len(keep), size):
+            part = keep[first:first + size]
+            begin = max(0, int(part[0]) - self.margin)
+            end = min(len(self.t), int(part[-1]) + 1 + self.margin)
+            yield self._block(np.arange(begin, end), Decimation(part - begin, self.decimation.sos))
+
+    def _block(self, index: NDArray[np.intp], decimation: Decimation) -> Block:
+        s = self.states
+        motion = np.hstack([s.q[index], s.dq[index], s.ddq[index]])
+        return Block(
+            motion,
+            None if self.effort is None else decimation(self.effort[index]),
+            None if self.strain is None else decimation(self.strain[index]),
+            decimation)
+
+
+def causal_outputs(
+    dt: FloatArray, x: FloatArray, cutoff: float | None,
+) -> FloatArray:
+    """
+    Low-pass an output from its first value on.
+
+    Parameters
+    ----------
+    dt : ndarray of shape (n_samples,)
+        Time since the sample before [s].
+    x : ndarray of shape (n_samples, n_channels)
+        Signal.
+    cutoff : float or None
+        Corner frequency [Hz]; None leaves the signal as it is.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_channels)
+        Filtered signal.
+
+    """
+    if cutoff is None:
+        return x
+    y = x.copy()
+    y[1:] = low_pass(x[1:], dt[1:], cutoff, x[0])
+    return y
+
+
+def _filtered(
+    spec: PreprocessingSpec, t: FloatArray, dt: FloatArray, q: FloatArray, dq: FloatArray | None,
+) -> FilteredStates:
+    measured = dq if spec.measured_velocity else None
+    if spec.filter == 'zero_phase':
+        rate = (len(t) - 1) / float(t[-1] - t[0])
+        return zero_phase(t, q, spec.cutoff or rate / 10.0, measured)
+    filt = CausalDifferentiator(spec.velocity_cutoff, spec.acceleration_cutoff)
+    states = filt.process(dt, q, measured)
+    if spec.output_cutoff is None:
+        return states
+    return FilteredStates(causal_outputs(dt, states.q, spec.output_cutoff),
+                          causal_outputs(dt, states.dq, spec.output_cutoff), states.ddq)
+
+
+def _decimation(
+    spec: PreprocessingSpec, t: FloatArray,
+) -> tuple[Decimation, int]:
+    n = len(t)
+    dt = float(t[-1] - t[0]) / (n - 1)
+    factor = 1 if spec.rate is None else max(1, round(1.0 / (spec.rate * dt)))
+    begin = int(np.searchsorted(t, t[0] + spec.settle - 0.5 * dt))
+    end = n
+    if spec.filter == 'zero_phase':
+        end = int(np.searchsorted(t, t[-1] - spec.settle + 0.5 * dt))
+    keep = np.arange(begin, end, factor)
+    if spec.filter == 'causal' or factor == 1:
+        return Decimation(keep), 0
+    # The anti-alias filter of MATLAB's and scipy's decimate: Chebyshev I, order 8, 0.05 dB.
+    sos = signal.cheby1(8, 0.05, 0.8 / factor, output='sos')
+    # Its slowest poles decay below 1e-9 within about 60 output samples.
+    return Decimation(keep, sos), 60 * factor
+
+
+def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
+    """
+    Filter and decimate a recording, stretch by stretch; nothing crosses a gap.
+
+    Parameters
+    ----------
+    recording : Recording
+        Signals of one bag.
+    spec : PreprocessingSpec
+        Filters and rate.
+
+    Returns
+    -------
+    list of Stretch
+        Stretches long enough to hold at least two samples after settling.
+
+    Raises
+    ------
+    SignalError
+        If no stretch is long enough, or a cut-off does not fit the sample rate.
+
+    """
+    stretches = []
+    t_all = recording.t
+    for part in recording.segments:
+        t = t_all[part]
+        if len(t) < 32 or t[-1] - t[0] <= 2.0 * spec.settle:
+            continue
+        dt = np.diff(t, prepend=t[0])
+        dq = None if recording.dq is None else recording.dq[part]
+        states = _filtered(spec, t, dt, recording.q[part], dq)
+        decimation, margin = _decimation(spec, t)
+        if len(decimation.keep) < 2:
+            continue
+        cutoff = spec.output_cutoff if spec.filter == 'causal' else None
+        stretches.append(Stretch(
+            t, recording.stamp[part], states,
+            None if recording.effort is None else causal_outputs(
+                dt, recording.effort[part], cutoff),
+            None if recording.strain is None else causal_outputs(
+                dt, recording.strain[part], cutoff),
+            decimation, margin))
+    if not stretches:
+        msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s; '
+               'record longer, or lower preprocessing.settle')
+        raise SignalError(msg)
+    return stretches
