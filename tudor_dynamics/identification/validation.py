@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
 from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.signals import Decimation
 
 FloatArray = NDArray[np.float64]
 
@@ -110,9 +111,7 @@ def trace(model: OutputModel, data: BagData, output: str) -> Trace:
     return Trace(str(data.choice), t, stamp, measured, predicted)
 
 
-def _predict(model: OutputModel, motion: FloatArray, decimation: object) -> FloatArray:
-    from tudor_dynamics.signals import Decimation
-    assert isinstance(decimation, Decimation)
+def _predict(model: OutputModel, motion: FloatArray, decimation: Decimation) -> FloatArray:
     if decimation.sos is None:  # no need to predict samples that are left out
         return model.predict(decimation(motion))
     return decimation(model.predict(motion))

@@ -78,7 +78,7 @@ class EffortRegressor:
         known = [i for i, joint in enumerate(arm.joints)
                  if joint.effort.unit != 'A' or joint.effort.torque_constant is not None]
         alone: list[tuple[int, ...]] = [(i,) for i in range(len(arm.joints)) if i not in known]
-        self.groups = tuple(([tuple(known)] if known else []) + alone)
+        self.groups: tuple[tuple[int, ...], ...] = tuple(([tuple(known)] if known else []) + alone)
         names = [f'{parameter}({name})' for name in list(self._model.names)[1:]
                  for parameter in BODY_PARAMETERS]
         self._n_bodies = len(names)
@@ -89,7 +89,7 @@ class EffortRegressor:
                 names.append(f'Ia({joint.name})')
             names += friction_names(joint)
             self._local.append(slice(first, len(names)))
-        self.columns = tuple(names)
+        self.columns: tuple[str, ...] = tuple(names)
 
     def rows(self, motion: FloatArray) -> FloatArray:
         """
@@ -162,8 +162,8 @@ class StrainRegressor:
                                        for name in outputs])
         names = [f'{parameter}({name})' for name in list(model.names)[1:]
                  for parameter in BODY_PARAMETERS]
-        self.columns = (*names, 'offset')
-        self.groups = tuple((i,) for i in range(len(self.channels)))
+        self.columns: tuple[str, ...] = (*names, 'offset')
+        self.groups: tuple[tuple[int, ...], ...] = tuple((i,) for i in range(len(self.channels)))
 
     def rows(self, motion: FloatArray) -> FloatArray:
         """

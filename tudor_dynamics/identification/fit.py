@@ -1,0 +1,307 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From bags to models with a verdict: the offline tool's main job, without its command line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.errors import FitError, TudorWarning
+from tudor_dynamics.identification.dataset import (
+    BagData, common_outputs, OUTPUTS, training_blocks)
+from tudor_dynamics.identification.ringing import find_ringing, Ringing
+from tudor_dynamics.identification.validation import (
+    leave_one_bag_out, random_split, validate, Validation)
+from tudor_dynamics.identification.verdict import judge, Verdict
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+MODEL_KINDS = ('analytical', 'elm')
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """
+    Choices of a fit.
+
+    Attributes
+    ----------
+    kinds : tuple of str
+        Models to fit, of ``analytical`` and ``elm``.
+    estimator : {'wls', 'ols', 'huber'}
+        Estimator of the analytical model.
+    strain_form : {'exact', 'paper'}
+        Where the bending moment is taken.
+    elm_hidden : int
+        Hidden neurons.
+    elm_ridge : float
+        Ridge of the output weights.
+    elm_seed : int
+        Seed of the hidden layer.
+    random_split : bool
+        Also report the papers' random 50/50 split.
+
+    """
+
+    kinds: tuple[str, ...] = MODEL_KINDS
+    estimator: str = 'wls'
+    strain_form: str = 'exact'
+    elm_hidden: int = 100
+    elm_ridge: float = 1e-6
+    elm_seed: int = 0
+    random_split: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class FittedOutput:
+    """
+    A model of one output with all that is known of its worth.
+
+    Attributes
+    ----------
+    output : {'effort', 'strain'}
+        What it predicts.
+    kind : {'analytical', 'elm'}
+        What it is.
+    model : OutputModel
+        Fitted to all training bags.
+    training : Validation
+        Figures on the training data themselves.
+    validation : Validation
+        Figures on unseen bags.
+    random : Validation or None
+        Figures of the random split.
+    verdict : Verdict
+        May it be used.
+
+    """
+
+    output: str
+    kind: str
+    model: OutputModel
+    training: Validation
+    validation: Validation
+    random: Validation | None
+    verdict: Verdict
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """
+    All models fitted in one go.
+
+    Attributes
+    ----------
+    arm : Arm
+        Arm.
+    preprocessing : PreprocessingSpec
+        Filters and rate of training, and of every later evaluation.
+    settings : FitSettings
+        Choices.
+    fitted : tuple of FittedOutput
+        One for each output and kind.
+    training, test : tuple of BagData
+        Bags.
+    ringing : tuple of Ringing
+        Vibrations in the strain, or in the effort where there is no strain.
+    warnings : tuple of str
+        What is odd about the data.
+
+    """
+
+    arm: Arm
+    preprocessing: PreprocessingSpec
+    settings: FitSettings
+    fitted: tuple[FittedOutput, ...]
+    training: tuple[BagData, ...]
+    test: tuple[BagData, ...]
+    ringing: tuple[Ringing, ...] = ()
+    warnings: tuple[str, ...] = field(default=())
+
+
+def new_regressor(arm: Arm, output: str, strain_form: str) -> Regressor:
+    """
+    Build the regressor of an output.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+    output : {'effort', 'strain'}
+        Output.
+    strain_form : {'exact', 'paper'}
+        Where the bending moment is taken.
+
+    Returns
+    -------
+    Regressor
+        Rows of the output.
+
+    """
+    if output == 'effort':
+        return EffortRegressor(arm)
+    return StrainRegressor(arm, strain_form)
+
+
+def new_model(
+    arm: Arm, output: str, kind: str, settings: FitSettings,
+) -> AnalyticalModel | ExtremeLearningMachine:
+    """
+    Build a model that is not fitted yet.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+    output : {'effort', 'strain'}
+        Output.
+    kind : {'analytical', 'elm'}
+        Kind of model.
+    settings : FitSettings
+        Choices.
+
+    Returns
+    -------
+    AnalyticalModel or ExtremeLearningMachine
+        Model to be fitted.
+
+    """
+    if kind == 'analytical':
+        return AnalyticalModel(new_regressor(arm, output, settings.strain_form),
+                               len(arm.active_joints), estimator=settings.estimator)
+    channels = arm.active_joints if output == 'effort' else arm.gauge_names
+    return ExtremeLearningMachine(channels, hidden=settings.elm_hidden,
+                                  ridge=settings.elm_ridge, seed=settings.elm_seed)
+
+
+def fit_models(
+    arm: Arm,
+    training: Sequence[BagData],
+    test: Sequence[BagData],
+    holdout: tuple[BagData, BagData] | None,
+    preprocessing: PreprocessingSpec,
+    settings: FitSettings,
+    progress: Progress = lambda _: None,
+) -> FitResult:
+    """
+    Fit every model to the training bags and validate it.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+    training : sequence of BagData
+        Bags to learn from.
+    test : sequence of BagData
+        Bags to judge by; without them, each training bag is left out once.
+    holdout : (BagData, BagData), optional
+        First and last part of the only training bag, where there is one and no test bag.
+    preprocessing : PreprocessingSpec
+        Filters and rate that the bags went through.
+    settings : FitSettings
+        Choices.
+    progress : callable
+        Told what is done next.
+
+    Returns
+    -------
+    FitResult
+        Fitted and judged models.
+
+    Raises
+    ------
+    FitError
+        If the bags have no output in common, or test bags lack the outputs.
+
+    """
+    outputs = common_outputs([*training, *test])
+    if not outputs:
+        have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}
+        msg = f'the bags have neither efforts nor strains in common ({have}); fit them apart'
+        raise FitError(msg)
+    notes = []
+    for output in OUTPUTS:
+        some = [str(bag.choice) for bag in (*training, *test) if bag.has(output)]
+        if some and output not in outputs:
+            notes.append(f'only {", ".join(some)} have {output}: no {output} model is fitted')
+    for note in notes:
+        warnings.warn(note, TudorWarning, stacklevel=2)
+    fitted = []
+    for output in outputs:
+        for kind in settings.kinds:
+            progress(f'{kind} {output}')
+            fitted.append(_fit_one(arm, training, test, holdout, output, kind, settings))
+    ringing: tuple[Ringing, ...] = ()
+    rigid = [item for item in fitted if item.kind == 'analytical']
+    if rigid:
+        last = rigid[-1]
+        ringing = find_ringing(last.model, [*training, *test], last.output)
+    read = [warning for bag in (*training, *test) for warning in bag.recording.warnings]
+    return FitResult(arm, preprocessing, settings, tuple(fitted), tuple(training), tuple(test),
+                     ringing, tuple(dict.fromkeys(read + notes)))
+
+
+def _fit_one(
+    arm: Arm,
+    training: Sequence[BagData],
+    test: Sequence[BagData],
+    holdout: tuple[BagData, BagData] | None,
+    output: str,
+    kind: str,
+    settings: FitSettings,
+) -> FittedOutput:
+
+    def fit_bags(bags: Sequence[BagData]) -> AnalyticalModel | ExtremeLearningMachine:
+        return new_model(arm, output, kind, settings).fit_blocks(training_blocks(bags, output))
+
+    def fit_arrays(motion: FloatArray, values: FloatArray) -> OutputModel:
+        return new_model(arm, output, kind, settings).fit(motion, values)
+
+    model = fit_bags(training)
+    if test:
+        names = ', '.join(str(bag.choice) for bag in test)
+        validation = validate(model, test, output, f'test bag {names}' if len(test) == 1
+                              else f'{len(test)} test bags')
+    elif len(training) > 1:
+        validation = leave_one_bag_out(fit_bags, training, output)
+    elif holdout is not None:
+        validation = validate(
+            fit_bags([holdout[0]]), [holdout[1]], output,
+            f'the last {100 * (1 - holdout[1].choice.begin):.0f} % of the only bag, '
+            'fitted to the rest')
+    else:
+        msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
+        raise FitError(msg)
+    seen = validate(model, training, output, 'the training bags themselves')
+    split = random_split(fit_arrays, training, output) if settings.random_split else None
+    condition = 1.0
+    unexcited: tuple[str, ...] = ()
+    if isinstance(model, AnalyticalModel):
+        condition = max(group.estimate.condition for group in model.groups_)
+        unexcited = tuple(group.base.names[i] for group in model.groups_
+                          for i in group.estimate.unexcited)
+    verdict = judge(validation, seen.score.fit, condition=condition, unexcited=unexcited)
+    return FittedOutput(output, kind, model, seen, validation, split, verdict)

@@ -1,0 +1,127 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Does the arm ring? The residual of a rigid-body model tells, and at which frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.models.base import OutputModel
+
+FloatArray = NDArray[np.float64]
+
+LOWEST = 0.5
+"""Below, the residual is the model's own error, not a vibration [Hz]."""
+HALF_WIDTH = 0.2
+"""Half width of a resonance, relative to its frequency: it moves with the pose."""
+SMALLEST_SHARE = 0.4
+"""Share of the residual's power above LOWEST that the resonance must have."""
+SMALLEST_AMPLITUDE = 0.02
+"""Rms of the resonance relative to the signal's standard deviation."""
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """
+    A vibration found in a channel.
+
+    Attributes
+    ----------
+    channel : str
+        Channel.
+    frequency : float
+        Where the residual's power density peaks [Hz].
+    rms : float
+        Root mean square of the band around it, in the channel's unit.
+    share : float
+        Its share of the residual's power above 0.5 Hz.
+
+    """
+
+    channel: str
+    frequency: float
+    rms: float
+    share: float
+
+    def __str__(self) -> str:
+        """Say it in a sentence."""
+        return (f'{self.channel} rings at {self.frequency:.2f} Hz with {self.rms:.3g} rms, '
+                f'{100 * self.share:.0f} % of the residual above {LOWEST} Hz')
+
+
+def find_ringing(
+    model: OutputModel, data: Sequence[BagData], output: str,
+) -> tuple[Ringing, ...]:
+    """
+    Look for a resonance in what a rigid-body model leaves over, at the full sample rate.
+
+    Parameters
+    ----------
+    model : OutputModel
+        Fitted rigid-body model.
+    data : sequence of BagData
+        Bags that have the output.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    tuple of Ringing
+        One for each channel that rings; empty for a damped arm.
+
+    """
+    densities: list[FloatArray] = []
+    seconds: list[float] = []
+    spread: list[FloatArray] = []
+    frequency: FloatArray | None = None
+    for bag in data:
+        rate = 1.0 / bag.recording.dt
+        length = int(round(8.0 * rate))  # 1/8 Hz resolution
+        for s in bag.stretches:
+            measured = getattr(s, output)
+            if len(measured) < length:
+                continue
+            residual = measured - model.predict(s.motion)
+            grid, density = signal.welch(residual, rate, nperseg=length, axis=0)
+            if frequency is None:
+                frequency = grid
+            if len(grid) != len(frequency):
+                continue  # a bag of another rate
+            densities.append(density)
+            seconds.append(len(measured) / rate)
+            spread.append(measured.std(axis=0))
+    if frequency is None:
+        return ()
+    density = np.average(densities, axis=0, weights=seconds)
+    deviation = np.average(spread, axis=0, weights=seconds)
+    found = []
+    above = frequency >= LOWEST
+    step = frequency[1] - frequency[0]
+    for i, channel in enumerate(model.channels):
+        power = density[:, i] * step
+        peak = float(frequency[above][np.argmax(power[above])])
+        band = above & (np.abs(frequency - peak) <= HALF_WIDTH * peak)
+        total = float(power[above].sum())
+        rms, share = float(np.sqrt(power[band].sum())), float(power[band].sum() / max(total, 1e-300))
+        inside = LOWEST * 1.5 < peak < 0.8 * frequency[-1]
+        if inside and share > SMALLEST_SHARE and rms > SMALLEST_AMPLITUDE * deviation[i]:
+            found.append(Ringing(channel, peak, rms, share))
+    return tuple(found)
