@@ -30,7 +30,8 @@ from pydantic import ValidationError
 import yaml
 
 from tudor_dynamics.arm.kinematics import (
-    joint_axis, model_from_dh, model_from_urdf, unit_vector, with_gauge_joints)
+    is_prismatic, joint_axis, model_from_dh, model_from_urdf, read_urdf, unit_vector,
+    with_gauge_joints)
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
 from tudor_dynamics.errors import ArmError
 
@@ -78,12 +79,15 @@ class Arm:
         All joints of the description.
     source : str
         File the description came from, for messages.
+    urdf : str or None
+        Text of the URDF, where the kinematics come from one.
 
     """
 
     spec: ArmSpec
     full_model: pin.Model
     source: str = field(default='')
+    urdf: str | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -147,6 +151,10 @@ class Arm:
         return np.array([model.joints[model.getJointId(name)].idx_v
                          for name in self.active_joints], dtype=np.intp)
 
+    def is_prismatic(self, joint: str) -> bool:
+        """Say whether a joint moves along its axis instead of about it."""
+        return is_prismatic(self.full_model, joint)
+
     @cached_property
     def digest(self) -> str:
         """
@@ -173,8 +181,7 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                    f'whose joints are {known}; correct joints[].name')
             raise ArmError(msg)
     for joint in spec.joints:
-        index = model.getJointId(joint.name)
-        prismatic = 'P' in model.joints[index].shortname().removeprefix('JointModel')[:1]
+        prismatic = is_prismatic(model, joint.name)
         if joint.type is not None and prismatic != (joint.type == 'prismatic'):
             found = 'prismatic' if prismatic else 'revolute'
             msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
@@ -220,8 +227,10 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     except ValidationError as err:
         msg = f'{source}: {validation_message(err)}'
         raise ArmError(msg) from None
+    urdf = None
     if spec.kinematics.urdf is not None:
-        model = model_from_urdf(base / spec.kinematics.urdf)
+        urdf = read_urdf(base / spec.kinematics.urdf)
+        model = model_from_urdf(urdf, str(base / spec.kinematics.urdf))
     else:
         rows = spec.kinematics.dh
         assert rows is not None  # the schema has one of the two
@@ -229,7 +238,7 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
                               [joint.type or 'revolute' for joint in spec.joints])
     _check_against_model(spec, model, source)
     model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
-    return Arm(spec, model, source)
+    return Arm(spec, model, source, urdf)
 
 
 def load_arm(path: str | Path) -> Arm:

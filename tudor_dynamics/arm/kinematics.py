@@ -28,13 +28,6 @@ from tudor_dynamics.errors import ArmError
 
 MAX_URDF_BYTES = 20_000_000
 
-JOINT_TYPES = {
-    'revolute': (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ,
-                 pin.JointModelRevoluteUnaligned),
-    'prismatic': (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ,
-                  pin.JointModelPrismaticUnaligned),
-}
-
 
 def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     """
@@ -66,14 +59,46 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     return vector / norm
 
 
-def model_from_urdf(path: Path) -> pin.Model:
+def read_urdf(path: Path) -> str:
     """
-    Read a URDF; continuous joints become plain angles, fixed ones merge with their parents.
+    Read a URDF file, of bounded size.
 
     Parameters
     ----------
     path : Path
         URDF file.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    ArmError
+        If the file cannot be read or is too large.
+
+    """
+    try:
+        if path.stat().st_size > MAX_URDF_BYTES:
+            msg = f'{path}: larger than {MAX_URDF_BYTES} bytes, this is hardly a URDF'
+            raise ArmError(msg)
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as err:
+        msg = f'{path}: the URDF cannot be read ({err}); check kinematics.urdf'
+        raise ArmError(msg) from None
+
+
+def model_from_urdf(text: str, path: str) -> pin.Model:
+    """
+    Build a model from a URDF; continuous joints become angles, fixed ones merge with parents.
+
+    Parameters
+    ----------
+    text : str
+        URDF.
+    path : str
+        Where it came from, for messages.
 
     Returns
     -------
@@ -83,17 +108,9 @@ def model_from_urdf(path: Path) -> pin.Model:
     Raises
     ------
     ArmError
-        If the file is missing, is no URDF, or has a joint of another type.
+        If it is no URDF, or has a joint of another type.
 
     """
-    try:
-        if path.stat().st_size > MAX_URDF_BYTES:
-            msg = f'{path}: larger than {MAX_URDF_BYTES} bytes, this is hardly a URDF'
-            raise ArmError(msg)
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f'{path}: the URDF cannot be read ({err}); check kinematics.urdf'
-        raise ArmError(msg) from None
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as err:
@@ -176,6 +193,27 @@ def model_from_dh(
         placement = _translation(0.0, 0.0, d) * _translation(a, 0.0, 0.0) * _rotation('x', alpha)
     model.addFrame(pin.Frame('tip', parent, placement, pin.FrameType.OP_FRAME))
     return model
+
+
+def is_prismatic(model: pin.Model, joint: str) -> bool:
+    """
+    Say whether a joint moves along its axis.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Model with the joint.
+    joint : str
+        Name of the joint.
+
+    Returns
+    -------
+    bool
+        False for a joint that turns about its axis.
+
+    """
+    short: str = model.joints[model.getJointId(joint)].shortname()
+    return short.startswith('JointModelP')
 
 
 def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:

@@ -100,6 +100,8 @@ class AnalyticalModel:
         Number of active joints.
     estimator : {'wls', 'ols', 'huber'}, default='wls'
         Least squares weighted by channel variance, plain, or re-weighted with Huber's function.
+    base : tuple of BaseSet, optional
+        Base parameters where they are known already, as those of a saved model are.
 
     Attributes
     ----------
@@ -111,12 +113,18 @@ class AnalyticalModel:
     """
 
     def __init__(
-        self, regressor: Regressor, n_joints: int, *, estimator: str = 'wls',
+        self,
+        regressor: Regressor,
+        n_joints: int,
+        *,
+        estimator: str = 'wls',
+        base: tuple[BaseSet, ...] | None = None,
     ) -> None:
         self.regressor = regressor
         self.n_joints = n_joints
         self.estimator = estimator
-        self.base_: tuple[BaseSet, ...] = base_sets(regressor, n_joints)
+        self.base_: tuple[BaseSet, ...] = (
+            base_sets(regressor, n_joints) if base is None else base)
         self.groups_: tuple[Group, ...] = ()
 
     @property

@@ -1,0 +1,179 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor fit``: learn models from bags, judge them, save bundle and report."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import time
+from typing import Any
+
+from pydantic import ValidationError
+
+from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
+from tudor_dynamics.arm.description import validation_message
+from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, Steps, steps
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.bundling import bundle_of, figures
+from tudor_dynamics.identification.dataset import BagChoice, BagData, load, parse_choice
+from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
+from tudor_dynamics.identification.report import write_report
+from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.models.bundle import check_target, save_bundle
+from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.regressor import STRAIN_FORMS
+from tudor_dynamics.models.units import output_units
+
+HELD_OUT = 0.4
+"""Part at the end of an only bag that is kept for validation."""
+
+EXAMPLES = """\
+examples:
+  tudor fit run1 run2 run3 --arm my_arm.yaml --out model
+        fit to three bags, each left out once for validation
+  tudor fit run1 run2 --test run3 --arm my_arm.yaml --out model
+        judge by a bag of its own
+  tudor fit run1@0-60% --test run1@60-100% --arm my_arm.yaml --out model
+        parts of one bag by time
+
+MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
+input.
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor fit``."""
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='bag directory or file, or a part of it: BAG@0-60%%')
+    parser.add_argument('--arm', required=True, metavar='YAML', help='arm description')
+    parser.add_argument('--out', required=True, metavar='MODEL',
+                        help='directory for the model bundle and its report')
+    parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
+                        help='bags to judge by; otherwise each training bag is left out once')
+    parser.add_argument('--models', nargs='+', choices=MODEL_KINDS, default=list(MODEL_KINDS),
+                        help='kinds of models (default: all)')
+    parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
+    parser.add_argument('--force', action='store_true',
+                        help='exit with 0 even if no model is good enough')
+    parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    signals = parser.add_argument_group('signals (defaults: arm description)')
+    signals.add_argument('--filter', choices=('causal', 'zero_phase'),
+                         help='the papers\' causal filters, or zero-phase ones')
+    signals.add_argument('--rate', metavar='HZ', help='decimate to this rate; "full" for none')
+    signals.add_argument('--cutoff', type=float, metavar='HZ', help='zero-phase cut-off')
+    signals.add_argument('--output-cutoff', type=float, metavar='HZ',
+                         help='causal low-pass over positions, velocities, efforts and strains')
+    models = parser.add_argument_group('models')
+    models.add_argument('--estimator', choices=ESTIMATORS, default='wls',
+                        help='of the analytical model (default: wls)')
+    models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
+                        help='bending moment at the gauge, or the joint\'s as in the paper')
+    models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
+    models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
+    models.add_argument('--elm-seed', type=int, default=0, metavar='N')
+    models.add_argument('--random-split', action='store_true',
+                        help='also report the papers\' random 50/50 split (optimistic)')
+
+
+def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpec:
+    """Merge the arm's preprocessing with what the command line says otherwise."""
+    changes: dict[str, Any] = {
+        name: getattr(args, name) for name in ('filter', 'cutoff', 'output_cutoff')
+        if getattr(args, name) is not None}
+    if args.rate is not None:
+        changes['rate'] = None if args.rate == 'full' else args.rate
+    try:
+        return PreprocessingSpec.model_validate({**arm.spec.preprocessing.model_dump(), **changes})
+    except ValidationError as err:
+        msg = f'command line: {validation_message(err)}'
+        raise UsageError(msg) from None
+
+
+def _check_choices(training: list[BagChoice], test: list[BagChoice]) -> None:
+    for i, one in enumerate(training):
+        for other in training[i + 1:] + test:
+            same = Path(one.path).resolve() == Path(other.path).resolve()
+            if same and one.begin < other.end and other.begin < one.end:
+                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
+                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
+                raise UsageError(msg)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, judge, save, report."""
+    begun = time.perf_counter()
+    out = Path(args.out)
+    check_target(out, overwrite=args.overwrite)
+    arm = load_arm(args.arm)
+    preprocessing = chosen_preprocessing(args, arm)
+    training = [parse_choice(text) for text in args.bags]
+    test = [parse_choice(text) for text in args.test]
+    _check_choices(training, test)
+    settings = FitSettings(
+        kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
+        elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
+        random_split=args.random_split)
+    total = len(training) + len(test) + 2 * len(settings.kinds) + 1
+    with steps(total) as step:
+        result = _fit(arm, training, test, preprocessing, settings, step)
+        step('report')
+        save_bundle(bundle_of(result), out, overwrite=args.overwrite)
+        report = out / 'report.html'
+        write_report(result, report)
+    levels = [item.verdict.level for item in result.fitted]
+    if args.json:
+        print_json(finite({'model': str(out), 'report': str(report),
+                           'seconds': round(time.perf_counter() - begun, 2),
+                           **figures(result)}))
+    else:
+        _print(result, report)
+    if any(level is not Level.DO_NOT_USE for level in levels) or args.force:
+        return 0
+    return 1
+
+
+def _fit(
+    arm: Arm,
+    training: list[BagChoice],
+    test: list[BagChoice],
+    preprocessing: PreprocessingSpec,
+    settings: FitSettings,
+    step: Steps,
+) -> FitResult:
+    def read(choice: BagChoice) -> BagData:
+        step(f'read {choice}')
+        return load(choice, arm, preprocessing)
+
+    training_data = [read(choice) for choice in training]
+    test_data = [read(choice) for choice in test]
+    holdout = None
+    if len(training) == 1 and not test:
+        whole = training[0]
+        middle = whole.end - HELD_OUT * (whole.end - whole.begin)
+        holdout = (load(BagChoice(whole.path, whole.begin, middle), arm, preprocessing),
+                   load(BagChoice(whole.path, middle, whole.end), arm, preprocessing))
+    return fit_models(arm, training_data, test_data, holdout, preprocessing, settings, step)
+
+
+def _print(result: FitResult, report: Path) -> None:
+    rows = [(item.output, item.kind, item.validation.score,
+             output_units(result.arm, item.output)) for item in result.fitted]
+    print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
+    for item in result.fitted:
+        print(f'{item.output} {item.kind}: {item.verdict}')
+    for ringing in result.ringing:
+        print(f'the arm rings: {ringing}')
+    print(f'model: {report.parent}\nreport: {report}')

@@ -1,0 +1,127 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From a fit to the bundle that is saved, and to the figures that are printed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.metrics import Score
+from tudor_dynamics.models.bundle import ModelBundle
+
+
+def bundle_of(result: FitResult) -> ModelBundle:
+    """
+    Collect the models of a fit with all that is known of their worth.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit.
+
+    Returns
+    -------
+    ModelBundle
+        Bundle to be saved.
+
+    """
+    models: dict[str, Any] = {}
+    for item in result.fitted:
+        models.setdefault(item.output, {})[item.kind] = item.model
+    facts = {
+        'training': [bag_facts(bag) for bag in result.training],
+        'test': [bag_facts(bag) for bag in result.test],
+        'validation': figures(result),
+        'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
+                     'share': r.share} for r in result.ringing],
+        'warnings': list(result.warnings)}
+    return ModelBundle(result.arm, result.preprocessing, models, facts)
+
+
+def bag_facts(bag: BagData) -> dict[str, Any]:
+    """
+    Say which bag was used, so that it can be found and checked again.
+
+    Parameters
+    ----------
+    bag : BagData
+        Bag.
+
+    Returns
+    -------
+    dict
+        Path as given, checksum, samples, duration [s], dropped messages.
+
+    """
+    recording = bag.recording
+    return {'bag': str(bag.choice), 'sha256': recording.checksum, 'samples': bag.samples,
+            'duration': round(float(recording.t[-1]), 6), 'dropped': dict(recording.dropped)}
+
+
+def figures(result: FitResult) -> dict[str, Any]:
+    """
+    Give the figures of a fit as plain values: output, model, then training and validation.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit.
+
+    Returns
+    -------
+    dict
+        JSON-ready.
+
+    """
+    content: dict[str, Any] = {}
+    for item in result.fitted:
+        content.setdefault(item.output, {})[item.kind] = _figures(item)
+    return content
+
+
+def _figures(item: FittedOutput) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        'verdict': item.verdict.level.value, 'reasons': list(item.verdict.reasons),
+        'method': item.validation.method, 'validation': rounded(item.validation.score),
+        'training': rounded(item.training.score)}
+    if item.random is not None:
+        content['random_split_optimistic'] = rounded(item.random.score)
+    return content
+
+
+def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
+    """
+    Give a score as plain values without digits that mean nothing.
+
+    Parameters
+    ----------
+    score : Score
+        Figures.
+    digits : int, default=6
+        Significant digits.
+
+    Returns
+    -------
+    dict
+        JSON-ready.
+
+    """
+    def shorten(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: shorten(item) for key, item in value.items()}
+        return float(f'{value:.{digits}g}') if isinstance(value, float) else value
+    return dict(shorten(score.as_dict()))

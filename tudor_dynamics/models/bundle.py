@@ -1,0 +1,341 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The model bundle: a directory that holds models, their arm and all that is known of their worth.
+
+``model.yaml`` can be read and compared by a person; ``arm.yaml`` (and ``arm.urdf``) is the arm;
+``elm.npz`` holds the ELM's arrays. Bundles are untrusted: sizes are bounded, nothing is unpickled,
+every byte is covered by a checksum. A bundle is written under a temporary name and renamed, so
+that a reader never sees half of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+import hashlib
+import io
+import os
+from pathlib import Path
+import shutil
+import tempfile
+from typing import Any
+import zipfile
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+import yaml
+
+from tudor_dynamics import __version__
+from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
+from tudor_dynamics.errors import ArmError, ModelError
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.serialise import (
+    analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
+
+FloatArray = NDArray[np.float64]
+Model = AnalyticalModel | ExtremeLearningMachine
+
+FORMAT = 'tudor_dynamics/model'
+VERSION = 1
+MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
+             'elm.npz': 200_000_000}
+MARK = 'checksum: '
+
+
+@dataclass(eq=False)
+class ModelBundle:
+    """
+    Models of one arm, with the preprocessing that they were fitted to.
+
+    Attributes
+    ----------
+    arm : Arm
+        Arm.
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+    models : dict of str to dict of str to model
+        Output (``effort``, ``strain``) to kind (``analytical``, ``elm``) to model.
+    facts : dict
+        What else is known: training bags with checksums, validation figures, verdicts,
+        thresholds. Plain values only.
+
+    """
+
+    arm: Arm
+    preprocessing: PreprocessingSpec
+    models: dict[str, dict[str, Model]]
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
+    """The fast safe loader where it is compiled in."""
+
+
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """The fast safe dumper, without references between equal lists."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def _dump(content: Any) -> str:
+    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=99,
+                          allow_unicode=True, default_flow_style=None)
+    return text
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = False) -> None:
+    """
+    Write a bundle, whole or not at all.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models to be saved.
+    path : str or Path
+        Directory to be made.
+    overwrite : bool, default=False
+        Replace a bundle that stands there. Anything else is never replaced.
+
+    Raises
+    ------
+    ModelError
+        If something stands there already.
+
+    """
+    path = Path(path)
+    check_target(path, overwrite=overwrite)
+    files = _arm_files(bundle.arm)
+    arrays: dict[str, FloatArray] = {}
+    outputs: dict[str, dict[str, Any]] = {}
+    for output, kinds in bundle.models.items():
+        outputs[output] = {}
+        for kind, model in kinds.items():
+            if isinstance(model, AnalyticalModel):
+                outputs[output][kind] = analytical_to_dict(model, bundle.arm, output)
+            else:
+                outputs[output][kind], more = elm_to_arrays(model, f'{output}_{kind}')
+                arrays.update(more)
+    if arrays:
+        files['elm.npz'] = _npz(arrays)
+    head = {
+        'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',
+        'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
+        'files': {name: _sha256(data) for name, data in files.items()},
+        'preprocessing': bundle.preprocessing.model_dump(mode='json'),
+        'outputs': outputs, 'facts': bundle.facts}
+    body = _dump(head)
+    files['model.yaml'] = f'{body}{MARK}{_sha256(body.encode())}\n'.encode()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+    try:
+        temporary.chmod(0o755)
+        for name, data in files.items():
+            (temporary / name).write_bytes(data)
+        _replace(temporary, path)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def check_target(path: Path, *, overwrite: bool) -> None:
+    """
+    Refuse to write over what is there, before hours of work and not after.
+
+    Parameters
+    ----------
+    path : Path
+        Directory to be made.
+    overwrite : bool
+        Whether a bundle may be replaced.
+
+    Raises
+    ------
+    ModelError
+        If something stands there that may not be replaced.
+
+    """
+    if not path.exists():
+        return
+    if not overwrite:
+        msg = f'{path} exists already; choose another --out, or add --overwrite'
+        raise ModelError(msg)
+    if not (path / 'model.yaml').is_file():
+        msg = f'{path} is no model bundle and is not overwritten; choose another --out'
+        raise ModelError(msg)
+
+
+def _replace(new: Path, path: Path) -> None:
+    if not path.exists():
+        os.rename(new, path)
+        return
+    old = Path(tempfile.mkdtemp(prefix=f'.{path.name}.old.', dir=path.parent)) / 'bundle'
+    os.rename(path, old)
+    os.rename(new, path)
+    shutil.rmtree(old.parent, ignore_errors=True)
+
+
+def _arm_files(arm: Arm) -> dict[str, bytes]:
+    content = arm.spec.model_dump(mode='json', exclude_defaults=True)
+    files = {}
+    if arm.urdf is not None:
+        content['kinematics'] = {'urdf': 'arm.urdf'}
+        files['arm.urdf'] = arm.urdf.encode()
+    return {'arm.yaml': _dump(content).encode(), **files}
+
+
+def _npz(arrays: dict[str, FloatArray]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _read(path: Path, name: str) -> bytes:
+    file = path / name
+    try:
+        size = file.stat().st_size
+        if size > MAX_BYTES[name]:
+            msg = f'{file}: {size} bytes, more than the {MAX_BYTES[name]} a model can have'
+            raise ModelError(msg)
+        return file.read_bytes()
+    except OSError as err:
+        msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
+        raise ModelError(msg) from None
+
+
+def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
+    """
+    Read a bundle.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory.
+    arm : Arm, optional
+        The arm that the bundle must belong to.
+
+    Returns
+    -------
+    ModelBundle
+        Models that can predict.
+
+    Raises
+    ------
+    ModelError
+        If the bundle is not there, damaged, altered, of a newer version, or of another arm.
+
+    """
+    path = Path(path)
+    head = _read_head(path)
+    files = {name: _read(path, name) for name in head['files'] if name in MAX_BYTES}
+    for name, checksum in head['files'].items():
+        if name not in files:
+            msg = f'{path}: names a file {name!r} that no bundle has'
+            raise ModelError(msg)
+        if _sha256(files[name]) != checksum:
+            msg = f'{path / name}: altered or cut short (checksum differs); fit the model again'
+            raise ModelError(msg)
+    try:
+        own = arm_from_dict(yaml.load(files['arm.yaml'], Loader=_Loader), base=path,
+                            source=str(path / 'arm.yaml'))
+    except (KeyError, yaml.YAMLError, ArmError) as err:
+        msg = f'{path}: its arm description cannot be used ({err})'
+        raise ModelError(msg) from None
+    if own.digest != head['arm'].get('digest'):
+        msg = (f'{path}: the arm description inside gives another digest than when the model was '
+               'fitted; fit the model again with this version')
+        raise ModelError(msg)
+    if arm is not None and arm.digest != own.digest:
+        msg = (f'{path}: fitted for the arm {own.name!r} as it was described then, not for '
+               f'{arm.name!r} of {arm.source}; fit it again, or give the arm it was fitted for')
+        raise ModelError(msg)
+    try:
+        preprocessing = PreprocessingSpec.model_validate(head['preprocessing'])
+        arrays = _load_npz(files['elm.npz'], path) if 'elm.npz' in files else {}
+        models = {output: {kind: _model(own, output, kind, content, arrays)
+                           for kind, content in kinds.items()}
+                  for output, kinds in head['outputs'].items()}
+    except (KeyError, TypeError, ValueError, AttributeError, ValidationError) as err:
+        if isinstance(err, ModelError):
+            raise
+        msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
+        raise ModelError(msg) from None
+    facts = head.get('facts')
+    return ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {})
+
+
+def _read_head(path: Path) -> dict[str, Any]:
+    file = path / 'model.yaml'
+    try:
+        text = _read(path, 'model.yaml').decode()
+    except UnicodeDecodeError:
+        msg = f'{file}: no text; expected a model bundle of tudor fit'
+        raise ModelError(msg) from None
+    body, mark, checksum = text.rpartition(MARK)
+    if not mark or _sha256(body.encode()) != checksum.strip():
+        msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
+               'editing it')
+        raise ModelError(msg)
+    try:
+        head = yaml.load(body, Loader=_Loader)
+    except (yaml.YAMLError, RecursionError, ValueError):
+        head = None
+    if not isinstance(head, dict) or head.get('format') != FORMAT:
+        msg = f'{file}: not in the format {FORMAT!r}'
+        raise ModelError(msg)
+    if head.get('version') != VERSION:
+        msg = (f'{file}: bundle version {head.get("version")!r}; this program reads version '
+               f'{VERSION}: update tudor_dynamics, or fit the model again')
+        raise ModelError(msg)
+    for key in ('arm', 'files', 'preprocessing', 'outputs'):
+        if not isinstance(head.get(key), dict):
+            msg = f'{file}: the part {key!r} is missing; fit the model again'
+            raise ModelError(msg)
+    return head
+
+
+def _load_npz(data: bytes, path: Path) -> dict[str, FloatArray]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(item.file_size for item in archive.infolist()) > MAX_BYTES['elm.npz']:
+                msg = f'{path / "elm.npz"}: unpacks to more than a model can have'
+                raise ModelError(msg)
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name], dtype=float) for name in archive.files}
+    except (zipfile.BadZipFile, OSError) as err:
+        msg = f'{path / "elm.npz"}: no array archive ({err}); fit the model again'
+        raise ModelError(msg) from None
+
+
+def _model(
+    arm: Arm, output: str, kind: str, content: dict[str, Any], arrays: dict[str, FloatArray],
+) -> Model:
+    if output not in ('effort', 'strain'):
+        msg = f'output {output!r}; expected effort or strain'
+        raise ModelError(msg)
+    if kind == 'analytical':
+        return analytical_from_dict(content, arm, output)
+    if kind == 'elm':
+        channels = arm.active_joints if output == 'effort' else arm.gauge_names
+        return elm_from_arrays(content, arrays, f'{output}_{kind}', channels,
+                               3 * len(arm.active_joints))
+    msg = f'model kind {kind!r}; this version knows analytical and elm: update tudor_dynamics'
+    raise ModelError(msg)

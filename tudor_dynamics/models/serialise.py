@@ -1,0 +1,223 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Models to plain values and arrays and back, each checked on the way in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.base_parameters import BaseSet
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.estimators import Estimate
+from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.models.units import output_units, parameter_unit
+
+FloatArray = NDArray[np.float64]
+
+MAX_HIDDEN = 100_000
+ELM_ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weights')
+
+
+def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[str, Any]:
+    """
+    Turn a fitted analytical model into plain values.
+
+    Parameters
+    ----------
+    model : AnalyticalModel
+        Fitted model.
+    arm : Arm
+        Arm, for the units.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    dict
+        Estimator, form, and for each group of channels its coefficients.
+
+    """
+    units = output_units(arm, output)
+    kinds = {joint.name: joint for joint in arm.joints}
+    groups = []
+    for group in model.groups_:
+        names = [model.channels[i] for i in group.base.channels]
+        first = kinds.get(names[0])
+        unit = units[names[0]]
+        constant = first.effort.torque_constant if first is not None else None
+        scaled = output == 'strain' or (unit == 'A' and constant is None)
+        if constant is not None:
+            unit = 'N m'
+        prismatic = first is not None and arm.is_prismatic(first.name)
+        groups.append({
+            'channels': names,
+            'condition': float(group.estimate.condition),
+            'residual_std': [float(np.sqrt(v)) for v in group.estimate.variances],
+            'coefficients': [
+                {'name': name, 'column': model.regressor.columns[column],
+                 'value': float(value), 'standard_error': float(error),
+                 'unit': parameter_unit(model.regressor.columns[column], unit, scaled=scaled,
+                                        prismatic=prismatic),
+                 'excited': k not in group.estimate.unexcited}
+                for k, (name, column, value, error) in enumerate(zip(
+                    group.base.names, group.base.kept, group.estimate.parameters,
+                    group.estimate.standard_errors, strict=True))]})
+    content: dict[str, Any] = {'estimator': model.estimator, 'units': units}
+    if isinstance(model.regressor, StrainRegressor):
+        content['form'] = model.regressor.form
+    return {**content, 'groups': groups}
+
+
+def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
+    """
+    Build an analytical model from plain values.
+
+    Parameters
+    ----------
+    content : dict
+        As from `analytical_to_dict`.
+    arm : Arm
+        Arm it was fitted for.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    AnalyticalModel
+        Model that can predict.
+
+    Raises
+    ------
+    ModelError
+        If columns or channels are not those of the arm, or a number is not finite.
+
+    """
+    regressor = (EffortRegressor(arm) if output == 'effort'
+                 else StrainRegressor(arm, str(content['form'])))
+    index = {name: i for i, name in enumerate(regressor.columns)}
+    groups = []
+    for item in content['groups']:
+        channels = tuple(regressor.channels.index(name) for name in item['channels'])
+        rows = item['coefficients']
+        unknown = [row['column'] for row in rows if row['column'] not in index]
+        if unknown:
+            msg = f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}'
+            raise ModelError(msg)
+        values = np.array([float(row['value']) for row in rows])
+        errors = np.array([float(row['standard_error']) for row in rows])
+        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
+            msg = f'a coefficient of {item["channels"]} is not finite'
+            raise ModelError(msg)
+        base = BaseSet(channels, np.array([index[row['column']] for row in rows], dtype=np.intp),
+                       tuple(str(row['name']) for row in rows))
+        unexcited = tuple(k for k, row in enumerate(rows) if not row['excited'])
+        variances = np.array([float(v) ** 2 for v in item['residual_std']])
+        groups.append(Group(base, Estimate(values, errors, float(item['condition']), unexcited,
+                                           variances)))
+    listed = sorted(channel for group in groups for channel in group.base.channels)
+    if listed != list(range(len(regressor.channels))):
+        msg = f'{output} channels {listed} where {list(regressor.channels)} were expected'
+        raise ModelError(msg)
+    model = AnalyticalModel(regressor, len(arm.active_joints),
+                            estimator=str(content['estimator']),
+                            base=tuple(group.base for group in groups))
+    model.groups_ = tuple(groups)
+    return model
+
+
+def elm_to_arrays(
+    model: ExtremeLearningMachine, prefix: str,
+) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+    """
+    Turn a fitted ELM into settings and arrays.
+
+    Parameters
+    ----------
+    model : ExtremeLearningMachine
+        Fitted model.
+    prefix : str
+        Start of the arrays' names.
+
+    Returns
+    -------
+    settings : dict
+        Plain values.
+    arrays : dict of str to ndarray
+        Weights and ranges.
+
+    """
+    settings = {'hidden': model.hidden, 'ridge': model.ridge, 'seed': model.seed,
+                'clip': model.clip, 'channels': list(model.channels)}
+    arrays = {f'{prefix}_{name}': np.asarray(getattr(model, f'{name}_')) for name in ELM_ARRAYS}
+    return settings, arrays
+
+
+def elm_from_arrays(
+    settings: dict[str, Any],
+    arrays: dict[str, FloatArray],
+    prefix: str,
+    channels: tuple[str, ...],
+    n_inputs: int,
+) -> ExtremeLearningMachine:
+    """
+    Build an ELM from settings and arrays.
+
+    Parameters
+    ----------
+    settings : dict
+        As from `elm_to_arrays`.
+    arrays : dict of str to ndarray
+        Weights and ranges.
+    prefix : str
+        Start of the arrays' names.
+    channels : tuple of str
+        Channels of the arm.
+    n_inputs : int
+        Three times the number of active joints.
+
+    Returns
+    -------
+    ExtremeLearningMachine
+        Model that can predict.
+
+    Raises
+    ------
+    ModelError
+        If an array is missing, of another shape, or not finite.
+
+    """
+    hidden = int(settings['hidden'])
+    if not 1 <= hidden <= MAX_HIDDEN or list(settings['channels']) != list(channels):
+        msg = f'ELM of {hidden} neurons for {settings["channels"]}; expected {list(channels)}'
+        raise ModelError(msg)
+    model = ExtremeLearningMachine(channels, hidden=hidden, ridge=float(settings['ridge']),
+                                   seed=int(settings['seed']), clip=bool(settings['clip']))
+    shapes = {'input_range': (2, n_inputs), 'output_range': (2, len(channels)),
+              'input_weights': (n_inputs, hidden), 'biases': (hidden,),
+              'output_weights': (hidden, len(channels))}
+    for name, shape in shapes.items():
+        array = arrays.get(f'{prefix}_{name}')
+        if array is None or array.shape != shape or not np.all(np.isfinite(array)):
+            found = 'nothing' if array is None else f'shape {array.shape}'
+            msg = f'elm.npz: {prefix}_{name}: found {found}, expected finite values of {shape}'
+            raise ModelError(msg)
+        setattr(model, f'{name}_', array)
+    return model
