@@ -179,7 +179,8 @@ def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[Ba
         One for each of the regressor's groups.
 
     """
-    n_states = 2 * len(regressor.columns) + 20
+    smallest = min(len(group) for group in regressor.groups)
+    n_states = len(regressor.columns) // smallest + 20
     rows = regressor.rows(random_motion(n_joints, n_states, seed))
     order = preference(regressor.columns)
     names = [regressor.columns[i] for i in order]

@@ -92,6 +92,32 @@ class Products:
         if self.triangle is not None:
             self.triangle = _triangle(np.vstack([self.triangle, both]))
 
+    def spread(self, places: NDArray[np.intp], n_parameters: int) -> Products:
+        """
+        Give the products on more parameters, which these rows do not depend on.
+
+        Parameters
+        ----------
+        places : ndarray of int, shape (n_own,)
+            Where the own parameters stand among all.
+        n_parameters : int
+            Number of all parameters.
+
+        Returns
+        -------
+        Products
+            The same data, with zero columns.
+
+        """
+        index = np.append(places, n_parameters)
+        wide = Products.empty(n_parameters)
+        wide.gram[np.ix_(index, index)] = self.gram
+        wide.n = self.n
+        if self.triangle is not None:
+            wide.triangle = np.zeros((len(self.triangle), n_parameters + 1))
+            wide.triangle[:, index] = self.triangle
+        return wide
+
     def __add__(self, other: Products) -> Products:
         """Join the rows of two sets of data."""
         triangle = None

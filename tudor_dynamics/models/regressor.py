@@ -49,7 +49,7 @@ class Regressor(Protocol):
     groups: tuple[tuple[int, ...], ...]
     """Channels that share their parameters; each channel stands in one group."""
 
-    def rows(self, motion: FloatArray) -> FloatArray:
+    def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows, shape (n_samples, n_channels, n_columns)."""
 
 
@@ -91,7 +91,7 @@ class EffortRegressor:
             self._local.append(slice(first, len(names)))
         self.columns: tuple[str, ...] = tuple(names)
 
-    def rows(self, motion: FloatArray) -> FloatArray:
+    def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
         Evaluate rows.
 
@@ -99,6 +99,8 @@ class EffortRegressor:
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
             ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        out : ndarray of shape (n_samples, n_channels, n_columns), optional
+            Result of an earlier call, to be overwritten.
 
         Returns
         -------
@@ -109,7 +111,7 @@ class EffortRegressor:
         n = len(self.channels)
         dq, ddq = motion[:, n:2 * n], motion[:, 2 * n:]
         full = in_model_order(motion, self._velocity, self._model.nv)
-        rows = np.zeros((len(motion), n, len(self.columns)))
+        rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
         torque_rows(self._model, self._data, self._velocity, full, rows[:, :, :self._n_bodies])
         for i, joint in enumerate(self._joints):
             columns = friction_columns(joint, dq[:, i])
@@ -117,7 +119,7 @@ class EffortRegressor:
                 columns = np.column_stack([ddq[:, i], columns])
             rows[:, i, self._local[i]] = columns
         if np.any(self._scale != 1.0):
-            rows /= self._scale[None, :, None]
+            rows /= self._scale[None, :, None]  # what is zero in `out` stays zero
         return rows
 
 
@@ -165,7 +167,7 @@ class StrainRegressor:
         self.columns: tuple[str, ...] = (*names, 'offset')
         self.groups: tuple[tuple[int, ...], ...] = tuple((i,) for i in range(len(self.channels)))
 
-    def rows(self, motion: FloatArray) -> FloatArray:
+    def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
         Evaluate rows.
 
@@ -173,6 +175,8 @@ class StrainRegressor:
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
             ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        out : ndarray of shape (n_samples, n_channels, n_columns), optional
+            Result of an earlier call, to be overwritten.
 
         Returns
         -------
@@ -182,7 +186,8 @@ class StrainRegressor:
         """
         # virtual joints at the gauges stay at zero
         full = in_model_order(motion, self._joint_index, self._model.nv)
-        rows = np.zeros((len(motion), len(self.channels), len(self.columns)))
+        shape = (len(motion), len(self.channels), len(self.columns))
+        rows = np.zeros(shape) if out is None else out
         torque_rows(self._model, self._data, self._output_index, full, rows[:, :, :-1])
         rows[:, :, -1] = 1.0
         return rows
@@ -213,11 +218,11 @@ def torque_rows(
     q, dq, ddq = motion
     function = pin.computeJointTorqueRegressor
     if np.array_equal(index, np.arange(model.nv)):
-        for k in range(len(q)):
-            out[k] = function(model, data, q[k], dq[k], ddq[k])
+        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
+            out[k] = function(model, data, *state)
     else:
-        for k in range(len(q)):
-            out[k] = function(model, data, q[k], dq[k], ddq[k])[index]
+        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
+            out[k] = function(model, data, *state)[index]
 
 
 def in_model_order(

@@ -1,0 +1,150 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Time and memory of regressor, base parameters and weighted least squares for a seven-joint arm.
+
+98 columns: ten inertial parameters, rotor inertia, viscous and Coulomb friction and an offset for
+each joint. Peak memory is that of a process of its own, above one that did the same at 100
+samples. The peer is the same problem through FIGAROH (``pip install figaroh``), where it is
+installed; a plain loop with one dense regressor matrix and LAPACK is timed in any case.
+
+    python bench/identify_seven_joints.py [--repeats 3]
+"""
+
+from __future__ import annotations
+
+import os
+
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
+
+import argparse  # noqa: E402
+import json  # noqa: E402
+from math import pi  # noqa: E402
+from pathlib import Path  # noqa: E402
+import resource  # noqa: E402
+import statistics  # noqa: E402
+import subprocess  # noqa: E402
+import sys  # noqa: E402
+import time  # noqa: E402
+
+import numpy as np  # noqa: E402
+
+from tudor_dynamics.arm import arm_from_dict  # noqa: E402
+from tudor_dynamics.models import AnalyticalModel, EffortRegressor  # noqa: E402
+
+# D-H rows of a seven-joint arm with offset wrist; any seven-joint arm has as many columns.
+ROWS = [[0, -pi / 2, 0.333, 0], [0, pi / 2, 0, 0], [0.0825, pi / 2, 0.316, 0],
+        [-0.0825, -pi / 2, 0, 0], [0, pi / 2, 0.384, 0], [0.088, pi / 2, 0, 0], [0, 0, 0.107, 0]]
+NOISE = 0.05
+
+
+def seven_joint_arm():
+    """Describe the arm."""
+    joints = [{'name': f'joint{i}', 'friction': ['viscous', 'coulomb', 'offset']}
+              for i in range(1, 8)]
+    return arm_from_dict({'name': 'seven', 'kinematics': {'dh': ROWS}, 'joints': joints},
+                         base=Path('.'), source='bench')
+
+
+def data(n):
+    """Make a random-phase multisine at 1 kHz and the torques of random links, with noise."""
+    generator = np.random.default_rng(1)
+    t = np.arange(n)[:, None] / 1000.0
+    q, dq, ddq = np.zeros((n, 7)), np.zeros((n, 7)), np.zeros((n, 7))
+    for harmonic in range(1, 9):
+        w = 2 * pi * 0.1 * harmonic
+        a, phase = generator.uniform(0.05, 0.25, 7), generator.uniform(0, 2 * pi, 7)
+        q += a * np.sin(w * t + phase)
+        dq += a * w * np.cos(w * t + phase)
+        ddq -= a * w * w * np.sin(w * t + phase)
+    motion = np.hstack([q, dq, ddq])
+    regressor = EffortRegressor(seven_joint_arm())
+    truth = generator.uniform(0.1, 1.0, len(regressor.columns))
+    tau = np.empty((n, 7))
+    for first in range(0, n, 256):
+        tau[first:first + 256] = regressor.rows(motion[first:first + 256]) @ truth
+    return motion, tau + generator.normal(0, NOISE, tau.shape)
+
+
+def ours(motion, tau):
+    """Fit by this package: chunks, Gram matrices."""
+    model = AnalyticalModel(EffortRegressor(seven_joint_arm()), 7)
+    model.fit(motion, tau)
+    group = model.groups_[0]
+    return len(group.base.kept), float(np.sqrt(np.mean(group.estimate.variances)))
+
+
+def plain(motion, tau):
+    """Fit by one dense matrix, pivoted QR and two least-squares solutions."""
+    from scipy.linalg import qr
+    regressor = EffortRegressor(seven_joint_arm())
+    dense = regressor.rows(motion).reshape(-1, len(regressor.columns))
+    r, pivot = qr(dense, mode='r', pivoting=True)
+    diagonal = np.abs(np.diag(r))
+    kept = np.sort(pivot[:int(np.sum(diagonal > 1e-8 * diagonal[0] * 10))])
+    base = dense[:, kept]
+    y = tau.reshape(-1)
+    x = np.linalg.lstsq(base, y, rcond=None)[0]
+    sigma = (y - base @ x).reshape(-1, 7).std(axis=0)
+    weight = np.tile(1 / sigma, len(tau))
+    x = np.linalg.lstsq(base * weight[:, None], y * weight, rcond=None)[0]
+    return len(kept), float((y - base @ x).std())
+
+
+METHODS = {'this package': ours, 'plain dense': plain}
+
+
+def measure(method, n):
+    """Run one method once in this process and print time, peak memory and result."""
+    motion, tau = data(n)
+    METHODS[method](motion[:200], tau[:200])  # warm up
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begun = time.perf_counter()
+    rank, residual = METHODS[method](motion, tau)
+    seconds = time.perf_counter() - begun
+    after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(json.dumps({'seconds': seconds, 'mib': (after - before) / 1024, 'rank': rank,
+                      'residual': residual}))
+
+
+def main():
+    """Measure all methods at both sizes, each in processes of their own."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--repeats', type=int, default=3)
+    parser.add_argument('--measure', nargs=2, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.measure:
+        measure(args.measure[0], int(args.measure[1]))
+        return
+    print(f'{"method":14} {"samples":>8} {"us/sample":>10} {"MiB above":>10} {"ratio":>7} rank '
+          'residual')
+    for n in (16_000, 100_000):
+        reference = None
+        for method in METHODS:
+            runs = []
+            for _ in range(args.repeats if n < 50_000 or method == 'this package' else 1):
+                done = subprocess.run([sys.executable, __file__, '--measure', method, str(n)],
+                                      check=True, capture_output=True, text=True)
+                runs.append(json.loads(done.stdout))
+            seconds = statistics.median(run['seconds'] for run in runs)
+            memory = statistics.median(run['mib'] for run in runs)
+            reference = reference or seconds
+            print(f'{method:14} {n:8d} {1e6 * seconds / n:10.2f} {memory:10.1f} '
+                  f'{seconds / reference:7.1f} {runs[0]["rank"]:4d} {runs[0]["residual"]:.4f}')
+
+
+if __name__ == '__main__':
+    main()
