@@ -26,6 +26,7 @@ export PIP_NO_INPUT := 1
 WORKERS ?= 2
 PYTEST_ARGS ?=
 DEMO_OUT ?= demo_out
+BENCHES := $(sort $(wildcard bench/*.py))
 
 help:
 	@echo 'make venv   .venv with everything; `tudor` is .venv/bin/tudor'
@@ -57,7 +58,8 @@ test: venv
 	@$(ROS) $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope $(PYTEST_ARGS)
 
 bench: venv
-	@$(ROS) for script in bench/*.py; do echo "== $$script"; $(BIN)/python $$script; done
+	@$(if $(BENCHES),,echo 'no script in bench/' >&2; exit 1;) $(ROS) \
+	for script in $(BENCHES); do echo "== $$script"; $(BIN)/python $$script; done
 
 lint: venv
 	@$(ROS) $(BIN)/python -m pytest -q -m linter
