@@ -21,6 +21,8 @@ from setuptools import find_packages, setup
 PACKAGE = 'tudor_dynamics'
 
 setup(
+    # Not in setup.cfg: setuptools makes an object of it there, which colcon cannot read.
+    python_requires='>=3.10,<3.14',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed', '**/*.j2', '**/*.css']},
     data_files=[

@@ -160,17 +160,25 @@ class Arm:
         """
         SHA-256 of all that a fitted model depends on.
 
-        Two files with the same content under other comments or names of files are the same arm.
+        Two files with the same content under other comments or names of files are the same arm,
+        whatever else they say of limits, motors, sensors, damper, links and preprocessing.
         """
-        content = self.spec.model_dump(mode='json', exclude={'kinematics', 'preprocessing'})
+        content = self.spec.model_dump(
+            mode='json', exclude={'joints': {'__all__': {'limits'}}},
+            include={'name', 'gravity', 'joints', 'active_joints', 'joint_topic', 'gauges'})
         model = self.full_model
         content['tree'] = [
             [model.names[i], int(model.parents[i]), model.joints[i].shortname(),
-             np.round(model.jointPlacements[i].homogeneous, 9).tolist(),
-             np.round(joint_axis(model, model.names[i]), 9).tolist()]
+             _rounded(model.jointPlacements[i].homogeneous),
+             _rounded(joint_axis(model, model.names[i]))]
             for i in range(1, model.njoints)]
         text = json.dumps(content, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _rounded(values: NDArray[np.float64]) -> Any:
+    # + 0.0 turns the -0.0 that one platform rounds to and another does not into 0.0
+    return (np.round(values, 9) + 0.0).tolist()
 
 
 def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
@@ -193,6 +201,11 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
             msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
                    f'{joint.effort.unit!r}; expected {unit!r} or A')
             raise ArmError(msg)
+        for gauge in spec.gauges:
+            if prismatic and gauge.joint == joint.name and gauge.axis is None:
+                msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
+                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
+                raise ArmError(msg)
 
 
 def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:

@@ -50,13 +50,15 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
 
     """
     if isinstance(axis, str):
-        return np.eye(3)['xyz'.index(axis)]
+        named: NDArray[np.float64] = np.eye(3)['xyz'.index(axis)]
+        return named
     vector = np.asarray(axis, dtype=float)
     norm = float(np.linalg.norm(vector))
     if norm < 1e-12:
         msg = f'the axis {list(axis)} has no length: give x, y, z or a vector'
         raise ArmError(msg)
-    return vector / norm
+    unit: NDArray[np.float64] = vector / norm
+    return unit
 
 
 def read_urdf(path: Path) -> str:

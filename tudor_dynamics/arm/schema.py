@@ -22,24 +22,15 @@ is silently ignored gives a wrong model.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
+
+from tudor_dynamics.arm.drives import check_drives, DamperSpec, MotorSpec, SensorSpec
+from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
 
 EFFORT_UNITS = ('A', 'N m', 'N')
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
-
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Vector3 = tuple[Finite, Finite, Finite]
-Name = Annotated[str, Field(min_length=1, max_length=200)]
-
-
-class Spec(BaseModel):
-    """Base of all parts of the description: immutable, no unknown keys."""
-
-    model_config = ConfigDict(extra='forbid', frozen=True)
 
 
 class KinematicsSpec(Spec):
@@ -95,7 +86,7 @@ class JointSpec(Spec):
     """One joint, by the name that its messages carry."""
 
     name: Name
-    type: Literal['revolute', 'continuous', 'prismatic'] | None = None
+    type: Literal['revolute', 'continuous', 'prismatic'] | None = None  # noqa: A003
     """Needed with D-H rows (default revolute); a URDF has it already."""
     effort: EffortSpec = EffortSpec()
     friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square'],
@@ -134,6 +125,13 @@ class GaugeSpec(Spec):
     topic: Name = 'link_strains'
     unit: Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'] = 'um/m'
 
+    @field_validator('axis', 'direction')
+    @classmethod
+    def _has_length(cls, vector: str | Vector3 | None) -> str | Vector3 | None:
+        if isinstance(vector, tuple) and math.hypot(*vector) < 1e-12:
+            raise ValueError('a vector of no length gives no direction: give x, y, z or a vector')
+        return vector
+
 
 class PreprocessingSpec(Spec):
     """How positions become velocities and accelerations, and how often samples are used."""
@@ -170,6 +168,10 @@ class ArmSpec(Spec):
     gauges: tuple[GaugeSpec, ...] = ()
     preprocessing: PreprocessingSpec = PreprocessingSpec()
     """Defaults of ``tudor fit`` for this arm."""
+    motors: tuple[MotorSpec, ...] = ()
+    """Only the simulator and the damper need these and the next two."""
+    sensors: tuple[SensorSpec, ...] = ()
+    damper: DamperSpec | None = None
 
     @model_validator(mode='after')
     def _consistent(self) -> ArmSpec:
@@ -192,4 +194,6 @@ class ArmSpec(Spec):
         if rows is not None and len(rows) != len(names):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
                              'give one row a joint, base first')
+        check_drives(self.motors, self.sensors, self.damper, names,
+                     [gauge.name for gauge in self.gauges])
         return self

@@ -71,4 +71,5 @@ class Recording:
     @property
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""
-        return (self.stamp - self.stamp[0]) * 1e-9
+        seconds: FloatArray = (self.stamp - self.stamp[0]) * 1e-9
+        return seconds

@@ -1,0 +1,69 @@
+# make venv | demo | test | bench | lint | clean: each does its own set-up.
+SHELL := /bin/bash
+.SHELLFLAGS := -eo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test bench lint clean
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# With /opt/ros/jazzy its rclpy and messages are used, otherwise the wheels from PyPI.
+ROS_SETUP := $(firstword $(wildcard /opt/ros/jazzy/setup.bash))
+ROS := $(if $(ROS_SETUP),source $(ROS_SETUP) &&)
+EXTRAS := $(if $(ROS_SETUP),[test],[ros,test])
+
+# One BLAS thread a process: two on busy cores made the same step ninety times slower. Discovery
+# stays on this machine, and a wrong type in a message field is an error instead of a surprise.
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export MKL_NUM_THREADS := 1
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+export ROS_PYTHON_CHECK_FIELDS := 1
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export PIP_NO_INPUT := 1
+
+WORKERS ?= 2
+PYTEST_ARGS ?=
+DEMO_OUT ?= demo_out
+BENCHES := $(sort $(wildcard bench/*.py))
+
+help:
+	@echo 'make venv   .venv with everything; `tudor` is .venv/bin/tudor'
+	@echo 'make demo   learn and check a model from the recordings in bags/'
+	@echo 'make test   all tests and style gates (PYTEST_ARGS="-k NAME", WORKERS=N)'
+	@echo 'make bench  measure speed and memory'
+	@echo 'make lint   style gates alone'
+	@echo 'make clean  remove all that the others made'
+
+venv: $(STAMP)
+
+# The stamp is written last, so that an interrupted installation is taken up again. An environment
+# whose interpreter has gone is made anew.
+$(STAMP): setup.cfg setup.py package.xml tools/find_python
+	@python=$$(tools/find_python) || exit 1; $(ROS) \
+	if ! $(BIN)/python -c 'import pip' >/dev/null 2>&1; then \
+	  echo "environment in $(VENV), $$($$python --version) from $$python"; \
+	  $$python -m venv --clear $(if $(ROS_SETUP),--system-site-packages) $(VENV); \
+	fi; \
+	echo 'installing (downloads of about 500 MB at the first time) ...'; \
+	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
+	@touch $@
+
+demo: venv
+	@$(ROS) $(BIN)/tudor fit bags/sample_* --arm config/two_blade_arm.yaml --out $(DEMO_OUT)/model
+	@echo "report: $(abspath $(DEMO_OUT))/model/report.html"
+
+test: venv
+	@$(ROS) $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope $(PYTEST_ARGS)
+
+bench: venv
+	@$(if $(BENCHES),,echo 'no script in bench/' >&2; exit 1;) $(ROS) \
+	for script in $(BENCHES); do echo "== $$script"; $(BIN)/python $$script; done
+
+lint: venv
+	@$(ROS) $(BIN)/python -m pytest -q -m linter
+
+clean:
+	rm -rf $(VENV) $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

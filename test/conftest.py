@@ -1,0 +1,52 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings and fixtures that all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+# Before rclpy or matplotlib are imported anywhere.
+os.environ.setdefault('MPLBACKEND', 'Agg')
+os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
+os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')
+
+# A domain for each pytest process, so that neither parallel workers nor other runs on this machine
+# hear each other. Workers inherit the first number from the process that starts them.
+_first = int(os.environ.setdefault('TUDOR_TEST_DOMAIN', str(1 + os.getpid() % 90)))
+_worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
+os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
+
+
+@pytest.fixture(scope='session')
+def root() -> Path:
+    """Root of the repository."""
+    return ROOT
+
+
+@pytest.fixture(scope='session')
+def shared_data() -> Path:
+    """Give the folder of recordings beside the checkout; skip the test where it is absent."""
+    folder = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data'))
+    if not folder.is_dir():
+        pytest.skip(f'no recordings in {folder}; TUDOR_SHARED_DATA names another folder')
+    return folder
