@@ -71,5 +71,4 @@ class Recording:
     @property
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""
-        seconds: FloatArray = (self.stamp - self.stamp[0]) * 1e-9
-        return seconds
+        return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
