@@ -239,7 +239,7 @@ def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     index = model.getJointId(joint)
     column = pin.getJointJacobian(model, data, index, pin.ReferenceFrame.LOCAL)
-    column = column[:, model.joints[index].idx_v]
+    column = column.reshape(6, -1)[:, model.joints[index].idx_v]
     linear, angular = column[:3], column[3:]
     axis = angular if np.linalg.norm(angular) > 0.5 else linear
     return np.asarray(axis, dtype=float)

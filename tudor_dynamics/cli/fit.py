@@ -153,12 +153,12 @@ def _fit(
     settings: FitSettings,
     step: Steps,
 ) -> FitResult:
-    def read(choice: BagChoice) -> BagData:
+    def read(choice: BagChoice, *, learn: bool) -> BagData:
         step(f'read {choice}')
-        return load(choice, arm, preprocessing)
+        return load(choice, arm, preprocessing, learn=learn)
 
-    training_data = [read(choice) for choice in training]
-    test_data = [read(choice) for choice in test]
+    training_data = [read(choice, learn=True) for choice in training]
+    test_data = [read(choice, learn=False) for choice in test]
     holdout = None
     if len(training) == 1 and not test:
         whole = training[0]

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.bags import read_recording, Recording
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.analytical import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
@@ -157,7 +158,9 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
         segments=tuple(segments))
 
 
-def load(choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec) -> BagData:
+def load(
+    choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec, *, learn: bool = False,
+) -> BagData:
     """
     Read and filter a bag.
 
@@ -169,6 +172,8 @@ def load(choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec) -> BagDa
         Arm that was recorded.
     preprocessing : PreprocessingSpec
         Filters and rate.
+    learn : bool, default=False
+        Refuse a bag in which no joint moves: nothing can be learned from it.
 
     Returns
     -------
@@ -176,7 +181,8 @@ def load(choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec) -> BagDa
         Bag ready for models.
 
     """
-    recording = cut(read_recording(choice.path, arm), choice)
+    whole = read_recording(choice.path, arm, need_output=True, need_motion=learn)
+    recording = cut(whole, choice)
     return BagData(choice, recording, tuple(prepare(recording, preprocessing)))
 
 

@@ -32,7 +32,7 @@ LOWEST = 0.5
 """Below, the residual is the model's own error, not a vibration [Hz]."""
 HALF_WIDTH = 0.2
 """Half width of a resonance, relative to its frequency: it moves with the pose."""
-SMALLEST_SHARE = 0.4
+SMALLEST_SHARE = 0.5
 """Share of the residual's power above LOWEST that the resonance must have."""
 SMALLEST_AMPLITUDE = 0.02
 """Rms of the resonance relative to the signal's standard deviation."""

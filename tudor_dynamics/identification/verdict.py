@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+import math
 
 from tudor_dynamics.identification.validation import Validation
 
@@ -85,14 +86,15 @@ def judge(
         Level with reasons.
 
     """
-    fit = validation.score.fit
+    fit = max(validation.score.fit, -1e6)
     if fit >= GOOD_FIT:
         level, bound = Level.GOOD, f'>= {GOOD_FIT:g}'
     elif fit >= USABLE_FIT:
         level, bound = Level.USABLE, f'{USABLE_FIT:g} to {GOOD_FIT:g}'
     else:
         level, bound = Level.DO_NOT_USE, f'< {USABLE_FIT:g}'
-    reasons = [f'fit {fit:.1f} % ({bound}) on {validation.method}']
+    shown_fit = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
+    reasons = [f'fit {shown_fit:.1f} % ({bound}) on {validation.method}']
     worst = min(validation.score.channels.items(), key=lambda item: item[1].fit)
     if worst[1].fit < USABLE_FIT <= fit:
         reasons.append(f'channel {worst[0]} alone has {worst[1].fit:.1f} %')
