@@ -51,8 +51,10 @@ $(STAMP): setup.cfg setup.py package.xml tools/find_python
 	@touch $@
 
 demo: venv
-	@$(ROS) $(BIN)/tudor fit bags/sample_* --arm config/two_blade_arm.yaml --out $(DEMO_OUT)/model
-	@echo "report: $(abspath $(DEMO_OUT))/model/report.html"
+	@$(ROS) $(BIN)/tudor fit bags/two_blade_train_1 bags/two_blade_train_2 --test bags/two_blade_test \
+	  --arm config/two_blade_arm.yaml --out $(DEMO_OUT)/model --overwrite
+	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_test
+	@echo "open the report in a browser: file://$(abspath $(DEMO_OUT))/model/report.html"
 
 test: venv
 	@$(ROS) $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope $(PYTEST_ARGS)

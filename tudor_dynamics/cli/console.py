@@ -99,6 +99,13 @@ def finite(content: Any) -> Any:
     return content
 
 
+def _percent(value: float) -> str:
+    """Write a percentage; far outside, its digits mean nothing."""
+    if value < -999.0:
+        return '< -999'
+    return '> 999' if value > 999.0 else f'{value:.2f}'
+
+
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:
     """
     Lay figures out as a table.
@@ -118,18 +125,18 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
     """
     table = Table(title=title, title_justify='left')
     for name in ('output', 'model', 'channel'):
-        table.add_column(name)
-    for name in ('RMSE', 'unit', 'sigma(E)', 'fit %', 'printed fit %', 'relative error %'):
-        table.add_column(name, justify='left' if name == 'unit' else 'right')
+        table.add_column(name, no_wrap=True)
+    for name in ('RMSE', 'unit', 'sigma(E)', 'fit %', 'printed fit %', 'rel. error %'):
+        table.add_column(name, justify='left' if name == 'unit' else 'right', no_wrap=True)
     for output, model, score, units in rows:
         unit = set(units.values())
         table.add_row(output, model, 'all', f'{score.rmse:.4g}',
                       unit.pop() if len(unit) == 1 else 'mixed', f'{score.sigma_e:.4g}',
-                      f'{score.fit:.2f}', f'{score.fit_printed:.2f}',
-                      f'{100 * score.relative_error:.2f}')
+                      _percent(score.fit), _percent(score.fit_printed),
+                      _percent(100 * score.relative_error))
         for name, channel in score.channels.items():
             table.add_row('', '', name, f'{channel.rmse:.4g}', units[name], '',
-                          f'{channel.fit:.2f}', '', f'{100 * channel.relative_error:.2f}')
+                          _percent(channel.fit), '', _percent(100 * channel.relative_error))
         table.add_section()
     return table
 
@@ -138,5 +145,5 @@ def print_table(table: Table) -> None:
     """Print a table on standard output; wide enough to be whole where it goes to a file."""
     console = Console()
     if not console.is_terminal:
-        console = Console(width=120)
+        console = Console(width=160)
     console.print(table)

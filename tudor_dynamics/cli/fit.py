@@ -28,7 +28,8 @@ from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, Steps, steps
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
-from tudor_dynamics.identification.dataset import BagChoice, BagData, load, parse_choice
+from tudor_dynamics.identification.dataset import (
+    BagChoice, BagData, halves, load, parse_choice)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
 from tudor_dynamics.identification.report import write_report
 from tudor_dynamics.identification.verdict import Level
@@ -159,12 +160,8 @@ def _fit(
 
     training_data = [read(choice, learn=True) for choice in training]
     test_data = [read(choice, learn=False) for choice in test]
-    holdout = None
-    if len(training) == 1 and not test:
-        whole = training[0]
-        middle = whole.end - HELD_OUT * (whole.end - whole.begin)
-        holdout = (load(BagChoice(whole.path, whole.begin, middle), arm, preprocessing),
-                   load(BagChoice(whole.path, middle, whole.end), arm, preprocessing))
+    alone = len(training) == 1 and not test
+    holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None
     return fit_models(arm, training_data, test_data, holdout, preprocessing, settings, step)
 
 

@@ -186,6 +186,38 @@ def load(
     return BagData(choice, recording, tuple(prepare(recording, preprocessing)))
 
 
+def halves(
+    bag: BagData, held_out: float, preprocessing: PreprocessingSpec,
+) -> tuple[BagData, BagData]:
+    """
+    Split a bag by time into a part to fit to and a last part to judge by.
+
+    Parameters
+    ----------
+    bag : BagData
+        Bag that was loaded.
+    held_out : float
+        Fraction of it at the end to judge by.
+    preprocessing : PreprocessingSpec
+        Filters and rate; each part is filtered on its own.
+
+    Returns
+    -------
+    first, last : BagData
+        Parts.
+
+    """
+    middle = 1.0 - held_out
+    width = bag.choice.end - bag.choice.begin
+    parts = []
+    for begin, end in ((0.0, middle), (middle, 1.0)):
+        recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
+        named = BagChoice(bag.choice.path, bag.choice.begin + begin * width,
+                          bag.choice.begin + end * width)
+        parts.append(BagData(named, recording, tuple(prepare(recording, preprocessing))))
+    return parts[0], parts[1]
+
+
 def training_blocks(data: Sequence[BagData], output: str) -> Blocks:
     """
     Give the training data of one output from several bags.
