@@ -87,7 +87,7 @@ def read_merit(path: str | Path) -> FloatArray:
 
 
 def _is_header(line: int, cells: list[str]) -> bool:
-    return line == 1 and not any(_is_number(cell) for cell in cells)
+    return line == 1 and len(cells) > 1 and not any(_is_number(cell) for cell in cells)
 
 
 def _is_number(cell: str) -> bool:
@@ -122,8 +122,8 @@ def _check(path: Path, table: FloatArray) -> None:
     steps = np.diff(t)
     if np.any(steps <= 0):
         row = int(np.argmax(steps <= 0)) + 1
-        msg = (f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow {t[row - 1]:g} s; '
-               'the first column must increase, in seconds')
+        msg = (f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow '
+               f'{t[row - 1]:g} s; the first column must increase, in seconds')
         raise BagError(msg)
     if t[0] < 0 or t[-1] > MAX_TIME or np.any(np.diff(np.round(t * 1e9)) <= 0):
         msg = (f'{path}: the first column runs from {t[0]:g} to {t[-1]:g}; expected seconds that '

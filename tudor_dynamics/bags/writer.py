@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 import shutil
 import tempfile
+from typing import Literal
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -30,7 +31,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import BagError
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
-METADATA_VERSION = 9
+METADATA_VERSION: Literal[9] = 9
 """Of metadata.yaml, as Jazzy writes it."""
 
 

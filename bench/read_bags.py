@@ -1,0 +1,138 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Reading a bag as arrays against rosbags' own decoding, message by message.
+
+Run ``python bench/read_bags.py`` (``--messages``, ``--joints``, ``--runs``). Bags are written to a
+temporary directory and removed. Each figure is the median of several runs in this process.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+import tempfile
+from time import perf_counter
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+from tudor_dynamics.arm import arm_from_dict
+from tudor_dynamics.bags import read_recording
+from tudor_dynamics.bags.joint_states import load_joint_states
+from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.opening import open_bag
+from tudor_dynamics.bags.writer import write_bag
+
+TOPIC = '/joint_states'
+
+
+def write(path: Path, storage: str, messages: int, joints: int) -> None:
+    """Write a bag of sines, all fields present."""
+    stamp = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(messages)
+    t = np.arange(messages)[:, None] * 1e-3
+    rate = 1 + 0.3 * np.arange(joints)
+    write_bag(path, [JointStateSeries(
+        TOPIC, stamp, [f'joint_{i}' for i in range(joints)], np.sin(rate * t),
+        rate * np.cos(rate * t), 10 * np.sin(rate * t))], storage=storage)
+
+
+def with_rosbags(path: Path) -> None:
+    """Decode each message with rosbags and make arrays."""
+    stamp, position, velocity, effort = [], [], [], []
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            time = message.header.stamp
+            stamp.append(time.sec * 1_000_000_000 + time.nanosec)
+            position.append(message.position)
+            velocity.append(message.velocity)
+            effort.append(message.effort)
+    for values in (stamp, position, velocity, effort):
+        np.array(values)
+
+
+def decode_only(path: Path) -> None:
+    """Decode each message with rosbags and keep nothing."""
+    with AnyReader([path]) as reader:
+        for connection, _, data in reader.messages():
+            reader.deserialize(data, connection.msgtype)
+
+
+def raw_only(path: Path) -> None:
+    """Read the undecoded messages with rosbags."""
+    with Reader(path) as reader:
+        list(reader.messages())
+
+
+def as_arrays(path: Path) -> None:
+    """Read with this package: open to arrays of stamps, positions, velocities and efforts."""
+    for states in load_joint_states(open_bag(path), [TOPIC]).values():
+        for block in states.blocks:
+            for field in ('position', 'velocity', 'effort'):
+                block.values(field)
+
+
+def as_recording(joints: int) -> Callable[[Path], None]:
+    """Read with this package, with all checks, alignment and the checksum."""
+    arm = arm_from_dict(
+        {'name': 'bench', 'kinematics': {'dh': [[0.1, 0, 0, 0]] * joints},
+         'joints': [{'name': f'joint_{i}'} for i in range(joints)]},
+        base=Path(), source='bench')
+
+    def run(path: Path) -> None:
+        read_recording(path, arm)
+    return run
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--messages', type=int, default=100_000)
+    parser.add_argument('--joints', type=int, default=6)
+    parser.add_argument('--runs', type=int, default=5)
+    args = parser.parse_args()
+    ways = {'rosbags, decode loop to arrays': with_rosbags,
+            'rosbags, decode loop, nothing kept': decode_only,
+            'rosbags, raw messages only': raw_only,
+            'open to arrays (this package)': as_arrays,
+            'read_recording (checks, checksum)': as_recording(args.joints)}
+    print(f'{args.messages} JointState messages of {args.joints} joints, '
+          f'median of {args.runs} runs; faster = against the decode loop that keeps nothing')
+    print(f'{"":36s} {"mcap [s]":>9s} {"faster":>7s} {"sqlite3 [s]":>12s} {"faster":>7s}')
+    with tempfile.TemporaryDirectory() as folder:
+        times: dict[tuple[str, str], list[float]] = {}
+        paths = {storage: Path(folder) / storage for storage in ('mcap', 'sqlite3')}
+        for storage, path in paths.items():
+            write(path, storage, args.messages, args.joints)
+        for _ in range(args.runs):  # ways in turn, so that a busy moment hits them all
+            for storage, path in paths.items():
+                for name, way in ways.items():
+                    start = perf_counter()
+                    way(path)
+                    times.setdefault((name, storage), []).append(perf_counter() - start)
+    for name in ways:
+        cells = []
+        for storage in paths:
+            took = median(times[name, storage])
+            cells.append((took, median(times['rosbags, decode loop, nothing kept', storage])
+                          / took))
+        print(f'{name:36s} {cells[0][0]:9.3f} {cells[0][1]:6.1f}x {cells[1][0]:12.3f} '
+              f'{cells[1][1]:6.1f}x')
+
+
+if __name__ == '__main__':
+    main()

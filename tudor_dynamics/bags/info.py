@@ -1,0 +1,320 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What is in a bag, what it can be used for, and what is odd about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.alignment import gap_limit, increasing, split_at_gaps
+from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE
+from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
+from tudor_dynamics.bags.notes import Notes
+from tudor_dynamics.bags.opening import open_bag
+from tudor_dynamics.bags.plan import Plan, plan_from_arm
+from tudor_dynamics.bags.reader import assemble
+from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.errors import BagError
+
+STRAIN_WORDS = ('strain', 'gauge')
+"""A topic of JointState whose name has one of these carries strains, where no arm is given."""
+
+
+@dataclass(frozen=True)
+class ChannelReport:
+    """
+    One name in one field of a topic.
+
+    Attributes
+    ----------
+    name : str
+        Joint or gauge.
+    field : str
+        ``position``, ``velocity`` or ``effort``.
+    minimum, maximum : float or None
+        Range of the finite values; None where there are none.
+    not_finite : int
+        NaN and infinite values.
+
+    """
+
+    name: str
+    field: str
+    minimum: float | None
+    maximum: float | None
+    not_finite: int
+
+
+@dataclass(frozen=True)
+class TopicReport:
+    """
+    A topic. Times are header stamps where these are set, else log times.
+
+    Attributes
+    ----------
+    name, type : str
+        Topic and message type.
+    count : int
+        Messages.
+    clock : str
+        ``stamp`` or ``log``.
+    rate : float or None
+        From the median time between messages [Hz].
+    jitter : float or None
+        Standard deviation of that time, gaps left out [s].
+    duration : float
+        From first to last message [s].
+    gaps, longest_gap : int, float
+        Number of gaps, and the longest [s].
+    duplicates, backward : int
+        Messages with a stamp that came before, or that lies back in time.
+    names : list of str
+        Joints or gauges.
+    fields : list of str
+        Arrays that are not empty, at least in some messages.
+    channels : list of ChannelReport
+        Ranges.
+
+    """
+
+    name: str
+    type: str  # noqa: A003 (a key of the JSON output)
+    count: int
+    clock: str = 'log'
+    rate: float | None = None
+    jitter: float | None = None
+    duration: float = 0.0
+    gaps: int = 0
+    longest_gap: float = 0.0
+    duplicates: int = 0
+    backward: int = 0
+    names: list[str] = field(default_factory=list)
+    fields: list[str] = field(default_factory=list)
+    channels: list[ChannelReport] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class BagReport:
+    """
+    A bag.
+
+    Attributes
+    ----------
+    path, storage : str
+        What was read, and its format.
+    files : list of str
+        Storage files.
+    size : int
+        Of these files [bytes].
+    checksum : str
+        SHA-256 over these files.
+    start : float or None
+        Log time of the first message [s].
+    duration : float
+        From the first to the last message of any topic [s].
+    topics : list of TopicReport
+        Topics by name.
+    effort_model, strain_model : bool
+        What can be learned from the bag.
+    verdict : str
+        The same in words, with the reason.
+    samples : int
+        Aligned samples for that.
+    dropped : dict of str to int
+        Messages left out of these, by cause.
+    odd : list of str
+        What the user should know.
+
+    """
+
+    path: str
+    storage: str
+    files: list[str]
+    size: int
+    checksum: str
+    start: float | None
+    duration: float
+    topics: list[TopicReport]
+    effort_model: bool
+    strain_model: bool
+    verdict: str
+    samples: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    odd: list[str] = field(default_factory=list)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the report as it is printed with ``--json``."""
+        return asdict(self)
+
+
+def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
+    if len(stamp) < 2:
+        return {'clock': clock}
+    order = increasing(stamp)
+    kept = stamp[order.keep]
+    result: dict[str, Any] = {
+        'clock': clock, 'duplicates': order.duplicate, 'backward': order.backward,
+        'duration': float(kept[-1] - kept[0]) * 1e-9}
+    if len(kept) > 1:
+        steps = np.diff(kept)
+        is_gap = steps * 1e-9 > gap_limit(kept)
+        result |= {'rate': 1e9 / float(np.median(steps)), 'gaps': len(split_at_gaps(kept)) - 1,
+                   'jitter': float(np.std(steps[~is_gap])) * 1e-9,
+                   'longest_gap': float(steps[is_gap].max()) * 1e-9 if is_gap.any() else 0.0}
+    return result
+
+
+def _channels(states: JointStates, names: list[str]) -> list[ChannelReport]:
+    reports = []
+    for name in names:
+        for what in FIELDS:
+            parts = [block.values(what)[:, block.layout.names.index(name)]
+                     for block in states.blocks if name in block.layout.names
+                     and block.layout.names.index(name) < block.layout.fields[what][1]]
+            if parts:
+                values = np.concatenate(parts)
+                finite = values[np.isfinite(values)]
+                reports.append(ChannelReport(
+                    name, what, float(finite.min()) if len(finite) else None,
+                    float(finite.max()) if len(finite) else None, len(values) - len(finite)))
+    return reports
+
+
+def _topic_report(name: str, msgtype: str, states: JointStates) -> TopicReport:
+    names = list(dict.fromkeys(one for block in states.blocks for one in block.layout.names))
+    fields = [what for what in FIELDS
+              if any(block.layout.fields[what][1] for block in states.blocks)]
+    unset = not states.stamp.any()
+    times = _times(states.log_time if unset else states.stamp, 'log' if unset else 'stamp')
+    return TopicReport(name, msgtype, len(states.stamp), names=names, fields=fields,
+                       channels=_channels(states, names), **times)
+
+
+def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
+    """
+    Guess what an arm description would say, from the topics alone.
+
+    Parameters
+    ----------
+    topics : dict of str to JointStates
+        Decoded topics.
+
+    Returns
+    -------
+    Plan or None
+        Joints are those of the topic that ends with ``joint_states``, or else of the topic with
+        the most positions; None where no topic has positions.
+
+    """
+    def with_field(what: str) -> dict[str, list[str]]:
+        found = {}
+        for name, states in topics.items():
+            blocks = [block for block in states.blocks if block.layout.fields[what][1]]
+            if blocks:
+                largest = max(blocks, key=lambda block: len(block.index))
+                found[name] = list(largest.layout.names)
+        return found
+
+    def is_strain(name: str) -> bool:
+        return any(word in name.lower() for word in STRAIN_WORDS)
+
+    positions, efforts = with_field('position'), with_field('effort')
+    candidates = [name for name in positions if not is_strain(name)]
+    if not candidates:
+        return None
+    topic = max(candidates, key=lambda name: (name.endswith('joint_states'),
+                                              len(topics[name].stamp)))
+    joints = tuple(dict.fromkeys(positions[topic]))
+    sources = [name for name in (topic, *sorted(efforts))
+               if set(joints) <= set(efforts.get(name, ()))]
+    strains = {gauge: name for name, gauges in positions.items() if is_strain(name)
+               for gauge in gauges}
+    return Plan(topic, joints, (False,) * len(joints), (4 * np.pi,) * len(joints),
+                (sources[0] if sources else topic,) * len(joints),
+                tuple(strains), tuple(strains.values()))
+
+
+def _verdict(
+    bag: Bag, topics: Mapping[str, JointStates], plan: Plan | None, notes: Notes,
+) -> dict[str, Any]:
+    nothing = {'effort_model': False, 'strain_model': False}
+    if plan is None:
+        return nothing | {'verdict': 'nothing: no joint positions in it'}
+    try:
+        found = assemble(bag, topics, plan, notes, need_output=True, need_motion=True,
+                         checksum=False)
+    except BagError as err:
+        return nothing | {'verdict': f'nothing: {str(err).removeprefix(f"{bag.path}: ")}'}
+    models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
+              if values is not None]
+    lacking = {'effort': '; no efforts', 'strain': '; no strains'}
+    reason = ''.join(text for name, text in lacking.items() if name not in models)
+    return {'effort_model': 'effort' in models, 'strain_model': 'strain' in models,
+            'verdict': f'{" and ".join(models)} model{reason}', 'samples': len(found.stamp),
+            'dropped': dict(found.dropped)}
+
+
+def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
+    """
+    Describe a bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    arm : Arm, optional
+        Whose joints and gauges to look for; guessed from the topics by default.
+
+    Returns
+    -------
+    BagReport
+        Also for bags that cannot be used; the verdict says why.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read at all.
+
+    """
+    notes = Notes(str(path), quiet=True)
+    bag = open_bag(path, notes)
+    chosen = [name for name, info in bag.topics.items() if info.msgtype == JOINT_STATE]
+    topics = load_joint_states(bag, chosen)
+    others = bag.read([name for name in bag.topics if name not in topics], with_data=False)
+    reports, edges = [], []
+    for name, info in sorted(bag.topics.items()):
+        if name in topics:
+            reports.append(_topic_report(name, info.msgtype, topics[name]))
+            log_time = topics[name].log_time
+        else:
+            log_time = others[name].log_time
+            reports.append(TopicReport(name, info.msgtype, len(log_time),
+                                       **_times(log_time, 'log')))
+        if info.count != len(log_time):
+            notes.add(f'{name}: {info.count} messages announced, {len(log_time)} found')
+        if len(log_time):
+            edges += [int(log_time[0]), int(log_time[-1])]
+    plan = guess_plan(topics) if arm is None else plan_from_arm(arm)
+    return BagReport(
+        str(path), bag.storage, [file.name for file in bag.files],
+        sum(file.stat().st_size for file in bag.files), bag.checksum(),
+        min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
+        reports, odd=notes.texts, **_verdict(bag, topics, plan, notes))

@@ -1,0 +1,173 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""``tudor info``: what is in a bag, what it can be used for, what is odd about it."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import datetime, timezone
+import json
+import sys
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
+from tudor_dynamics.errors import BagError
+
+EXAMPLES = """\
+examples:
+  tudor info my_bag
+  tudor info bags/* --arm config/two_blade_arm.yaml
+  tudor info recording_0.mcap --json
+
+Without --arm, joints, efforts and strains are guessed from the topics. The exit code is 0 for a
+bag that can be read, even if nothing can be learned from it, and 2 for one that cannot.
+"""
+
+WIDTH = 120
+"""Of the tables where the output is no terminal [characters]."""
+REAL_TIME = 1e8
+"""Stamps before this are no dates, but times since some start [s]."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """
+    Add the options.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+
+    """
+    parser.add_argument('bags', metavar='BAG', nargs='+',
+                        help='rosbag2 directory, .mcap or .db3 file')
+    parser.add_argument('--arm', metavar='ARM.yaml',
+                        help='arm description: look for its joints and gauges')
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(args: argparse.Namespace) -> int:
+    """
+    Describe the bags.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed options.
+
+    Returns
+    -------
+    int
+        0, or 2 if a bag could not be read; the others are described nevertheless.
+
+    """
+    arm = None if args.arm is None else load_arm(args.arm)
+    console = Console(highlight=False, markup=False, emoji=False)
+    if not console.is_terminal:
+        console = Console(highlight=False, markup=False, emoji=False, width=WIDTH)
+    reports, code = [], 0
+    for path in args.bags:
+        try:
+            report = describe(path, arm)
+        except BagError as err:
+            if len(args.bags) == 1:
+                raise
+            print(f'tudor info: {" ".join(str(err).split())}', file=sys.stderr)
+            code = 2
+            continue
+        reports.append(report)
+        if not args.json:
+            show(report, console)
+    if args.json:
+        print(json.dumps({'bags': [report.as_dict() for report in reports]}, indent=2,
+                         allow_nan=False))
+    return code
+
+
+def _clean(text: str) -> str:
+    # Names come from the bag: nothing in them may steer the terminal.
+    return ''.join(char if char.isprintable() else '?' for char in text)
+
+
+def _range(channel: ChannelReport | None) -> str:
+    if channel is None:
+        return ''
+    if channel.minimum is None or channel.maximum is None:
+        return 'no number'
+    return f'{channel.minimum:.4g} .. {channel.maximum:.4g}'
+
+
+def _topic_row(topic: TopicReport) -> list[str]:
+    rate = '' if topic.rate is None else f'{topic.rate:.4g}'
+    jitter = '' if topic.jitter is None else f'{topic.jitter * 1e3:.3g}'
+    gaps = f'{topic.gaps} ({topic.longest_gap:.3g} s)' if topic.gaps else '0'
+    again = f'{topic.duplicates} / {topic.backward}'
+    return [_clean(topic.name), _clean(topic.type), str(topic.count), rate, jitter, gaps, again,
+            topic.clock]
+
+
+def _channel_table(topic: TopicReport) -> Table:
+    table = Table(title=Text(f'{_clean(topic.name)}: {", ".join(topic.fields) or "no values"}'),
+                  title_justify='left')
+    table.add_column('name', overflow='fold')
+    for what in topic.fields:
+        table.add_column(f'{what} range')
+    table.add_column('NaN', justify='right')
+    for name in topic.names:
+        found = {channel.field: channel for channel in topic.channels if channel.name == name}
+        bad = sum(channel.not_finite for channel in found.values())
+        table.add_row(Text(_clean(name)), *(_range(found.get(what)) for what in topic.fields),
+                      str(bad))
+    return table
+
+
+def show(report: BagReport, console: Console) -> None:
+    """
+    Print a report.
+
+    Parameters
+    ----------
+    report : BagReport
+        Of one bag.
+    console : rich.console.Console
+        Where to.
+
+    """
+    start = ''
+    if report.start is not None and report.start > REAL_TIME:
+        moment = datetime.fromtimestamp(report.start, tz=timezone.utc)
+        start = f', recorded {moment:%Y-%m-%d %H:%M:%S} UTC'
+    console.print(Text(_clean(report.path), style='bold'))
+    console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
+                  f'{report.duration:.4g} s{start}')
+    table = Table()
+    for title in ('topic', 'type', 'messages', 'rate [Hz]', 'jitter [ms]', 'gaps',
+                  'double / back', 'clock'):
+        table.add_column(title, overflow='fold',
+                         justify='left' if title in ('topic', 'type', 'clock') else 'right')
+    for topic in report.topics:
+        table.add_row(*(Text(cell) for cell in _topic_row(topic)))
+    console.print(table)
+    for topic in report.topics:
+        if topic.names:
+            console.print(_channel_table(topic))
+    for text in report.odd:
+        console.print(Text(f'odd: {_clean(text)}', style='yellow'))
+    usable = report.effort_model or report.strain_model
+    console.print(Text(f'use: {_clean(report.verdict)}', style='green' if usable else 'red'))
+    console.print()
