@@ -314,7 +314,8 @@ class AnalyticalModel:
             weights = np.column_stack([huber_weights(column) for column in residuals.T])
             self.fit_products(self.products(blocks, weights=weights))
             after = self.coefficients()
-            change = np.linalg.norm(after - before) / max(np.linalg.norm(after), 1e-300)
+            change = float(np.linalg.norm(after - before)
+                           / max(float(np.linalg.norm(after)), 1e-300))
             before = after
             if change < 1e-6:
                 return
