@@ -46,7 +46,7 @@ $(STAMP): setup.cfg setup.py package.xml tools/find_python
 	  echo "environment in $(VENV), $$($$python --version) from $$python"; \
 	  $$python -m venv --clear $(if $(ROS_SETUP),--system-site-packages) $(VENV); \
 	fi; \
-	echo 'installing (downloads of about 500 MB at the first time) ...'; \
+	echo 'installing from PyPI, one or two minutes ...'; \
 	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
 	@touch $@
 
