@@ -71,4 +71,4 @@ class Recording:
     @property
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""
-        return (self.stamp - self.stamp[0]) * 1e-9
+        return np.asarray((self.stamp - self.stamp[0]) * 1e-9)

@@ -1,0 +1,155 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Stamps: order, gaps, segments, and the alignment of streams of different rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.cdr import FloatArray
+
+GAP_PERIODS = 5.0
+GAP_FLOOR = 0.02
+"""
+A gap is longer than five sample times and than 20 ms [s].
+
+Five sample times pass the odd lost message. The floor is for fast recordings: at 1 kHz a stall of
+a few milliseconds is scheduling, and motion and oscillation of arms (below 20 Hz) are still
+sampled faster than twice their frequency across 20 ms.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """
+    Which messages increase in time.
+
+    Attributes
+    ----------
+    keep : ndarray of bool, shape (n,)
+        Messages later than all before them.
+    duplicate, backward : int
+        Messages with the stamp of the newest one before them, and with an older one.
+
+    """
+
+    keep: NDArray[np.bool_]
+    duplicate: int
+    backward: int
+
+
+def increasing(stamp: NDArray[np.int64]) -> Order:
+    """
+    Find the messages whose stamps increase.
+
+    Parameters
+    ----------
+    stamp : ndarray of int64, shape (n,)
+        Times in the order of the messages [ns].
+
+    Returns
+    -------
+    Order
+        Messages to keep, and how many not, by cause.
+
+    """
+    newest = np.maximum.accumulate(stamp)[:-1] if len(stamp) else stamp
+    later = stamp[1:] > newest
+    duplicate = int(np.sum(stamp[1:] == newest))
+    keep = np.concatenate([np.ones(min(1, len(stamp)), dtype=bool), later])
+    return Order(keep, duplicate, int(np.sum(~keep)) - duplicate)
+
+
+def gap_limit(stamp: NDArray[np.int64]) -> float:
+    """
+    Give the longest time between samples that is not a gap.
+
+    Parameters
+    ----------
+    stamp : ndarray of int64, shape (n,)
+        Increasing times [ns].
+
+    Returns
+    -------
+    float
+        Limit [s]; see `GAP_FLOOR`.
+
+    """
+    if len(stamp) < 2:
+        return GAP_FLOOR
+    return max(GAP_PERIODS * float(np.median(np.diff(stamp))) * 1e-9, GAP_FLOOR)
+
+
+def split_at_gaps(stamp: NDArray[np.int64]) -> tuple[slice, ...]:
+    """
+    Split a record at its gaps.
+
+    Parameters
+    ----------
+    stamp : ndarray of int64, shape (n,)
+        Increasing times [ns].
+
+    Returns
+    -------
+    tuple of slice
+        Stretches without a gap.
+
+    """
+    cuts = np.flatnonzero(np.diff(stamp) * 1e-9 > gap_limit(stamp)) + 1
+    ends = [0, *cuts.tolist(), len(stamp)]
+    return tuple(slice(a, b) for a, b in zip(ends, ends[1:]) if b > a)
+
+
+def interpolate(
+    at: NDArray[np.int64], stamp: NDArray[np.int64], values: FloatArray,
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """
+    Bring a stream onto other stamps.
+
+    Samples with the same stamp are taken as they are, others interpolated linearly between their
+    neighbours, unless there is a gap between these.
+
+    Parameters
+    ----------
+    at : ndarray of int64, shape (m,)
+        Times wanted [ns].
+    stamp : ndarray of int64, shape (n,)
+        Times of the stream, increasing [ns].
+    values : ndarray of shape (n, k)
+        Its values; NaN marks a sample without value.
+
+    Returns
+    -------
+    ndarray of shape (m, k)
+        Values at the times wanted, NaN where the second result is False or a neighbour is NaN.
+    ndarray of bool, shape (m,)
+        Where there was a sample, or a neighbour on both sides.
+
+    """
+    result = np.full((len(at), values.shape[1]), np.nan)
+    if not len(stamp):
+        return result, np.zeros(len(at), dtype=bool)
+    right = np.minimum(np.searchsorted(stamp, at), len(stamp) - 1)
+    left = np.maximum(right - 1, 0)
+    exact = stamp[right] == at
+    width = (stamp[right] - stamp[left]) * 1e-9
+    inside = (stamp[left] < at) & (at < stamp[right]) & (width <= gap_limit(stamp))
+    result[exact] = values[right[exact]]
+    a, b = left[inside], right[inside]
+    weight = ((at[inside] - stamp[a]) / (stamp[b] - stamp[a]))[:, None]
+    result[inside] = (1 - weight) * values[a] + weight * values[b]
+    return result, exact | inside

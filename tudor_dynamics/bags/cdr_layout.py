@@ -1,0 +1,199 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Where things stand in CDR messages: JointState and WrenchStamped.
+
+The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment counts from behind
+the encapsulation header of four bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
+
+HEADER = 4
+"""Bytes of the encapsulation header."""
+MAX_PADDING = 3
+"""Bytes that a middleware may append to fill up to four."""
+FIELDS = ('position', 'velocity', 'effort')
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+
+
+class CdrError(ValueError):
+    """A buffer that is not a message of the type expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """
+    Where everything stands in messages of one shape.
+
+    Attributes
+    ----------
+    length : int
+        Bytes of a message.
+    order : {'<', '>'}
+        Byte order.
+    frame_id : str
+        Of the header.
+    names : tuple of str
+        Of a JointState; empty for other types.
+    fields : dict of str to (int, int)
+        Offset and number of float64 values of each array.
+    dtype : numpy.dtype
+        Structured type: ``sec``, ``nanosec`` and the fields that are not empty.
+    significant : ndarray of uint8, shape (length,)
+        255 where a byte belongs to the structure, 0 where it is a number or padding.
+
+    """
+
+    length: int
+    order: str
+    frame_id: str
+    names: tuple[str, ...]
+    fields: dict[str, tuple[int, int]]
+    dtype: np.dtype[Any]
+    significant: NDArray[np.uint8]
+
+
+class _Cursor:
+    """Walks one buffer, checks every bound, and marks the structural bytes."""
+
+    def __init__(self, buffer: bytes) -> None:
+        if len(buffer) < HEADER or bytes(buffer[:2]) not in (b'\x00\x00', b'\x00\x01'):
+            hint = (' (compressed messages are read only with their metadata.yaml)'
+                    if buffer[:4] == ZSTD_MAGIC else '')
+            raise CdrError(f'no plain CDR encapsulation{hint}')
+        self.buffer = buffer
+        self.order = '<' if buffer[1] else '>'
+        self.position = HEADER
+        self.significant = np.zeros(len(buffer), dtype=np.uint8)
+        self.significant[:2] = 255
+        self._u32 = struct.Struct(self.order + 'I')
+
+    def skip(self, size: int, alignment: int) -> int:
+        """Skip numbers; return where they begin."""
+        start = self.position + (HEADER - self.position) % alignment
+        if start + size > len(self.buffer):
+            raise CdrError(f'ends within byte {start} + {size}, has {len(self.buffer)} bytes')
+        self.position = start + size
+        return start
+
+    def count(self) -> int:
+        """Read a structural number."""
+        start = self.skip(4, 4)
+        self.significant[start:start + 4] = 255
+        return int(self._u32.unpack_from(self.buffer, start)[0])
+
+    def text(self) -> str:
+        """Read a string, which must end with a NUL."""
+        size = self.count()
+        start = self.skip(size, 1)
+        self.significant[start:start + size] = 255
+        raw = bytes(self.buffer[start:start + size])
+        if not raw.endswith(b'\x00'):
+            raise CdrError(f'string at byte {start} has no terminator')
+        try:
+            return raw[:-1].decode()
+        except UnicodeDecodeError:
+            raise CdrError(f'string at byte {start} is no UTF-8') from None
+
+    def doubles(self) -> tuple[int, int]:
+        """Read the length of a sequence of float64 and skip it; offset and length."""
+        size = self.count()
+        if size == 0:
+            return self.position, 0
+        return self.skip(8 * size, 8), size
+
+    def finish(
+        self, frame_id: str, names: tuple[str, ...], fields: dict[str, tuple[int, int]],
+    ) -> Layout:
+        """Check that nothing is left, and make the layout."""
+        left = len(self.buffer) - self.position
+        if left > MAX_PADDING:
+            raise CdrError(f'has {left} bytes too many')
+        present = {name: place for name, place in fields.items() if place[1]}
+        dtype = np.dtype({
+            'names': ['sec', 'nanosec', *present],
+            'formats': [self.order + 'i4', self.order + 'u4',
+                        *((self.order + 'f8', (size,)) for _, size in present.values())],
+            'offsets': [HEADER, HEADER + 4, *(start for start, _ in present.values())],
+            'itemsize': len(self.buffer)})
+        return Layout(len(self.buffer), self.order, frame_id, names, fields, dtype,
+                      self.significant)
+
+
+def joint_state_layout(buffer: bytes) -> Layout:
+    """
+    Parse the structure of a JointState.
+
+    Parameters
+    ----------
+    buffer : bytes
+        Message with its encapsulation header.
+
+    Returns
+    -------
+    Layout
+        Names, and places of position, velocity and effort.
+
+    Raises
+    ------
+    CdrError
+        If the buffer is no JointState.
+
+    """
+    cursor = _Cursor(buffer)
+    cursor.skip(8, 4)
+    frame_id = cursor.text()
+    count = cursor.count()
+    if count > len(buffer) // 5:  # a string takes five bytes at least
+        raise CdrError(f'announces {count} names in {len(buffer)} bytes')
+    names = tuple(cursor.text() for _ in range(count))
+    fields = {field: cursor.doubles() for field in FIELDS}
+    return cursor.finish(frame_id, names, fields)
+
+
+def wrench_layout(buffer: bytes) -> Layout:
+    """
+    Parse the structure of a WrenchStamped.
+
+    Parameters
+    ----------
+    buffer : bytes
+        Message with its encapsulation header.
+
+    Returns
+    -------
+    Layout
+        Place of ``wrench``: force [N] and torque [N m].
+
+    Raises
+    ------
+    CdrError
+        If the buffer is no WrenchStamped.
+
+    """
+    cursor = _Cursor(buffer)
+    cursor.skip(8, 4)
+    frame_id = cursor.text()
+    return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})

@@ -1,0 +1,145 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""JointState topics of a bag as arrays, and whether their messages keep their contract."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.cdr import Block, decode
+from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE, joint_state_layout
+from tudor_dynamics.bags.storage import Bag, RawMessages
+from tudor_dynamics.errors import BagError
+
+
+@dataclass(frozen=True, eq=False)
+class JointStates:
+    """
+    All messages of a JointState topic.
+
+    Attributes
+    ----------
+    topic : str
+        Name.
+    log_time, stamp : ndarray of int64, shape (n,)
+        When each was recorded, and its header stamp [ns].
+    blocks : list of Block
+        Messages by layout.
+
+    """
+
+    topic: str
+    log_time: NDArray[np.int64]
+    stamp: NDArray[np.int64]
+    blocks: list[Block]
+
+
+def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
+    """
+    Decode a topic.
+
+    Parameters
+    ----------
+    raw : RawMessages
+        Its messages.
+    path : str
+        Bag, for messages.
+
+    Returns
+    -------
+    JointStates
+        Arrays.
+
+    Raises
+    ------
+    BagError
+        If the type is another one, or a message cannot be decoded.
+
+    """
+    if raw.msgtype != JOINT_STATE:
+        msg = (f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected {JOINT_STATE}; '
+               'name another topic in the arm description')
+        raise BagError(msg)
+    try:
+        blocks = decode(raw.data, joint_state_layout, raw.topic)
+    except BagError as err:
+        msg = f'{path}: {err}'
+        raise BagError(msg) from None
+    stamp = np.zeros(len(raw.data), dtype=np.int64)
+    for block in blocks:
+        stamp[block.index] = block.stamp
+    return JointStates(raw.topic, raw.log_time, stamp, blocks)
+
+
+def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointStates]:
+    """
+    Read and decode topics of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+        Opened bag.
+    topics : collection of str
+        JointState topics that it has.
+
+    Returns
+    -------
+    dict of str to JointStates
+        Decoded topics.
+
+    """
+    return {name: decode_joint_states(raw, str(bag.path))
+            for name, raw in bag.read(topics).items()}
+
+
+def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
+    """
+    Refuse messages whose arrays do not go with their names.
+
+    Parameters
+    ----------
+    states : JointStates
+        Decoded topic.
+    names : sequence of str
+        Names of interest; messages without any of them are not looked at.
+    path : str
+        Bag, for messages.
+
+    Raises
+    ------
+    BagError
+        If an array is neither empty nor as long as ``name``, or a name stands there twice.
+
+    """
+    for block in states.blocks:
+        layout = block.layout
+        if not set(names) & set(layout.names):
+            continue
+        where = f'{path}: topic {states.topic}, message {block.index[0]}'
+        for field in FIELDS:
+            size = layout.fields[field][1]
+            if size not in (0, len(layout.names)):
+                msg = (f'{where}: {field} has {size} values for {len(layout.names)} names; a '
+                       'JointState array has the length of name or is empty: repair the '
+                       'publisher and record again')
+                raise BagError(msg)
+        for name in names:
+            if layout.names.count(name) > 1:
+                msg = (f'{where}: {name!r} stands in name {layout.names.count(name)} times; '
+                       'repair the publisher and record again')
+                raise BagError(msg)

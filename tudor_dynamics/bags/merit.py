@@ -1,0 +1,169 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+The public recordings of the TUDOR arm (MERIt dataset, TU Dortmund): CSV to a bag.
+
+A file has no header and 17 columns: ``t, q1, q2, q3, dq1, dq2, dq3, I1, I2, I3, eps21, eps22,
+eps31, eps32, ddq1, ddq2, ddq3`` in s, rad, rad/s, A, um/m and rad/s^2. eps21 and eps31 are the
+gauges near the hubs of links 2 and 3, eps22 and eps32 the second pair. Accelerations are not
+imported: JointState has none, and they are recomputed from the positions anyway.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from tudor_dynamics.bags.cdr import FloatArray
+from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.errors import BagError
+
+COLUMNS = ('t', 'q1', 'q2', 'q3', 'dq1', 'dq2', 'dq3', 'I1', 'I2', 'I3',
+           'eps21', 'eps22', 'eps31', 'eps32', 'ddq1', 'ddq2', 'ddq3')
+JOINTS = ('joint1', 'joint2', 'joint3')
+GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')
+START = 1_000_000_000
+"""Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
+MAX_BYTES = 500_000_000
+MAX_TIME = 1e8
+TWO_TURNS = 4 * np.pi
+
+
+def read_merit(path: str | Path) -> FloatArray:
+    """
+    Read and check a MERIt file.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, 17)
+        Columns as in `COLUMNS`.
+
+    Raises
+    ------
+    BagError
+        If the file is not such a table; the line is named.
+
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            msg = f'{path}: larger than {MAX_BYTES} bytes, this is no MERIt recording'
+            raise BagError(msg)
+        with path.open(encoding='utf-8-sig', newline='') as stream:
+            rows = [_numbers(path, line, cells)
+                    for line, cells in enumerate(csv.reader(stream), start=1)
+                    if any(cell.strip() for cell in cells) and not _is_header(line, cells)]
+    except OSError as err:
+        msg = f'{path}: cannot be read ({err.strerror or err}); check path and permissions'
+        raise BagError(msg) from None
+    except (UnicodeDecodeError, csv.Error) as err:
+        msg = f'{path}: no CSV text ({err}); give a file of the MERIt dataset'
+        raise BagError(msg) from None
+    if len(rows) < 2:
+        msg = f'{path}: has {len(rows)} rows of numbers; give a file of the MERIt dataset'
+        raise BagError(msg)
+    table = np.array(rows)
+    _check(path, table)
+    return table
+
+
+def _is_header(line: int, cells: list[str]) -> bool:
+    return line == 1 and not any(_is_number(cell) for cell in cells)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(path: Path, line: int, cells: list[str]) -> list[float]:
+    if len(cells) != len(COLUMNS):
+        msg = (f'{path}: line {line} has {len(cells)} columns, expected {len(COLUMNS)} separated '
+               f'by commas ({", ".join(COLUMNS)})')
+        raise BagError(msg)
+    try:
+        values = [float(cell) for cell in cells]
+    except ValueError:
+        place = next(i for i, cell in enumerate(cells) if not _is_number(cell))
+        msg = (f'{path}: line {line}, column {COLUMNS[place]}: {cells[place][:40]!r} is not a '
+               'number; correct or remove the line')
+        raise BagError(msg) from None
+    for name, value in zip(COLUMNS, values, strict=True):
+        if not np.isfinite(value):
+            msg = f'{path}: line {line}, column {name}: {value} is not finite; remove the line'
+            raise BagError(msg)
+    return values
+
+
+def _check(path: Path, table: FloatArray) -> None:
+    t, q = table[:, 0], table[:, 1:4]
+    steps = np.diff(t)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0)) + 1
+        msg = (f'{path}: the time in row {row + 1} ({t[row]:g} s) does not follow {t[row - 1]:g} s; '
+               'the first column must increase, in seconds')
+        raise BagError(msg)
+    if t[0] < 0 or t[-1] > MAX_TIME or np.any(np.diff(np.round(t * 1e9)) <= 0):
+        msg = (f'{path}: the first column runs from {t[0]:g} to {t[-1]:g}; expected seconds that '
+               'do not begin before 0')
+        raise BagError(msg)
+    if np.abs(q).max() > TWO_TURNS:
+        msg = (f'{path}: positions go to {np.abs(q).max():.4g}; columns 2 to 7 must be in rad and '
+               'rad/s, this looks like degrees')
+        raise BagError(msg)
+
+
+def import_merit(path: str | Path, out: str | Path, *, storage: str = 'mcap') -> int:
+    """
+    Make a bag of a MERIt file.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV file.
+    out : str or Path
+        Bag to make; must not exist.
+    storage : {'mcap', 'sqlite3'}
+        Storage format.
+
+    Returns
+    -------
+    int
+        Number of samples.
+
+    Raises
+    ------
+    BagError
+        If the file cannot be used, or the bag not written.
+
+    """
+    table = read_merit(path)
+    stamp = START + np.round(table[:, 0] * 1e9).astype(np.int64)
+    write_bag(out, [
+        JointStateSeries('/joint_states', stamp, JOINTS, table[:, 1:4], table[:, 4:7]),
+        JointStateSeries('/motor_currents', stamp, JOINTS, effort=table[:, 7:10]),
+        JointStateSeries('/link_strains', stamp, GAUGES, table[:, 10:14]),
+    ], storage=storage)
+    return len(table)

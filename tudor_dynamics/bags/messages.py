@@ -1,0 +1,175 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""
+Bulk encoding of JointState and WrenchStamped: the inverse of ``cdr``.
+
+All messages of a series have one layout. One template is put together by hand, its numbers are
+found by the parser that also reads bags, and the columns are written over copies of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.cdr import FloatArray
+from tudor_dynamics.bags.cdr_layout import (
+    FIELDS, HEADER, JOINT_STATE, joint_state_layout, Layout, WRENCH_STAMPED, wrench_layout)
+from tudor_dynamics.errors import BagError
+
+LITTLE_ENDIAN = b'\x00\x01\x00\x00'
+
+
+@dataclass(frozen=True, eq=False)
+class JointStateSeries:
+    """
+    Messages of one JointState topic.
+
+    Attributes
+    ----------
+    topic : str
+        Full name, e.g. ``/joint_states``.
+    stamp : ndarray of int64, shape (n,)
+        Header stamps [ns].
+    names : sequence of str
+        Joints, or gauges.
+    position, velocity, effort : ndarray of shape (n, n_names), optional
+        Values; a field that is None stays empty.
+    frame_id : str
+        Of the header.
+
+    """
+
+    topic: str
+    stamp: NDArray[np.int64]
+    names: Sequence[str]
+    position: FloatArray | None = None
+    velocity: FloatArray | None = None
+    effort: FloatArray | None = None
+    frame_id: str = ''
+    msgtype: str = JOINT_STATE
+
+    def encode(self) -> list[bytes]:
+        """
+        Encode the messages.
+
+        Returns
+        -------
+        list of bytes
+            CDR buffers, little endian.
+
+        """
+        buffer = _header(self.frame_id)
+        _put(buffer, 4, struct.pack('<I', len(self.names)))
+        for name in self.names:
+            _put_text(buffer, name)
+        columns: dict[str, FloatArray] = {}
+        for field in FIELDS:
+            values = getattr(self, field)
+            size = 0 if values is None else len(self.names)
+            _put(buffer, 4, struct.pack('<I', size))
+            if size:
+                _put(buffer, 8, bytes(8 * size))
+                columns[field] = values
+        layout = joint_state_layout(bytes(buffer))
+        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchSeries:
+    """
+    Messages of one WrenchStamped topic.
+
+    Attributes
+    ----------
+    topic : str
+        Full name, e.g. ``/applied_wrench``.
+    stamp : ndarray of int64, shape (n,)
+        Header stamps [ns].
+    force, torque : ndarray of shape (n, 3)
+        Components in the frame [N, N m].
+    frame_id : str
+        Frame.
+
+    """
+
+    topic: str
+    stamp: NDArray[np.int64]
+    force: FloatArray
+    torque: FloatArray
+    frame_id: str = ''
+    msgtype: str = WRENCH_STAMPED
+
+    def encode(self) -> list[bytes]:
+        """
+        Encode the messages.
+
+        Returns
+        -------
+        list of bytes
+            CDR buffers, little endian.
+
+        """
+        buffer = _header(self.frame_id)
+        _put(buffer, 8, bytes(48))
+        layout = wrench_layout(bytes(buffer))
+        columns = {'wrench': np.hstack([self.force, self.torque])}
+        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
+
+
+def _put(buffer: bytearray, alignment: int, content: bytes) -> None:
+    buffer.extend(bytes((HEADER - len(buffer)) % alignment))
+    buffer.extend(content)
+
+
+def _put_text(buffer: bytearray, text: str) -> None:
+    raw = text.encode() + b'\x00'
+    _put(buffer, 4, struct.pack('<I', len(raw)) + raw)
+
+
+def _header(frame_id: str) -> bytearray:
+    buffer = bytearray(LITTLE_ENDIAN + bytes(8))
+    _put_text(buffer, frame_id)
+    return buffer
+
+
+def _fill(
+    template: bytes,
+    layout: Layout,
+    topic: str,
+    stamp: NDArray[np.int64],
+    columns: dict[str, FloatArray],
+) -> list[bytes]:
+    stamp = np.asarray(stamp, dtype=np.int64)
+    count, size = len(stamp), len(template)
+    if count and not 0 <= int(stamp.min()) <= int(stamp.max()) < 2**31 * 10**9:
+        msg = f'{topic}: a stamp is negative or beyond the year 2038, which ROS 2 cannot express'
+        raise BagError(msg)
+    rows = np.empty((count, size), dtype=np.uint8)
+    rows[:] = np.frombuffer(template, dtype=np.uint8)
+    records: Any = rows.view(layout.dtype).reshape(count)
+    records['sec'], records['nanosec'] = np.divmod(stamp, 1_000_000_000)
+    for field, values in columns.items():
+        expected = (count, layout.fields[field][1])
+        if np.shape(values) != expected:
+            msg = f'{topic}: {field} has shape {np.shape(values)}, expected {expected}'
+            raise BagError(msg)
+        records[field] = values
+    joined = rows.tobytes()
+    return [joined[start:start + size] for start in range(0, len(joined), size)]

@@ -1,0 +1,163 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Open any rosbag2: directories with and without metadata, bare files, split bags."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+import re
+from typing import Any
+
+from rosbags.rosbag2 import Reader
+import yaml
+
+from tudor_dynamics.bags.notes import Notes
+from tudor_dynamics.bags.storage import Bag, guard, one_line, TopicInfo
+from tudor_dynamics.errors import BagError
+
+SUFFIXES = ('.db3', '.mcap')
+METADATA = 'metadata.yaml'
+MAX_METADATA_BYTES = 10_000_000
+
+
+def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
+    with guard(source), Reader(source) as reader:
+        found = [TopicInfo(item.topic, item.msgtype, item.msgcount)
+                 for item in reader.connections]
+        packed = bool(reader.compression_mode)
+        for item in found:
+            if not (isinstance(item.name, str) and isinstance(item.msgtype, str)
+                    and isinstance(item.count, int) and item.count >= 0):
+                raise ValueError(f'impossible topic entry {item}')
+    return found, packed
+
+
+def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
+    merged: dict[str, TopicInfo] = {}
+    for item in found:
+        known = merged.get(item.name)
+        if known is None:
+            merged[item.name] = item
+            continue
+        types = sorted({*known.msgtype.split(', '), item.msgtype})
+        merged[item.name] = TopicInfo(item.name, ', '.join(types), known.count + item.count)
+    return merged
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    return [(0, int(part), '') if part.isdecimal() else (1, 0, part)
+            for part in re.split(r'([0-9]{1,18})', path.name)]
+
+
+def _storage_name(files: Collection[Path]) -> str:
+    names = {'.db3': 'sqlite3', '.mcap': 'mcap'}
+    return ', '.join(sorted({names.get(file.suffix, file.suffix) for file in files}))
+
+
+def _open_files(path: Path, files: tuple[Path, ...], notes: Notes) -> Bag:
+    found = [item for file in files for item in _topics(file)[0]]
+    for file in files:
+        wal = file.with_name(file.name + '-wal')
+        if file.suffix == '.db3' and wal.is_file() and wal.stat().st_size > 0:
+            notes.add(f'{wal.name} was never merged: the last messages may be missing; '
+                      f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
+    return Bag(path, _storage_name(files), files, _merge(found), files, False)
+
+
+def _relative_files(directory: Path) -> tuple[Path, ...]:
+    with guard(directory):
+        content: Any = yaml.safe_load((directory / METADATA).read_text(encoding='utf-8'))
+        listed = content['rosbag2_bagfile_information']['relative_file_paths']
+        return tuple(directory / Path(name).name for name in listed)
+
+
+def _open_directory(path: Path, notes: Notes) -> Bag:
+    files = tuple(sorted((item for item in path.iterdir()
+                          if item.suffix in SUFFIXES and item.is_file()), key=_natural))
+    metadata = path / METADATA
+    if not metadata.is_file():
+        if not files:
+            msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
+                   'files); give the directory that `ros2 bag record` made')
+            raise BagError(msg)
+        notes.add(f'no {METADATA}; read {", ".join(file.name for file in files)} '
+                  'in the order of their names')
+        return _open_files(path, files, notes)
+    try:
+        if metadata.stat().st_size > MAX_METADATA_BYTES:
+            msg = f'{metadata}: larger than {MAX_METADATA_BYTES} bytes, this is no {METADATA}'
+            raise BagError(msg)
+        found, packed = _topics(path)
+        listed = _relative_files(path)
+    except BagError as err:
+        if not files:
+            raise
+        bag = _open_files(path, files, notes)  # a damaged storage file is reported by its name
+        cause = str(err).removeprefix(f'{path}: ').rpartition(';')[0]
+        notes.add(f'{METADATA} cannot be used: {cause}; read '
+                  f'{", ".join(file.name for file in files)} in the order of their names')
+        return bag
+    missed = [file.name for file in files if file not in listed]
+    if missed and not packed:
+        notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
+    return Bag(path, _storage_name(listed), listed, _merge(found), (path,), packed)
+
+
+def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
+    """
+    Open a rosbag2.
+
+    Parameters
+    ----------
+    path : str or Path
+        Directory with or without ``metadata.yaml``, or a bare ``.db3`` or ``.mcap`` file.
+    notes : Notes, optional
+        Collects what is odd; by default each oddity is warned of.
+
+    Returns
+    -------
+    Bag
+        Topics and files; messages are read by its ``read``.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or it is damaged.
+
+    """
+    path = Path(path)
+    notes = Notes(str(path)) if notes is None else notes
+    try:
+        if path.name == METADATA and path.is_file():
+            path = path.parent
+        if path.is_dir():
+            return _open_directory(path, notes)
+        if path.is_file() and path.suffix in SUFFIXES:
+            return _open_files(path, (path,), notes)
+        exists = path.exists()
+    except BagError:
+        raise
+    except (OSError, ValueError) as err:  # ValueError: a NUL in the path
+        msg = f'{path}: cannot be read ({one_line(err)}); check path and permissions'
+        raise BagError(msg) from None
+    if not exists:
+        msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
+    elif path.suffix == '.bag':
+        msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
+    elif path.suffix == '.zstd':
+        msg = f'{path}: a compressed file; give its directory, or unpack it with `zstd -d`'
+    else:
+        msg = f'{path}: not a bag; give a rosbag2 directory, .mcap or .db3 file'
+    raise BagError(msg)

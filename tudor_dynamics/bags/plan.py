@@ -1,0 +1,139 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""What to look for in a bag: topics, names, and what is plausible, from an arm description."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import math
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.cdr_layout import JOINT_STATE
+from tudor_dynamics.bags.storage import TopicInfo
+from tudor_dynamics.errors import BagError
+
+MANY_TURNS = 4 * math.pi
+"""No revolute joint without limits in its description is taken to go farther than this [rad]."""
+UNLIMITED = 1e6
+"""Limits beyond this are none [rad or m]."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    What a recording is made of.
+
+    Attributes
+    ----------
+    joint_topic : str
+        Topic of the joint states, as described (relative or absolute).
+    joints : tuple of str
+        Names of the joints, in the order of the columns.
+    prismatic : tuple of bool
+        Kind of each joint.
+    reach : tuple of float or None
+        Largest plausible ``|q|`` of each joint [rad or m]; None where any is.
+    effort_topics : tuple of str
+        Topic of each joint's effort.
+    gauges, gauge_topics : tuple of str
+        Name and topic of each gauge.
+
+    """
+
+    joint_topic: str
+    joints: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    reach: tuple[float | None, ...]
+    effort_topics: tuple[str, ...]
+    gauges: tuple[str, ...] = ()
+    gauge_topics: tuple[str, ...] = ()
+
+
+def plan_from_arm(arm: Arm) -> Plan:
+    """
+    Make the plan of an arm.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description that was read and checked.
+
+    Returns
+    -------
+    Plan
+        Its active joints, their efforts, all its gauges.
+
+    """
+    model = arm.full_model
+    prismatic, reach = [], []
+    for joint in arm.joints:
+        inner = model.joints[model.getJointId(joint.name)]
+        slides = inner.shortname().removeprefix('JointModel').startswith('P')
+        if joint.limits is not None:
+            lower, upper = joint.limits.lower, joint.limits.upper
+        else:
+            lower = float(model.lowerPositionLimit[inner.idx_q])
+            upper = float(model.upperPositionLimit[inner.idx_q])
+        bound: float | None = None
+        if max(-lower, upper) < UNLIMITED:
+            # Twice the limits: a soft limit overrun or a zero set elsewhere is no matter of units.
+            bound = 2 * max(abs(lower), abs(upper), upper - lower)
+        elif not slides and joint.type != 'continuous' and arm.spec.kinematics.urdf is None:
+            bound = MANY_TURNS
+        prismatic.append(slides)
+        reach.append(bound)
+    return Plan(
+        arm.spec.joint_topic, arm.active_joints, tuple(prismatic), tuple(reach),
+        tuple(joint.effort.topic for joint in arm.joints),
+        arm.gauge_names, tuple(gauge.topic for gauge in arm.gauges))
+
+
+def resolve(name: str, topics: Mapping[str, TopicInfo], path: str) -> str | None:
+    """
+    Find a topic of the description in a bag.
+
+    Parameters
+    ----------
+    name : str
+        As described: ``joint_states``, ``/joint_states`` or ``/ns/joint_states``.
+    topics : dict of str to TopicInfo
+        Topics of the bag.
+    path : str
+        Bag, for messages.
+
+    Returns
+    -------
+    str or None
+        The topic of that name, or the only JointState topic in a namespace that ends so.
+
+    Raises
+    ------
+    BagError
+        If several namespaces have one.
+
+    """
+    relative = name.lstrip('/')
+    for candidate in (name, f'/{relative}', relative):
+        if candidate in topics:
+            return candidate
+    if name.startswith('/'):
+        return None
+    found = sorted(topic for topic, info in topics.items()
+                   if topic.endswith(f'/{relative}') and info.msgtype == JOINT_STATE)
+    if len(found) > 1:
+        msg = (f'{path}: topic {name} is in several namespaces ({", ".join(found)}); write one '
+               'of them in full in the arm description')
+        raise BagError(msg)
+    return found[0] if found else None

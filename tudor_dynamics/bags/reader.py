@@ -1,0 +1,241 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""A bag becomes a Recording: found by name, ordered, aligned, split at gaps, checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.alignment import increasing
+from tudor_dynamics.bags.assembly import Assembly
+from tudor_dynamics.bags.cdr import decode, FloatArray
+from tudor_dynamics.bags.cdr_layout import WRENCH_STAMPED, wrench_layout
+from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
+from tudor_dynamics.bags.notes import Notes
+from tudor_dynamics.bags.opening import open_bag
+from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
+from tudor_dynamics.bags.plausibility import check_units, moving_joints
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.errors import BagError
+
+MIN_SAMPLES = 50
+MIN_DURATION = 1.0
+"""Shorter recordings do not outlast the transients of the filters [s]."""
+
+
+def assemble(
+    bag: Bag,
+    topics: Mapping[str, JointStates],
+    plan: Plan,
+    notes: Notes,
+    *,
+    need_output: bool = False,
+    need_motion: bool = False,
+    checksum: bool = True,
+) -> Recording:
+    """
+    Make a recording of decoded topics.
+
+    Parameters
+    ----------
+    bag : Bag
+        Where they came from.
+    topics : dict of str to JointStates
+        Decoded topics by their full names.
+    plan : Plan
+        What to look for.
+    notes : Notes
+        Is told what is odd.
+    need_output : bool
+        Refuse a bag with neither efforts nor strains.
+    need_motion : bool
+        Refuse a bag in which no joint moves.
+    checksum : bool
+        Compute the checksum of the storage files.
+
+    Returns
+    -------
+    Recording
+        Signals of the joints and gauges of the plan.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be used for what was asked; the message says why and what to do.
+
+    """
+    work = Assembly(bag, topics, plan, notes)
+    motion, dq = work.motion()
+    effort = work.output(motion, plan.joints, plan.effort_topics, 'effort')
+    strain = work.output(motion, plan.gauges, plan.gauge_topics, 'position')
+    rows = work.rows(motion, dq, (effort, strain))
+    stamp = motion.stamp[rows]
+    duration = (stamp[-1] - stamp[0]) * 1e-9 if len(stamp) else 0.0
+    if len(rows) < MIN_SAMPLES or duration < MIN_DURATION:
+        msg = (f'{bag.path}: too short: {len(rows)} usable samples in {duration:.3g} s, at least '
+               f'{MIN_SAMPLES} samples and {MIN_DURATION:g} s are needed; record longer')
+        raise BagError(msg)
+    recording = Recording(
+        str(bag.path), stamp, motion.values[rows], None if dq is None else dq[rows],
+        None if effort is None else effort.values[rows],
+        None if strain is None else strain.values[rows],
+        work.segments(stamp), float(np.median(np.diff(stamp))) * 1e-9,
+        {cause: number for cause, number in work.dropped.items() if number},
+        (), bag.checksum() if checksum else '')
+    check_units(recording, plan, notes)
+    _check_use(recording, plan, notes, need_output, need_motion)
+    object.__setattr__(recording, 'warnings', tuple(notes.texts))
+    return recording
+
+
+def _check_use(
+    recording: Recording, plan: Plan, notes: Notes, need_output: bool, need_motion: bool,
+) -> None:
+    moving = moving_joints(recording, plan.prismatic)
+    if not any(moving):
+        text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
+        if need_motion:
+            msg = f'{recording.path}: {text}; nothing can be learned, record a motion'
+            raise BagError(msg)
+        notes.add(text)
+    elif not all(moving):
+        still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]
+        notes.add(f'{", ".join(still)} does not move')
+    if need_output and recording.effort is None and recording.strain is None:
+        reasons = '; '.join(text for text in notes.texts if text.startswith(
+            ('no topic', 'no effort', 'no position', 'effort in', 'position in', 'only one')))
+        msg = (f'{recording.path}: neither efforts nor strains ({reasons or "none described"}); '
+               'nothing can be learned: correct effort.topic or gauges[].topic in the arm '
+               'description, or record them')
+        raise BagError(msg)
+
+
+def read_recording(
+    path: str | Path,
+    arm: Arm,
+    *,
+    need_output: bool = False,
+    need_motion: bool = False,
+) -> Recording:
+    """
+    Read the signals of an arm from a bag.
+
+    Joints and gauges are found by name, in any order. Efforts and strains are brought onto the
+    header stamps of the joint states. What is odd is warned of and kept in ``warnings``.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    arm : Arm
+        Whose active joints and gauges to read.
+    need_output : bool
+        Refuse a bag with neither efforts nor strains.
+    need_motion : bool
+        Refuse a bag in which no joint moves.
+
+    Returns
+    -------
+    Recording
+        Aligned arrays, in SI and the units of the description.
+
+    Raises
+    ------
+    BagError
+        If the bag is damaged or cannot be used; the message says why and what to do.
+
+    """
+    plan = plan_from_arm(arm)
+    notes = Notes(str(path))
+    bag = open_bag(path, notes)
+    wanted = (plan.joint_topic, *plan.effort_topics, *plan.gauge_topics)
+    names = {resolve(name, bag.topics, str(path)) for name in wanted} - {None}
+    topics = load_joint_states(bag, sorted(str(name) for name in names))
+    return assemble(bag, topics, plan, notes, need_output=need_output, need_motion=need_motion)
+
+
+@dataclass(frozen=True, eq=False)
+class Wrenches:
+    """
+    Forces that were applied on purpose: the truth for collisions.
+
+    Attributes
+    ----------
+    stamp : ndarray of int64, shape (n,)
+        Header stamps, strictly increasing [ns].
+    force : ndarray of shape (n, 3)
+        In the frame that the messages name [N].
+    torque : ndarray of shape (n, 3)
+        In the same frame [N m].
+    frame_id : str
+        Frame of the first message.
+
+    """
+
+    stamp: NDArray[np.int64]
+    force: FloatArray
+    torque: FloatArray
+    frame_id: str
+
+
+def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches | None:
+    """
+    Read the wrenches of a bag.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    topic : str
+        Name, with or without the leading slash.
+
+    Returns
+    -------
+    Wrenches or None
+        None where the bag has no such topic, or no message in it.
+
+    Raises
+    ------
+    BagError
+        If the bag is damaged, or the topic is of another type.
+
+    """
+    bag = open_bag(path)
+    name = resolve(topic, bag.topics, str(path))
+    if name is None or not bag.topics[name].count:
+        return None
+    if bag.topics[name].msgtype != WRENCH_STAMPED:
+        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
+               f'{WRENCH_STAMPED}; name another topic')
+        raise BagError(msg)
+    raw = bag.read([name])[name]
+    try:
+        blocks = decode(raw.data, wrench_layout, name)
+    except BagError as err:
+        msg = f'{path}: {err}'
+        raise BagError(msg) from None
+    if not blocks:
+        return None
+    order = np.argsort(np.concatenate([block.index for block in blocks]))
+    stamp = np.concatenate([block.stamp for block in blocks])[order]
+    values = np.concatenate([block.values('wrench') for block in blocks])[order]
+    keep = increasing(stamp).keep
+    return Wrenches(stamp[keep], values[keep, :3], values[keep, 3:], blocks[0].layout.frame_id)

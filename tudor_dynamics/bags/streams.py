@@ -1,0 +1,190 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Streams: the values of chosen names in a topic, with stamps, before they are aligned."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.cdr import FloatArray
+from tudor_dynamics.bags.joint_states import JointStates
+from tudor_dynamics.bags.notes import Notes
+from tudor_dynamics.errors import BagError
+
+FEW = 0.05
+"""Share of samples of a channel that may be NaN or infinite and are left out with a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """
+    Values of some names.
+
+    Attributes
+    ----------
+    what : str
+        For messages, e.g. ``effort in /motor_currents``.
+    names : tuple of str
+        Names of the columns.
+    stamp : ndarray of int64, shape (n,)
+        Times [ns].
+    values : ndarray of shape (n, n_names)
+        In the units of the topic.
+
+    """
+
+    what: str
+    names: tuple[str, ...]
+    stamp: NDArray[np.int64]
+    values: FloatArray
+
+    def at(self, rows: NDArray) -> Stream:
+        """Give the stream with a selection of its rows."""
+        return Stream(self.what, self.names, self.stamp[rows], self.values[rows])
+
+
+def select(
+    states: JointStates,
+    names: Sequence[str],
+    field: str,
+    stamp: NDArray[np.int64],
+) -> tuple[Stream, NDArray[np.intp]]:
+    """
+    Take the values of names from all messages that have them.
+
+    Parameters
+    ----------
+    states : JointStates
+        Decoded topic, lengths checked.
+    names : sequence of str
+        Names of the columns wanted.
+    field : {'position', 'velocity', 'effort'}
+        Array to take them from.
+    stamp : ndarray of int64
+        Time of every message of the topic [ns].
+
+    Returns
+    -------
+    Stream
+        Values in the order of the messages; none where no message has them all.
+    ndarray of int
+        Message each row came from.
+
+    """
+    rows, parts = [], []
+    for block in states.blocks:
+        layout = block.layout
+        if layout.fields[field][1] and set(names) <= set(layout.names):
+            columns = [layout.names.index(name) for name in names]
+            rows.append(block.index)
+            parts.append(block.values(field)[:, columns])
+    what = f'{field} in {states.topic}'
+    if not rows:
+        nothing = Stream(what, tuple(names), np.empty(0, np.int64), np.empty((0, len(names))))
+        return nothing, np.empty(0, np.intp)
+    index, values = np.concatenate(rows), np.concatenate(parts)
+    if len(rows) > 1:
+        order = np.argsort(index)
+        index, values = index[order], values[order]
+    return Stream(what, tuple(names), stamp[index], values), index
+
+
+def choose_clock(
+    topics: Mapping[str, JointStates], notes: Notes, path: str,
+) -> dict[str, NDArray[np.int64]]:
+    """
+    Take header stamps, or log times where a topic has no header stamps.
+
+    A stamp of zero means "not set" in ROS. Streams with different clocks could not be aligned, so
+    one topic without stamps sends all to their log times.
+
+    Parameters
+    ----------
+    topics : dict of str to JointStates
+        Decoded topics.
+    notes : Notes
+        Is told when log times are used.
+    path : str
+        Bag, for messages.
+
+    Returns
+    -------
+    dict of str to ndarray of int64
+        Time of each message of each topic [ns].
+
+    Raises
+    ------
+    BagError
+        If there are neither stamps nor log times.
+
+    """
+    unset = [name for name, states in topics.items()
+             if len(states.stamp) > 1 and not states.stamp.any()]
+    if not unset:
+        return {name: states.stamp for name, states in topics.items()}
+    for name, states in topics.items():
+        if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
+            msg = (f'{path}: all header stamps in {", ".join(unset)} are zero and the log times '
+                   f'in {name} do not increase; let the publisher set header.stamp and record '
+                   'again')
+            raise BagError(msg)
+    notes.add(f'all header stamps in {", ".join(unset)} are zero; log times are used, which '
+              'include the delays of the network')
+    return {name: states.log_time for name, states in topics.items()}
+
+
+def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
+    """
+    Mark samples that are not finite, refuse channels that are mostly so.
+
+    Parameters
+    ----------
+    stream : Stream
+        Any stream.
+    notes : Notes
+        Is told how many samples of which channels are not finite.
+    path : str
+        Bag, for messages.
+
+    Returns
+    -------
+    Stream
+        The same with NaN for every value that is not finite.
+
+    Raises
+    ------
+    BagError
+        If more than a few samples of a channel are not finite.
+
+    """
+    bad = ~np.isfinite(stream.values)
+    if not bad.any():
+        return stream
+    counts = bad.sum(axis=0)
+    first = int(np.argmax(bad.any(axis=1)))
+    seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
+    who = ', '.join(f'{name} {count}' for name, count in zip(stream.names, counts, strict=True)
+                    if count)
+    text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite: {who}, the first at '
+            f'{seconds:.3f} s')
+    if counts.max() > FEW * len(bad):
+        msg = f'{path}: {text}; repair the driver or leave this channel out, and record again'
+        raise BagError(msg)
+    notes.add(f'{text}; left out')
+    return Stream(stream.what, stream.names, stream.stamp,
+                  np.where(bad, np.nan, stream.values))
