@@ -1,0 +1,78 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Units of outputs and of parameters, for tables and model files."""
+
+from __future__ import annotations
+
+from tudor_dynamics.arm import Arm
+
+_BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
+_FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
+             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2'}
+
+
+def output_units(arm: Arm, output: str) -> dict[str, str]:
+    """
+    Give the unit of each channel of an output.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    dict of str to str
+        Channel to unit.
+
+    """
+    if output == 'effort':
+        return {joint.name: joint.effort.unit for joint in arm.joints}
+    return {gauge.name: gauge.unit for gauge in arm.gauges}
+
+
+def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> str:
+    """
+    Give the unit of a parameter.
+
+    Parameters
+    ----------
+    column : str
+        Name of the regressor column, such as ``mx(joint2)``.
+    unit : str
+        Unit of the output.
+    scaled : bool
+        Whether the parameter carries an unknown scale from N m (or N) to the output's unit, as
+        those of currents and strains do.
+    prismatic : bool
+        Whether the joint moves along its axis: efforts in N, speeds in m/s.
+
+    Returns
+    -------
+    str
+        Unit.
+
+    """
+    kind = column.split('(')[0].rstrip('+-')
+    force, length = ('N', 'm') if prismatic else ('N m', 'rad')
+    if kind in _FRICTION:
+        return _FRICTION[kind].format(f=unit, x=length)
+    if kind == 'Ia' and prismatic:
+        body = 'kg'
+    else:
+        body = _BODY.get(kind, 'kg m^2')
+    return f'{body} ({unit})/({force})' if scaled else body
