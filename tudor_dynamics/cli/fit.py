@@ -31,7 +31,7 @@ from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
-from tudor_dynamics.identification.report import write_report
+from tudor_dynamics.identification.report import render
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
@@ -131,9 +131,9 @@ def run(args: argparse.Namespace) -> int:
     with steps(total) as step:
         result = _fit(arm, training, test, preprocessing, settings, step)
         step('report')
-        save_bundle(bundle_of(result), out, overwrite=args.overwrite)
-        report = out / 'report.html'
-        write_report(result, report)
+        save_bundle(bundle_of(result), out, overwrite=args.overwrite,
+                    extra={'report.html': render(result).encode()})
+    report = out / 'report.html'
     levels = [item.verdict.level for item in result.fitted]
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),

@@ -102,7 +102,13 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = False) -> None:
+def save_bundle(
+    bundle: ModelBundle,
+    path: str | Path,
+    *,
+    overwrite: bool = False,
+    extra: dict[str, bytes] | None = None,
+) -> None:
     """
     Write a bundle, whole or not at all.
 
@@ -114,6 +120,8 @@ def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = Fals
         Directory to be made.
     overwrite : bool, default=False
         Replace a bundle that stands there. Anything else is never replaced.
+    extra : dict of str to bytes, optional
+        Files for people, such as a report, that no program reads back.
 
     Raises
     ------
@@ -148,7 +156,7 @@ def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = Fals
     temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
     try:
         temporary.chmod(0o755)
-        for name, data in files.items():
+        for name, data in {**(extra or {}), **files}.items():
             (temporary / name).write_bytes(data)
         _replace(temporary, path)
     except BaseException:
