@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 
-from tudor_dynamics.bags.mcap_scan import scan_mcap, Unusual
+from tudor_dynamics.bags.mcap_scan import Damaged, scan_mcap, Unusual
 from tudor_dynamics.errors import BagError
 
 REMEDIES = {
@@ -145,6 +145,9 @@ class Bag:
             scans = [scan_mcap(file, tuple(times), with_data=with_data) for file in self.files]
         except Unusual:
             return False
+        except Damaged as err:
+            msg = f'{self.path}: damaged ({err}); {REMEDIES[".mcap"]}'
+            raise BagError(msg) from None
         for name in times:
             count = sum(len(scan[name].log_time) for scan in scans)
             if count != (self.topics[name].count if name in self.topics else 0):
