@@ -30,6 +30,7 @@ from time import perf_counter
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.bags.joint_states import load_joint_states

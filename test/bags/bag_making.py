@@ -16,6 +16,7 @@
 from pathlib import Path
 
 import numpy as np
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, write_bag
 

@@ -19,6 +19,7 @@ import warnings
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording, read_wrenches
 from tudor_dynamics.bags.info import describe

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.cli.main import main

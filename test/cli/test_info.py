@@ -17,6 +17,7 @@ import json
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.bags import JointStateSeries, write_bag
 from tudor_dynamics.cli.main import main
 

@@ -38,7 +38,8 @@ def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
                  for item in reader.connections]
         packed = bool(reader.compression_mode)
         for item in found:
-            if not (isinstance(item.name, str) and isinstance(item.msgtype, str)
+            if not (isinstance(item.name, str) and item.name.isprintable()
+                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()
                     and isinstance(item.count, int) and item.count >= 0):
                 raise ValueError(f'impossible topic entry {item}')
     return found, packed

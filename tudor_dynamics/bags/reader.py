@@ -26,7 +26,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import increasing
 from tudor_dynamics.bags.assembly import Assembly
 from tudor_dynamics.bags.cdr import decode, FloatArray
-from tudor_dynamics.bags.cdr_layout import WRENCH_STAMPED, wrench_layout
+from tudor_dynamics.bags.cdr_layout import wrench_layout, WRENCH_STAMPED
 from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
