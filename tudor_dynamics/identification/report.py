@@ -30,6 +30,7 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.report_coverage import density_figure, pair_figure
 from tudor_dynamics.identification.report_format import number, pretty_unit
 from tudor_dynamics.identification.report_plots import error_figure, LABELS, signal_figure
+from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
 from tudor_dynamics.models.units import output_units
 
 TITLES = {'effort': 'Effort', 'strain': 'Strain'}
@@ -128,6 +129,9 @@ def render(result: FitResult, *, date: str | None = None) -> str:
         bags=report_tables.bag_rows(result),
         warnings=report_tables.other_warnings(result),
         uncertain=report_tables.UNCERTAIN,
+        good_condition=report_tables.GOOD_CONDITION,
+        good_fit=GOOD_FIT,
+        usable_fit=USABLE_FIT,
     )
 
 

@@ -60,7 +60,7 @@ def pretty_unit(unit: str) -> str:
     return text
 
 
-def pretty_name(name: str) -> str:
+def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
     """Cut a name that would run out of a figure, and leave out what SVG cannot hold."""
-    short = name if len(name) <= LONGEST_NAME else name[:LONGEST_NAME - 3] + '...'
+    short = name if len(name) <= longest else name[:longest - 3] + '...'
     return ''.join(c if c.isprintable() else '?' for c in short)

@@ -144,12 +144,13 @@ def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
 
     """
     with style():
-        figure, grid = new_figure(1, [1.5, 0.9, 1.5], [0.3, 0.34, 0.66])
+        # low enough for two on a printed page
+        figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
         whole, rest, detail = (row[0] for row in grid)
         rest.sharex(whole)
         window = (series.t >= stretch[0]) & (series.t <= stretch[1])
         for axes, part, title in (
-                (whole, slice(None), f'{pretty_name(series.name)}, whole bag'),
+                (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
                 (detail, window, 'Stretch with the most motion (shaded above)')):
             t, measured = series.t[part], series.measured[part]
             axes.plot(*thin(t, measured), label='measured', **MEASURED)
