@@ -25,20 +25,19 @@ installed; a plain loop with one dense regressor matrix and LAPACK is timed in a
 
 from __future__ import annotations
 
+import argparse
+import json
+from math import pi
 import os
+from pathlib import Path
+import resource
+import statistics
+import subprocess
+import sys
+import time
 
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-    os.environ.setdefault(_name, '1')
-
-import argparse  # noqa: E402
-import json  # noqa: E402
-from math import pi  # noqa: E402
-from pathlib import Path  # noqa: E402
-import resource  # noqa: E402
-import statistics  # noqa: E402
-import subprocess  # noqa: E402
-import sys  # noqa: E402
-import time  # noqa: E402
+    os.environ.setdefault(_name, '1')  # before numpy loads
 
 import numpy as np  # noqa: E402
 

@@ -131,8 +131,8 @@ def main():
     bags = args.data / 'bags'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
-        for needed, run in ((bags / 'arm_200g_free_4', two_blade), (bags / 'emps_validation', emps),
-                            (bags / 'ur10_exciting', ur10)):
+        for needed, run in ((bags / 'arm_200g_free_4', two_blade),
+                            (bags / 'emps_validation', emps), (bags / 'ur10_exciting', ur10)):
             if needed.exists():
                 run(bags, out)
             else:

@@ -75,7 +75,7 @@ def test_evaluate_gives_the_contract_s_json(
 def test_fit_says_the_same_as_evaluate(
     fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Validation during the fit and evaluation of the saved model agree to the last digit shown."""
+    """Validation during the fit and evaluation of the saved model agree."""
     bags = [root / 'bags' / f'two_blade_{name}' for name in ('train_1', 'train_2', 'test')]
     said = run_json(capsys, 'fit', bags[0], bags[1], '--test', bags[2], '--arm',
                     root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'again', '--json')
@@ -219,7 +219,7 @@ def test_reference_recordings(
 def test_real_arm_rings(
     root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The undamped TUDOR arm: strain fit of 78 %, and the report says at which frequency it rings."""
+    """The undamped TUDOR arm: strain fit of 78 %, and the report says how it rings."""
     assert main(['import-merit', str(shared_data / 'merit_exp1.csv'), '--out',
                  str(tmp_path / 'bag')]) == 0
     run_json(capsys, 'fit', f'{tmp_path}/bag@0-50%', '--test', f'{tmp_path}/bag@50-100%', '--arm',

@@ -72,7 +72,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     signals = parser.add_argument_group('signals (defaults: arm description)')
     signals.add_argument('--filter', choices=('causal', 'zero_phase'),
-                         help='the papers\' causal filters, or zero-phase ones')
+                         help="the papers' causal filters, or zero-phase ones")
     signals.add_argument('--rate', metavar='HZ', help='decimate to this rate; "full" for none')
     signals.add_argument('--cutoff', type=float, metavar='HZ', help='zero-phase cut-off')
     signals.add_argument('--output-cutoff', type=float, metavar='HZ',
@@ -81,12 +81,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     models.add_argument('--estimator', choices=ESTIMATORS, default='wls',
                         help='of the analytical model (default: wls)')
     models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
-                        help='bending moment at the gauge, or the joint\'s as in the paper')
+                        help="bending moment at the gauge, or the joint's as in the paper")
     models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
     models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
     models.add_argument('--elm-seed', type=int, default=0, metavar='N')
     models.add_argument('--random-split', action='store_true',
-                        help='also report the papers\' random 50/50 split (optimistic)')
+                        help="also report the papers' random 50/50 split (optimistic)")
 
 
 def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpec:

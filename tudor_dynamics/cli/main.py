@@ -15,8 +15,8 @@
 """
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
-A subcommand is a module of this package with ``HELP``, ``configure(parser)`` and
-``run(args, console) -> int``. It is imported only when it is called, so that ``tudor --help``
+A subcommand is a module of this package with ``EXAMPLES``, ``configure(parser)`` and
+``run(args) -> int``. It is imported only when it is called, so that ``tudor --help``
 answers at once.
 """
 

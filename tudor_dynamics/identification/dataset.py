@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.analytical import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
