@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Bulk decoding and encoding of CDR against rosbags, message by message."""
 
 from bag_making import joint_states, times

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """From a bag to a Recording: names, fields, stamps, gaps, and what is refused."""
 
 from bag_making import (
