@@ -278,7 +278,8 @@ def test_one_joint_has_no_pairs() -> None:
 
 def test_ringing_is_said_with_unit_and_frequency() -> None:
     """A vibration stands at the top with its channel, frequency and unit."""
-    result = fit(planar_arm(gauges=1), FitSettings(kinds=('analytical',)), effort=False, strain=True)
+    result = fit(planar_arm(gauges=1), FitSettings(kinds=('analytical',)), effort=False,
+                 strain=True)
     page = Page(render(replace(result, ringing=(Ringing('bridge1', 2.951, 30.0, 0.85),))))
     assert ('The arm rings: bridge1 at 2.95 Hz (30 µm/m rms, 85 % of the residual above 0.5 Hz).'
             in page.text)
