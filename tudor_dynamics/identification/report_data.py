@@ -67,12 +67,6 @@ class Coverage:
     test_acceleration: float | None = None
 
 
-def is_prismatic(arm: Arm, joint: str) -> bool:
-    """Say whether a joint moves along its axis."""
-    kind = arm.full_model.joints[arm.full_model.getJointId(joint)].shortname()
-    return str(kind).removeprefix('JointModel').startswith('P')
-
-
 def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[Series]:
     """
     Collect what the models of one output say of the first validation bag.
@@ -166,7 +160,7 @@ def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
 def joint_axes(result: FitResult) -> list[Axis]:
     """Collect the positions of each joint at the samples used, in training and in validation."""
     training, test = _kept(result.training, 'q'), _kept(result.test, 'q')
-    return [Axis(joint.name, 'm' if is_prismatic(result.arm, joint.name) else 'rad',
+    return [Axis(joint.name, 'm' if result.arm.is_prismatic(joint.name) else 'rad',
                  training[:, i], test[:, i] if len(test) else np.zeros(0))
             for i, joint in enumerate(result.arm.joints)]
 

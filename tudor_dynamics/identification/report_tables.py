@@ -23,11 +23,10 @@ import math
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.report_data import is_prismatic
 from tudor_dynamics.identification.report_plots import LABELS
 from tudor_dynamics.identification.verdict import LARGEST_CONDITION, Level
 from tudor_dynamics.models.analytical import AnalyticalModel, Group
-from tudor_dynamics.models.units import output_units, parameter_unit
+from tudor_dynamics.models.units import column_unit, output_units
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
@@ -150,28 +149,11 @@ def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
             note = 'uncertain' if relative > UNCERTAIN else ''
             if k in group.estimate.unexcited:
                 note = 'not excited'
-            unit = _unit(arm, item.output, names, model.regressor.columns[column])
+            unit = column_unit(arm, item.output, names, model.regressor.columns[column])
             rows.append(Coefficient(group.base.names[k], value, unit, error, relative, note))
         groups.append(CoefficientGroup(names, float(group.estimate.condition),
                                        _conditioning(group), tuple(rows)))
     return groups
-
-
-def _unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -> str:
-    """Name a column's unit; friction belongs to its own joint, the rest to the group's first."""
-    if output == 'strain':
-        unit = output_units(arm, output)[channels[0]]
-        if column == 'offset':
-            return unit
-        return parameter_unit(column, unit, scaled=unit != 'N m', prismatic=False)
-    owner = column.partition('(')[2][:-1]
-    name = owner if owner in channels else channels[0]
-    joint = {spec.name: spec for spec in arm.joints}[name]
-    prismatic = is_prismatic(arm, name)
-    known = joint.effort.unit != 'A' or joint.effort.torque_constant is not None
-    unit = joint.effort.unit if joint.effort.torque_constant is None else (
-        'N' if prismatic else 'N m')
-    return parameter_unit(column, unit, scaled=not known, prismatic=prismatic)
 
 
 def _conditioning(group: Group) -> str:

@@ -28,7 +28,7 @@ from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import Estimate
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
-from tudor_dynamics.models.units import output_units, parameter_unit
+from tudor_dynamics.models.units import column_unit, output_units
 
 FloatArray = NDArray[np.float64]
 
@@ -56,26 +56,17 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
 
     """
     units = output_units(arm, output)
-    kinds = {joint.name: joint for joint in arm.joints}
     groups = []
     for group in model.groups_:
-        names = [model.channels[i] for i in group.base.channels]
-        first = kinds.get(names[0])
-        unit = units[names[0]]
-        constant = first.effort.torque_constant if first is not None else None
-        scaled = output == 'strain' or (unit == 'A' and constant is None)
-        if constant is not None:
-            unit = 'N m'
-        prismatic = first is not None and arm.is_prismatic(first.name)
+        names = tuple(model.channels[i] for i in group.base.channels)
         groups.append({
-            'channels': names,
+            'channels': list(names),
             'condition': float(group.estimate.condition),
             'residual_std': [float(np.sqrt(v)) for v in group.estimate.variances],
             'coefficients': [
                 {'name': name, 'column': model.regressor.columns[column],
                  'value': float(value), 'standard_error': float(error),
-                 'unit': parameter_unit(model.regressor.columns[column], unit, scaled=scaled,
-                                        prismatic=prismatic),
+                 'unit': column_unit(arm, output, names, model.regressor.columns[column]),
                  'excited': k not in group.estimate.unexcited}
                 for k, (name, column, value, error) in enumerate(zip(
                     group.base.names, group.base.kept, group.estimate.parameters,
