@@ -26,7 +26,7 @@ from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.report_plots import LABELS
 from tudor_dynamics.identification.verdict import LARGEST_CONDITION, Level
 from tudor_dynamics.models.analytical import AnalyticalModel, Group
-from tudor_dynamics.models.units import column_unit, output_units
+from tudor_dynamics.models.units import column_unit
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
