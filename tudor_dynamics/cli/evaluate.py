@@ -17,24 +17,38 @@
 from __future__ import annotations
 
 import argparse
+import os
+from pathlib import Path
+import tempfile
 from typing import Any
 
-from tudor_dynamics.arm import load_arm
+import numpy as np
+
+from tudor_dynamics.arm import load_arm, PreprocessingSpec
+from tudor_dynamics.cli.collision_figures import print_collisions
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import rounded
+from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.dataset import common_outputs, load, parse_choice
+from tudor_dynamics.identification.roc_plot import check_plot_path, write_roc
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.units import output_units
+from tudor_dynamics.monitoring.detector import DetectorSettings
+from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.monitor import MonitorSettings
 
 EXAMPLES = """\
 examples:
   tudor evaluate --model model run4
   tudor evaluate --model model run4 run5 --json
   tudor evaluate --model model run1@60-100%
+  tudor evaluate --model model run4 --rate full --save run4.npz
+  tudor evaluate --model model pushes free --collisions --roc roc.svg
 
-The filters and the rate are those that the model was fitted with.
+The filters and the rate are those that the model was fitted with. --collisions replays the bags
+through the collision detector; pushes are read from /applied_wrench.
 """
 
 
@@ -45,7 +59,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
     parser.add_argument('--arm', metavar='YAML',
                         help='refuse the model if it is not of this arm (it carries its own)')
+    parser.add_argument('--rate', metavar='HZ',
+                        help='another rate than that of the fit; "full" for every sample')
+    parser.add_argument('--save', metavar='FILE.npz',
+                        help='write stamps, measured, predicted and residual values')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    group = parser.add_argument_group('collisions')
+    group.add_argument('--collisions', action='store_true',
+                       help='judge the collision detector instead of the predictions')
+    group.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
+                       help='false alarms per hour that are allowed (default: 1)')
+    group.add_argument('--debounce', type=float, default=0.01, metavar='S',
+                       help='time for which a threshold must be exceeded (default: 0.01 s)')
+    group.add_argument('--kind', choices=('analytical', 'elm'), default='analytical',
+                       help='model whose residuals are watched (default: analytical)')
+    group.add_argument('--roc', metavar='FILE',
+                       help='plot detection rate over false alarms (.png, .svg, .pdf)')
 
 
 def run(args: argparse.Namespace) -> int:
@@ -53,11 +82,14 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm) if args.arm else None
     bundle = load_bundle(args.model, arm=arm)
     choices = [parse_choice(text) for text in args.bags]
+    if args.collisions:
+        return _collisions(args)
+    spec = chosen_rate(bundle.preprocessing, args.rate)
     with steps(len(choices) + 1) as step:
         data = []
         for choice in choices:
             step(f'read {choice}')
-            data.append(load(choice, bundle.arm, bundle.preprocessing))
+            data.append(load(choice, bundle.arm, spec))
         step('compare')
         outputs = [output for output in common_outputs(data) if output in bundle.models]
         if not outputs:
@@ -68,6 +100,8 @@ def run(args: argparse.Namespace) -> int:
             output: {kind: validate(model, data, output, ', '.join(map(str, choices)))
                      for kind, model in bundle.models[output].items()}
             for output in outputs}
+    if args.save:
+        save_traces(Path(args.save), found)
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
                                    'samples': sum(bag.samples for bag in data)}
@@ -79,6 +113,96 @@ def run(args: argparse.Namespace) -> int:
             for output, kinds in found.items() for kind, item in kinds.items()]
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
     return 0
+
+
+def _collisions(args: argparse.Namespace) -> int:
+    if not args.false_alarms > 0 or not args.debounce >= 0:
+        msg = (f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: expected a '
+               'rate above 0 per hour and a time of 0 s or more')
+        raise UsageError(msg)
+    plot = check_plot_path(args.roc) if args.roc else None
+    bundle = load_bundle(args.model)
+    choices = [parse_choice(text) for text in args.bags]
+    settings = MonitorSettings(
+        args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
+        detector=DetectorSettings(debounce=args.debounce))
+    with steps(len(choices) + 1) as step:
+        bags = []
+        for choice in choices:
+            step(f'read {choice}')
+            bags.append((choice.path, load(choice, bundle.arm, bundle.preprocessing).recording))
+        step('replay through the detector')
+        results = evaluate_collisions(bundle, bags, settings)
+    if plot is not None:
+        write_roc(results, plot)
+    if args.json:
+        print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
+                           'false_alarms_allowed_per_hour': args.false_alarms,
+                           'collisions': {item.method: _collision_figures(item)
+                                          for item in results}}))
+    else:
+        print_collisions(results, args.false_alarms)
+        if plot is not None:
+            print(f'plot: {plot}')
+    return 0
+
+
+def _collision_figures(item: MethodResult) -> dict[str, Any]:
+    return {**item.score.as_dict(),
+            'largest_ratio': {bag.bag: float(bag.ratio.max(initial=0.0)) for bag in item.watched},
+            'roc': [list(point) for point in item.roc]}
+
+
+def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:
+    """Give the preprocessing with another rate, where one is asked for."""
+    if rate is None:
+        return spec
+    try:
+        value = None if rate == 'full' else float(rate)
+    except ValueError:
+        value = -1.0
+    if value is not None and not 0 < value < float('inf'):
+        msg = f'--rate {rate}: expected a rate above 0 Hz, or "full"'
+        raise UsageError(msg)
+    return spec.model_copy(update={'rate': value})
+
+
+def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
+    """
+    Write every sample that was compared, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        File to write. Arrays are named ``OUTPUT_KIND_WHAT``, WHAT being bag, stamp [ns], measured,
+        predicted and residual; ``OUTPUT_channels`` names the columns.
+    found : dict
+        Output to kind to validation.
+
+    """
+    arrays: dict[str, Any] = {}
+    for output, kinds in found.items():
+        for kind, item in kinds.items():
+            def joined(name: str, traces: Any = item.traces) -> Any:
+                return np.concatenate([getattr(trace, name) for trace in traces])
+            measured, predicted = joined('measured'), joined('predicted')
+            arrays[f'{output}_channels'] = np.array(item.channels)
+            arrays[f'{output}_{kind}_bag'] = np.repeat(
+                [trace.bag for trace in item.traces], [len(trace.t) for trace in item.traces])
+            arrays[f'{output}_{kind}_stamp'] = joined('stamp')
+            arrays[f'{output}_{kind}_measured'] = measured
+            arrays[f'{output}_{kind}_predicted'] = predicted
+            arrays[f'{output}_{kind}_residual'] = measured - predicted
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f'.{path.name}.',
+                                         delete=False) as scratch:
+            np.savez_compressed(scratch, **arrays)
+        os.chmod(scratch.name, 0o644)
+        os.replace(scratch.name, path)
+    except OSError as err:
+        msg = f'--save {path}: cannot be written ({err.strerror}); give another file'
+        raise UsageError(msg) from None
 
 
 def _figures(item: Validation) -> dict[str, Any]:

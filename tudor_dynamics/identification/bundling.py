@@ -20,6 +20,7 @@ from typing import Any
 
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.metrics import Score
 from tudor_dynamics.models.bundle import ModelBundle
 
@@ -48,7 +49,10 @@ def bundle_of(result: FitResult) -> ModelBundle:
         'validation': figures(result),
         'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
                      'share': r.share} for r in result.ringing],
-        'warnings': list(result.warnings)}
+        'warnings': list(result.warnings),
+        'thresholds': fit_thresholds(
+            [(item.output, item.kind, item.validation.cases) for item in result.fitted],
+            result.preprocessing)}
     return ModelBundle(result.arm, result.preprocessing, models, facts)
 
 

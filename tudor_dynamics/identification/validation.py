@@ -76,6 +76,8 @@ class Validation:
         One for each bag.
     channels : tuple of str
         Names of the channels.
+    cases : tuple of (OutputModel, BagData)
+        Each bag with the model that predicted it; empty for a random split.
 
     """
 
@@ -83,6 +85,7 @@ class Validation:
     score: Score
     traces: tuple[Trace, ...]
     channels: tuple[str, ...]
+    cases: tuple[tuple[OutputModel, BagData], ...] = ()
 
 
 def trace(model: OutputModel, data: BagData, output: str) -> Trace:
@@ -140,13 +143,20 @@ def validate(
         Figures and traces.
 
     """
-    return _summary([trace(model, bag, output) for bag in data], model.channels, method)
+    return _summary([trace(model, bag, output) for bag in data], model.channels, method,
+                    [(model, bag) for bag in data])
 
 
-def _summary(traces: list[Trace], channels: tuple[str, ...], method: str) -> Validation:
+def _summary(
+    traces: list[Trace],
+    channels: tuple[str, ...],
+    method: str,
+    cases: Sequence[tuple[OutputModel, BagData]] = (),
+) -> Validation:
     measured = np.vstack([item.measured for item in traces])
     predicted = np.vstack([item.predicted for item in traces])
-    return Validation(method, score(measured, predicted, channels), tuple(traces), channels)
+    return Validation(method, score(measured, predicted, channels), tuple(traces), channels,
+                      tuple(cases))
 
 
 def leave_one_bag_out(
@@ -170,11 +180,12 @@ def leave_one_bag_out(
         Figures over all bags, each predicted without having been seen.
 
     """
-    traces = []
+    traces, cases = [], []
     for i, bag in enumerate(data):
         model = fit([other for j, other in enumerate(data) if j != i])
         traces.append(trace(model, bag, output))
-    return _summary(traces, model.channels, f'leave one bag out, {len(data)} bags')
+        cases.append((model, bag))
+    return _summary(traces, model.channels, f'leave one bag out, {len(data)} bags', cases)
 
 
 def random_split(

@@ -1,0 +1,148 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Thresholds of a fit: learned from residuals of bags that the models were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+import warnings
+
+import numpy as np
+
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.errors import FitError, SignalError, TudorWarning
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
+from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
+from tudor_dynamics.monitoring.threshold_io import thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds import MethodThresholds
+from tudor_dynamics.signals import prepare
+
+
+def live_preprocessing(spec: PreprocessingSpec) -> PreprocessingSpec:
+    """
+    Give the preprocessing of the running robot: causal, every sample.
+
+    Parameters
+    ----------
+    spec : PreprocessingSpec
+        Preprocessing of a model.
+
+    Returns
+    -------
+    PreprocessingSpec
+        The same where it is causal, else the causal filters that stand beside it.
+
+    """
+    return spec.model_copy(update={'filter': 'causal', 'rate': None})
+
+
+def free_motion(
+    cases: Sequence[tuple[OutputModel, BagData]],
+    output: str,
+    spec: PreprocessingSpec,
+    *,
+    momentum: bool = False,
+) -> list[FreeMotion]:
+    """
+    Compute the residuals of every sample as the running robot has them.
+
+    Parameters
+    ----------
+    cases : sequence of (model, bag)
+        Bags with the output, each with a model that has not seen it.
+    output : {'effort', 'strain'}
+        Output.
+    spec : PreprocessingSpec
+        Preprocessing of the models.
+    momentum : bool, default=False
+        Residuals of the momentum observer in place of plain ones.
+
+    Returns
+    -------
+    list of FreeMotion
+        One for each gapless stretch.
+
+    """
+    records = []
+    for model, bag in cases:
+        try:
+            stretches = prepare(bag.recording, live_preprocessing(spec))
+        except SignalError:
+            continue  # no stretch is long enough
+        for s in stretches:
+            measured, motion = getattr(s, output), s.motion
+            if momentum:
+                residual = MomentumObserver(model).process(s.stamp, motion, measured)
+            else:
+                residual = measured - model.predict(motion)
+            keep = s.decimation.keep
+            records.append(FreeMotion(s.stamp[keep], motion[keep], residual[keep]))
+    return records
+
+
+def fit_thresholds(
+    unseen: Sequence[tuple[str, str, Sequence[tuple[OutputModel, BagData]]]],
+    spec: PreprocessingSpec,
+) -> dict[str, Any]:
+    """
+    Learn the thresholds of all methods that a fit allows.
+
+    Parameters
+    ----------
+    unseen : sequence of (output, kind, cases)
+        Every model of the fit with the bags that it is judged by.
+    spec : PreprocessingSpec
+        Preprocessing of the models.
+
+    Returns
+    -------
+    dict
+        Method to kind to thresholds as plain values; empty where there is too little motion.
+
+    """
+    found: dict[str, Any] = {}
+    reasons: list[str] = []
+
+    def learn(
+        method: str, kind: str, records: list[FreeMotion], channels: tuple[str, ...],
+    ) -> None:
+        try:
+            learned = learn_thresholds(records, channels)
+        except FitError as err:
+            reasons.append(str(err))
+            return
+        if not usable(learned):
+            reasons.append(f'{method} {kind}: a residual is zero throughout')
+            return
+        found.setdefault(method, {})[kind] = thresholds_to_dict(learned)
+
+    for output, kind, cases in unseen:
+        channels = cases[0][0].channels
+        learn(output, kind, free_motion(cases, output, spec), channels)
+        if output == 'effort' and kind == 'analytical':
+            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels)
+    if reasons:
+        warnings.warn(f'no collision thresholds for some methods: {reasons[0]}', TudorWarning,
+                      stacklevel=2)
+    return found
+
+
+def usable(thresholds: MethodThresholds) -> bool:
+    """Say whether every statistic has a size; one that is zero throughout has none."""
+    return bool(all(tail.scale > 0 and np.isfinite(tail.location) for tail in thresholds.tails)
+                and (thresholds.profile[:, 0] > 0).all())

@@ -1,0 +1,147 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Momentum observer: the external effort without any acceleration.
+
+See Haddadin, De Luca and Albu-Schaeffer, IEEE T-RO 33(6), 2017, Section IV. With the generalised
+momentum p = M(q) dq the observer integrates what the model expects of dp/dt and takes the
+difference for the external effort, behind a first-order lag of 1/gain.
+
+Nothing but predictions of the fitted effort model is needed: rows of M(q) dq come from the model
+at zero velocity with dq in place of the acceleration, dM/dt dq from a central difference along dq.
+Each row may carry a scale of its own, so the observer also works on currents of unknown torque
+constant: its result is then in amperes, joint by joint.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.monitoring.pairing import Pair
+from tudor_dynamics.monitoring.residuals import Residual
+
+FloatArray = NDArray[np.float64]
+
+STEP = 1e-5
+"""Change of position for the central difference [rad or m]."""
+LAGS = 5.0
+"""Lags of the observer until its beginning is forgotten."""
+
+
+class MomentumObserver:
+    """
+    Observer of external efforts.
+
+    Parameters
+    ----------
+    model : OutputModel
+        Analytical model of the efforts.
+    gain : float, default=30.0
+        Bandwidth of the observer [1/s].
+    settle : float, default=0.5
+        Time behind a beginning for which there is no result [s].
+
+    """
+
+    def __init__(self, model: OutputModel, gain: float = 30.0, settle: float = 0.5) -> None:
+        self.model = model
+        self.gain = gain
+        self.settle = max(settle, LAGS / gain)
+        self._observed: FloatArray | None = None
+        self._last = 0
+
+    def step(self, pair: Pair) -> Residual | None:
+        """
+        Observe one sample.
+
+        Parameters
+        ----------
+        pair : Pair
+            Motion and measured effort; no prediction is needed.
+
+        Returns
+        -------
+        Residual or None
+            Measured effort against the observer's (so that the value is the negative of the
+            external effort, as that of a plain residual is); None while the observer settles.
+
+        """
+        motion = pair.motion
+        momentum, expected = self._expect(motion.row[None])
+        external = self._advance(motion.stamp, motion.dt == 0.0, momentum[0],
+                                 expected[0] + pair.measured)
+        if external is None or not motion.settled(self.settle):
+            return None
+        return Residual(motion, pair.measured, pair.measured + external, -external)
+
+    def process(
+        self, stamp: NDArray[np.int64], motion: FloatArray, measured: FloatArray,
+    ) -> FloatArray:
+        """
+        Observe a gapless record at once.
+
+        Parameters
+        ----------
+        stamp : ndarray of int64, shape (n_samples,)
+            Header stamps [ns].
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]``.
+        measured : ndarray of shape (n_samples, n_joints)
+            Efforts in their units.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_joints)
+            Residuals, those of the settling included.
+
+        """
+        momentum, expected = self._expect(motion)
+        out = np.zeros_like(measured)
+        for k, (time, p, u) in enumerate(zip(stamp.tolist(), momentum, expected + measured,
+                                             strict=True)):
+            external = self._advance(time, k == 0, p, u)
+            if external is not None:
+                out[k] = -external
+        return out
+
+    def _advance(
+        self, stamp: int, first: bool, momentum: FloatArray, expected: FloatArray,
+    ) -> FloatArray | None:
+        if first or self._observed is None:
+            self._observed, self._last = momentum, stamp
+            return None
+        dt = (stamp - self._last) * 1e-9
+        self._last = stamp
+        # backward Euler: stable for any sample time
+        before = self._observed + dt * expected
+        external = self.gain / (1.0 + self.gain * dt) * (momentum - before)
+        self._observed = before + dt * external
+        return np.asarray(external)
+
+    def _expect(self, motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Give M dq, and dM/dt dq - n(q, dq): what the momentum does without effort."""
+        count, n = len(motion), motion.shape[1] // 3
+        q, dq = motion[:, :n], motion[:, n:2 * n]
+        batch = np.zeros((7, count, 3 * n))
+        batch[0, :, :2 * n] = motion[:, :2 * n]
+        step = STEP / np.maximum(1.0, np.abs(dq).max(axis=1, keepdims=True))
+        for k, place in enumerate((q, q + step * dq, q - step * dq)):
+            batch[1 + 2 * k:3 + 2 * k, :, :n] = place
+            batch[1 + 2 * k, :, 2 * n:] = dq
+        y = self.model.predict(batch.reshape(7 * count, 3 * n)).reshape(7, count, -1)
+        change = ((y[3] - y[4]) - (y[5] - y[6])) / (2.0 * step)
+        return y[1] - y[2], change - y[0]

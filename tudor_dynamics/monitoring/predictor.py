@@ -1,0 +1,80 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Predictions of a model bundle for live motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.state_filter import Motion
+
+FloatArray = NDArray[np.float64]
+
+OUTPUTS = ('effort', 'strain')
+
+
+class Predictor:
+    """
+    Predicts every output of a bundle with one kind of model.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models.
+    kind : {'analytical', 'elm'}
+        Kind of model.
+
+    Attributes
+    ----------
+    models : dict of str to OutputModel
+        Output to model.
+
+    """
+
+    def __init__(self, bundle: ModelBundle, kind: str = 'analytical') -> None:
+        self.bundle = bundle
+        self.kind = kind
+        self.settle = bundle.preprocessing.settle
+        self.models: dict[str, OutputModel] = {
+            output: bundle.models[output][kind] for output in OUTPUTS
+            if kind in bundle.models.get(output, {})}
+        if not self.models:
+            have = sorted({k for kinds in bundle.models.values() for k in kinds})
+            msg = f'the bundle has no model of the kind {kind!r}, it has {have}; choose one of them'
+            raise ModelError(msg)
+
+    def step(self, motion: Motion) -> dict[str, FloatArray] | None:
+        """
+        Predict one sample.
+
+        Parameters
+        ----------
+        motion : Motion
+            Motion of the active joints.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_channels,), or None
+            Output to values in its units; None while the filters settle.
+
+        """
+        if not motion.settled(self.settle):
+            return None
+        row = motion.row[None]
+        return {output: model.predict(row)[0] for output, model in self.models.items()}

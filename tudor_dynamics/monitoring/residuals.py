@@ -1,0 +1,94 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Residuals: measured minus predicted, both behind the same filters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.monitoring.pairing import Pair
+from tudor_dynamics.monitoring.state_filter import LowPass, Motion
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """
+    What the model does not explain of one sample.
+
+    Attributes
+    ----------
+    motion : Motion
+        Motion of the sample.
+    measured : ndarray of shape (n_channels,)
+        Reading, behind the output filter.
+    predicted : ndarray of shape (n_channels,)
+        Prediction.
+    value : ndarray of shape (n_channels,)
+        Their difference, in the unit of the output.
+
+    """
+
+    motion: Motion
+    measured: FloatArray
+    predicted: FloatArray
+    value: FloatArray
+
+
+class ResidualStage:
+    """
+    Makes residuals of pairs.
+
+    Parameters
+    ----------
+    cutoff : float or None
+        Low-pass over what is measured, as positions and velocities had it [Hz].
+    settle : float
+        Time behind a beginning for which there is no residual [s].
+
+    """
+
+    def __init__(self, cutoff: float | None, settle: float) -> None:
+        self.settle = settle
+        self._filter = LowPass(cutoff)
+        self._last = 0
+
+    def step(self, pair: Pair) -> Residual | None:
+        """
+        Take the difference.
+
+        Parameters
+        ----------
+        pair : Pair
+            Motion, prediction, measurement.
+
+        Returns
+        -------
+        Residual or None
+            None while the filters settle.
+
+        """
+        stamp = pair.motion.stamp
+        # since the pair before, which is not the sample before where messages were lost
+        dt = 0.0 if pair.motion.dt == 0.0 else (stamp - self._last) * 1e-9
+        self._last = stamp
+        measured = self._filter.step(dt, pair.measured)
+        if pair.predicted is None or not pair.motion.settled(self.settle):
+            return None
+        return Residual(pair.motion, measured, pair.predicted, measured - pair.predicted)
