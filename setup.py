@@ -19,6 +19,8 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'tudor_dynamics'
+NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
+         'bag_player', 'bag_recorder')
 
 setup(
     # Not in setup.cfg: setuptools makes an object of it there, which colcon cannot read.
@@ -33,6 +35,7 @@ setup(
     entry_points={
         'console_scripts': [
             'tudor = tudor_dynamics.cli.main:main',
+            *(f'{node} = tudor_dynamics.nodes.{node}:main' for node in NODES),
         ],
     },
 )

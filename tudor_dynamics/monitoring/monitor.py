@@ -176,11 +176,29 @@ class Watch:
                           for output in self.outputs}
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
                                           spec.settle) if 'momentum' in self.methods else None)
+        self.use_thresholds(thresholds, settings)
+
+    def use_thresholds(
+        self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
+    ) -> None:
+        """
+        Put other thresholds into use; the detector begins anew.
+
+        Parameters
+        ----------
+        thresholds : dict of str to MethodThresholds
+            Thresholds of the methods in use.
+        settings : MonitorSettings
+            Rates, times and hysteresis.
+
+        """
+        self.settings = settings
         self.stages = {name: ExcessStage(thresholds[name], settings.rates)
                        for name in self.methods if name in thresholds}
         self.detector = CollisionDetector(
             settings.detector, {name: stage.thresholds.channels
-                                for name, stage in self.stages.items()}, channel_links(bundle.arm))
+                                for name, stage in self.stages.items()},
+            channel_links(self.bundle.arm))
         self._restart = dict.fromkeys(self.methods, True)
         self.set_rates(settings.rates)
 

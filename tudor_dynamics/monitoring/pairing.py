@@ -72,6 +72,11 @@ class Pairing:
         self._motions: deque[tuple[Motion, FloatArray | None]] = deque()
         self._measured: deque[tuple[int, FloatArray]] = deque()
 
+    @property
+    def waiting(self) -> int:
+        """Number of motions that wait for a measurement."""
+        return len(self._motions)
+
     def reset(self) -> None:
         """Forget all that waits."""
         self.gate.reset()

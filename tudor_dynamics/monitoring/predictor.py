@@ -56,7 +56,7 @@ class Predictor:
             if kind in bundle.models.get(output, {})}
         if not self.models:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
-            msg = f'the bundle has no model of the kind {kind!r}, it has {have}; choose one of them'
+            msg = f'the bundle has no model of the kind {kind!r}, it has {have}: choose one'
             raise ModelError(msg)
 
     def step(self, motion: Motion) -> dict[str, FloatArray] | None:

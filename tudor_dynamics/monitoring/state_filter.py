@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Live joint states to positions, velocities and accelerations, as the offline tools filter them."""
+"""Live joint states to positions, velocities and accelerations, as the offline tools do it."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ Thresholds for a false-alarm rate.
 
 Each statistic of each channel has a profile, its typical size as a function of speed, acceleration
 and recent reversals, and a tail: the distribution of the largest ratio to that profile in a second
-of free motion. The threshold is the profile times that ratio which the tail exceeds as often as the
-user allows, a number in false alarms per hour, and never a multiple of sigma.
+of free motion. The threshold is the profile times the ratio which the tail exceeds as often as
+the user allows, a number in false alarms per hour, and never a multiple of sigma.
 """
 
 from __future__ import annotations

@@ -1,0 +1,171 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node bag_player: a bag replayed as it was recorded, no message decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+import sys
+from threading import Event, Thread
+import time
+from typing import Any
+
+from rclpy.publisher import Publisher
+from rosgraph_msgs.msg import Clock
+
+from tudor_dynamics.bags.live import read_track, Track
+from tudor_dynamics.errors import BagError, TudorError
+from tudor_dynamics.nodes.base import OK, TudorNode
+from tudor_dynamics.nodes.interfaces import CLOCK
+from tudor_dynamics.nodes.messages import time_message
+from tudor_dynamics.nodes.runner import run
+
+
+def message_class(msgtype: str) -> Any:
+    """
+    Find the class of a message type.
+
+    Parameters
+    ----------
+    msgtype : str
+        Such as ``sensor_msgs/msg/JointState``.
+
+    Returns
+    -------
+    type
+        Class.
+
+    Raises
+    ------
+    BagError
+        If its package is not installed.
+
+    """
+    package, _, name = msgtype.replace('/msg/', '/').partition('/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        msg = f'message type {msgtype} is not installed; install its package, or choose topics'
+        raise BagError(msg) from None
+
+
+class BagPlayerNode(TudorNode):
+    """Player node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('bag_player', **kwargs)
+        self.track: Track | None = None
+        self.finished = False
+        self._stop = Event()
+        self._thread: Thread | None = None
+        self._outputs: dict[str, Publisher] = {}
+        self._clock_output = (self.create_publisher(Clock, CLOCK, 10)
+                              if self.value('clock') else None)
+        self._skipped: list[str] = []
+        try:
+            self._open()
+        except TudorError as err:
+            self.fault = str(err)
+            self.get_logger().error(self.fault)
+            return
+        self._thread = Thread(target=self._play, daemon=True)
+        self._thread.start()
+
+    def _open(self) -> None:
+        if not self.value('bag'):
+            msg = 'no bag: set the parameter bag'
+            raise BagError(msg)
+        self.track = read_track(self.value('bag'), self.value('topics'))
+        for topic, msgtype in self.track.topics.items():
+            try:
+                kind = message_class(msgtype)
+            except BagError:
+                if self.value('topics'):
+                    raise
+                self._skipped.append(f'{topic} ({msgtype})')
+                continue
+            # recorded names are absolute; relative ones can be remapped and get the namespace
+            self._outputs[topic] = self.publish_on(kind, topic.lstrip('/'))
+
+    def _play(self) -> None:
+        track, stop = self.track, self._stop
+        assert track is not None
+        wanted = int(self.value('wait_for_subscribers'))
+        while any(p.get_subscription_count() < wanted for p in self._outputs.values()):
+            if stop.wait(0.02):
+                return
+        if wanted and stop.wait(0.3):  # a reader that is matched is not yet one that hears
+            return
+        times = track.time.tolist()
+        begin = times[0] + round(float(self.value('start_offset')) * 1e9)
+        first = next((i for i, t in enumerate(times) if t >= begin), len(times))
+        while not stop.is_set():
+            self._pass(times, first)
+            if not self.value('loop'):
+                break
+        self.finished = True
+
+    def _pass(self, times: list[int], first: int) -> None:
+        """Publish all messages once, each when it is due."""
+        track, stop = self.track, self._stop
+        assert track is not None
+        due = time.perf_counter()
+        before = times[first] if first < len(times) else 0
+        for i in range(first, len(times)):
+            due += (times[i] - before) * 1e-9 / float(self.value('rate'))
+            before = times[i]
+            wait = due - time.perf_counter()
+            if wait > 0 and stop.wait(wait):
+                return
+            if stop.is_set():
+                return
+            publisher = self._outputs.get(track.topic[i])
+            if publisher is None:
+                continue
+            begun = self.meter.begin()
+            if self._clock_output is not None:
+                self._clock_output.publish(Clock(clock=time_message(times[i])))
+            publisher.publish(track.data[i])
+            self.meter.end(begun)
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell how far the bag is."""
+        level, message, values = super().status()
+        values['bag'] = str(self.value('bag'))
+        if self._skipped:
+            values['skipped'] = ', '.join(self._skipped)
+        if self.finished and not self.fault:
+            if self.value('exit_at_end'):
+                self.context.try_shutdown()
+            return OK, 'at the end', values
+        if self.track is not None:
+            values['messages in the bag'] = str(len(self.track.data))
+        return level, message, values
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(BagPlayerNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,115 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node bag_recorder: topics to a rosbag2, no message decoded."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+import sys
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from tudor_dynamics.bags.live import LiveWriter
+from tudor_dynamics.errors import BagError, TudorError
+from tudor_dynamics.nodes.bag_player import message_class
+from tudor_dynamics.nodes.base import TudorNode
+from tudor_dynamics.nodes.runner import run
+
+DEPTH = 1000
+IGNORED = ('/rosout', '/parameter_events')
+
+
+class BagRecorderNode(TudorNode):
+    """Recorder node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('bag_recorder', **kwargs)
+        self.writer: LiveWriter | None = None
+        self.recorded: dict[str, Any] = {}
+        try:
+            if not self.value('bag'):
+                msg = 'no bag: set the parameter bag to the directory to make'
+                raise BagError(msg)
+            self.writer = LiveWriter(self.value('bag'), self.value('storage'))
+        except TudorError as err:
+            self.fault = str(err)
+            self.get_logger().error(self.fault)
+            return
+        self._wanted = {self.resolve_topic_name(name) for name in self.value('topics')}
+        self._look()
+        self._search = self.create_timer(0.2, self._look)
+
+    def _look(self) -> None:
+        """Subscribe to topics that have appeared."""
+        for topic, types in self.get_topic_names_and_types():
+            if topic in self.recorded or (topic not in self._wanted if self._wanted
+                                          else topic in IGNORED):
+                continue
+            offers = self.get_publishers_info_by_topic(topic)
+            if offers:
+                self._record(topic, types[0], [offer.qos_profile for offer in offers])
+
+    def _record(self, topic: str, msgtype: str, offers: list[QoSProfile]) -> None:
+        assert self.writer is not None
+        try:
+            kind = message_class(msgtype)
+        except BagError as err:
+            self.recorded[topic] = None
+            self.get_logger().warning(f'{topic} is not recorded: {err}')
+            return
+        if not self.writer.add(topic, msgtype):
+            self.recorded[topic] = None
+            self.get_logger().warning(f'{topic} is not recorded: unknown type {msgtype}')
+            return
+        reliable = all(q.reliability == ReliabilityPolicy.RELIABLE for q in offers)
+        kept = all(q.durability == DurabilityPolicy.TRANSIENT_LOCAL for q in offers)
+        qos = QoSProfile(
+            depth=DEPTH,
+            reliability=(ReliabilityPolicy.RELIABLE if reliable
+                         else ReliabilityPolicy.BEST_EFFORT),
+            durability=(DurabilityPolicy.TRANSIENT_LOCAL if kept
+                        else DurabilityPolicy.VOLATILE))
+        self.recorded[topic] = self.create_subscription(
+            kind, topic, partial(self._on_message, topic), qos, raw=True)
+
+    def _on_message(self, topic: str, data: bytes) -> None:
+        begun = self.meter.begin()
+        if self.writer is not None:
+            self.writer.write(topic, self.get_clock().now().nanoseconds, data)
+        self.meter.end(begun)
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell what is recorded."""
+        level, message, values = super().status()
+        values['bag'] = str(self.value('bag'))
+        values['topics'] = ', '.join(sorted(t for t, s in self.recorded.items() if s)) or 'none'
+        return level, message, values
+
+    def close(self) -> None:
+        """Finish the bag."""
+        writer, self.writer = self.writer, None
+        if writer is not None:
+            writer.close()
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(BagRecorderNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,136 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node collision_detector: predictions and measurements in, residuals and collisions out."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from functools import partial
+import sys
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.monitor import Watch
+from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.nodes.detect_node import DetectNode
+from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.messages import MotionReader, NamedReader, nanoseconds
+from tudor_dynamics.nodes.runner import run
+
+WAITING = 200
+"""Motions that may wait for their prediction."""
+
+
+class CollisionDetectorNode(DetectNode):
+    """Detector node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('collision_detector', **kwargs)
+        self._motion_reader: MotionReader | None = None
+        self._prediction_readers: dict[str, NamedReader] = {}
+        self._motions: dict[str, OrderedDict[int, Motion]] = {}
+        self._predictions: dict[str, OrderedDict[int, Any]] = {}
+        self._sensors: list[Any] = []
+        self.start()
+        self._inputs = [self.subscribe(JointTrajectory, JOINT_MOTION, self._on_motion)]
+        for output, topic in PREDICTED.items():
+            self._inputs.append(self.subscribe(
+                JointState, topic, partial(self._on_predicted, output)))
+
+    def prepare(self, bundle: ModelBundle) -> Watch:
+        """Build the detector."""
+        return Watch(bundle, self.settings())
+
+    def use(self, bundle: ModelBundle, prepared: Watch) -> None:
+        """Put another model into use."""
+        first = self.bundle is None
+        topics = self.sensor_topics(bundle)
+        self.adopt(bundle, prepared)
+        self._motion_reader = MotionReader(bundle.arm.active_joints, self.drops)
+        self._motions = {output: OrderedDict() for output in prepared.outputs}
+        self._predictions = {output: OrderedDict() for output in prepared.outputs}
+        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
+        self._prediction_readers = {output: NamedReader(names[output], self.drops)
+                                    for output in prepared.outputs}
+        if first:
+            for output in prepared.outputs:
+                self._sensors.append(self.subscribe(
+                    JointState, topics[output].pop(),
+                    partial(self._on_measured, output)))
+
+    def _on_motion(self, message: JointTrajectory) -> None:
+        self.meter.begin()
+        if self.watch is None or self._motion_reader is None:
+            return
+        motion = self._motion_reader.read(message)
+        if motion is None:
+            return
+        self.moving(motion.row)
+        for output, waiting in self._motions.items():
+            predicted = self._predictions[output].pop(motion.stamp, None)
+            if predicted is not None or not motion.settled(
+                    self.watch.bundle.preprocessing.settle):
+                # predictions come only once the filters have settled
+                self.tell(self.watch.add_output(output, motion, predicted))
+                continue
+            waiting[motion.stamp] = motion
+            if len(waiting) > WAITING:
+                waiting.popitem(last=False)
+                self.drops['no_prediction'] += 1
+
+    def _on_predicted(self, output: str, message: JointState) -> None:
+        if self.watch is None or output not in self._motions:
+            return
+        values = self._prediction_readers[output].read(message, FIELD[output])
+        if values is None:
+            return
+        stamp = nanoseconds(message.header.stamp)
+        waiting = self._motions[output]
+        motion = waiting.get(stamp)
+        if motion is None:
+            early = self._predictions[output]
+            early[stamp] = values
+            if len(early) > WAITING:
+                early.popitem(last=False)
+            return
+        while waiting:  # those before it have lost their predictions
+            first, _ = waiting.popitem(last=False)
+            if first == stamp:
+                break
+            self.drops['no_prediction'] += 1
+        self.tell(self.watch.add_output(output, motion, values))
+
+    def _on_measured(self, output: str, message: JointState) -> None:
+        begun = self.meter.begin()
+        try:
+            self.tell(self.measured(output, message))
+        except TudorError as err:
+            self.drops['error'] += 1
+            self.get_logger().error(str(err), throttle_duration_sec=5.0)
+        self.meter.end(begun)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(CollisionDetectorNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,270 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What collision_detector and monitor share: residuals, collisions, calibration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from threading import Thread
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Header
+
+from tudor_dynamics.errors import ModelError, TudorError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.calibration import Calibration
+from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.health import SensorHealth
+from tudor_dynamics.monitoring.monitor import Found, METHODS, MonitorSettings, Watch
+from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.nodes.base import ERROR, OK, WARN
+from tudor_dynamics.nodes.interfaces import (
+    CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
+from tudor_dynamics.nodes.messages import joint_state, NamedReader, nanoseconds, time_message
+from tudor_dynamics.nodes.model_node import ModelNode
+
+
+class DetectNode(ModelNode):
+    """
+    Base of the nodes that find collisions.
+
+    Attributes
+    ----------
+    watch : Watch or None
+        Residuals, thresholds and detector.
+    health : dict of str to SensorHealth
+        Output to the health of its sensors.
+
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.watch: Watch | None = None
+        self.health: dict[str, SensorHealth] = {}
+        self._calibration: Calibration | None = None
+        self._note = ''
+        self._told: dict[Level, bool] = {}
+        self._last_event: CollisionEvent | None = None
+        self._readers: dict[str, NamedReader] = {}
+        self._residuals = {m: self.publish_on(JointState, RESIDUALS[m]) for m in METHODS}
+        self._thresholds = {m: self.publish_on(JointState, THRESHOLDS[m]) for m in METHODS}
+        self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
+                       Level.CONTACT: self.publish_on(Bool, CONTACT, latch=True)}
+        self._events = self.publish_on(Header, COLLISION_EVENT)
+        self.serve(RESET, self._reset)
+        self.serve(CALIBRATE, self._calibrate)
+        self._tell_level(Level.FREE)
+
+    def settings(self) -> MonitorSettings:
+        """Give the settings that the parameters stand for."""
+        return MonitorSettings(
+            kind=self.value('kind'), methods=self.value('methods'),
+            rates=Rates(self.value('false_alarms_per_hour'),
+                        self.value('contact_alarms_per_hour')),
+            detector=DetectorSettings(self.value('debounce'), self.value('release'),
+                                      self.value('rearm')),
+            observer_gain=self.value('observer_gain'),
+            gap=self.value('gap') if 'gap' in self.params else 0.0)
+
+    def adopt(self, bundle: ModelBundle, watch: Watch) -> None:
+        """Put another model into use."""
+        self.bundle, self.watch = bundle, watch
+        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
+        self._readers = {output: NamedReader(names[output], self.drops)
+                         for output in watch.outputs}
+        self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
+                       for output in watch.outputs}
+        self._calibration = None
+        missing = [m for m in self.value('methods') if m not in watch.stages]
+        self._note = '' if not missing else (
+            f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
+            'call ~/calibrate while the arm moves freely')
+
+    def sensor_topics(self, bundle: ModelBundle) -> dict[str, set[str]]:
+        """
+        Give the topic of each output that is listened to.
+
+        Raises
+        ------
+        ModelError
+            If an output comes on several topics.
+
+        """
+        arm = bundle.arm
+        topics = {'effort': {joint.effort.topic for joint in arm.joints},
+                  'strain': {gauge.topic for gauge in arm.gauges}}
+        for output, names in topics.items():
+            if len(names) > 1:
+                msg = (f'{output} comes on several topics ({", ".join(sorted(names))}); merge '
+                       'them on one for the nodes')
+                raise ModelError(msg)
+        return topics
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse a contact rate below that of collisions."""
+        collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
+        contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
+        if contact < collision:
+            msg = (f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
+                   f'{collision:g}: the level that only tells must be the more sensitive one')
+            raise TudorError(msg)
+
+    def apply(self) -> None:
+        """Take changed rates and times into use."""
+        if self.watch is None:
+            return
+        settings = self.settings()
+        self.watch.set_rates(settings.rates)
+        self.watch.detector.settings = settings.detector
+        for health in self.health.values():
+            health.stuck_time = self.value('stuck_time')
+
+    def measured(self, output: str, message: JointState) -> Found:
+        """Hand a sensor message to the detector."""
+        watch, reader = self.watch, self._readers.get(output)
+        if watch is None or reader is None:
+            return Found()
+        values = reader.read(message, FIELD[output])
+        if values is None:
+            return Found()
+        stamp = nanoseconds(message.header.stamp)
+        self.health[output].step(stamp, values)
+        return watch.add_measured(output, stamp, values)
+
+    def moving(self, row: Any) -> None:
+        """Tell the health of the sensors whether the arm moves."""
+        n = len(row) // 3
+        moving = bool(abs(row[n:2 * n]).max() > 0.05)
+        for health in self.health.values():
+            health.moving = moving
+
+    def tell(self, found: Found) -> None:
+        """Publish what was found."""
+        for method, residual in found.residuals:
+            if self._calibration is not None and method in self._calibration.channels:
+                self._collect(method, residual)
+            publisher = self._residuals[method]
+            if publisher.get_subscription_count():
+                self._publish(publisher, method, residual.motion.stamp, residual.value)
+        for method, excess in found.excesses:
+            publisher = self._thresholds[method]
+            if publisher.get_subscription_count():
+                self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
+        for event in found.events:
+            self._tell_event(event)
+        if self.watch is not None and found.excesses:
+            self._tell_level(self.watch.level)
+
+    def _publish(self, publisher: Any, method: str, stamp: int, values: Any) -> None:
+        assert self.bundle is not None
+        arm = self.bundle.arm
+        names = arm.gauge_names if method == 'strain' else arm.active_joints
+        publisher.publish(joint_state(time_message(stamp), list(names),
+                                      **{FIELD[method]: values}))
+
+    def _tell_level(self, level: Level) -> None:
+        for of, publisher in self._flags.items():
+            state = level >= of
+            if self._told.get(of) is not state:
+                self._told[of] = state
+                publisher.publish(Bool(data=state))
+
+    def _tell_event(self, event: CollisionEvent) -> None:
+        self._last_event = event
+        header = Header(frame_id=event.link)
+        header.stamp = time_message(event.onset)
+        self._events.publish(header)
+        values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
+                  'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
+                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()},
+                  **{f'ratio {k}': f'{v:.3f}' for k, v in event.ratios.items()}}
+        self.publish_diagnostics(DiagnosticStatus(
+            level=WARN, name=f'{self.get_name()}: collision', hardware_id=self.hardware(),
+            message=f'collision at {event.link}, by {event.method}',
+            values=[KeyValue(key=k, value=v) for k, v in values.items()]))
+
+    def _reset(self) -> str:
+        if self.watch is not None:
+            self.watch.detector.reset()
+        self._tell_level(Level.FREE)
+        return 'armed'
+
+    def _calibrate(self) -> str:
+        if self.watch is None or self.bundle is None:
+            msg = f'nothing to calibrate: {self.fault or "no model"}'
+            raise TudorError(msg)
+        arm = self.bundle.arm
+        seconds = float(self.value('calibration_time'))
+        self._calibration = Calibration(
+            {m: arm.gauge_names if m == 'strain' else arm.active_joints
+             for m in self.watch.methods}, seconds)
+        self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
+        return self._note
+
+    def _collect(self, method: str, residual: Residual) -> None:
+        calibration = self._calibration
+        assert calibration is not None
+        calibration.add(method, residual)
+        if not calibration.done:
+            return
+        self._calibration = None
+        bundle, settings = self.bundle, self.settings()
+
+        def learn() -> None:
+            try:
+                learned = calibration.learn()
+            except TudorError as err:
+                self._note = f'calibration failed: {err}'
+                return
+
+            def take() -> None:
+                if self.bundle is bundle and self.watch is not None:
+                    self.watch.use_thresholds(learned, replace(settings))
+                    self._note = 'thresholds of ~/calibrate in use'
+            self._ready = take
+        self._loader = Thread(target=learn, daemon=True)
+        self._loader.start()
+        self._poll.reset()
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the drops of the pairing."""
+        if self.watch is None:
+            return [self.drops]
+        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values())]
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell level, dead sensors and the last event."""
+        level, message, values = super().status()
+        if self.watch is not None:
+            values['level'] = self.watch.level.name.lower()
+            values['methods'] = ', '.join(self.watch.stages) or 'none'
+        dead = [name for health in self.health.values() for name in health.dead()]
+        if dead and level == OK:
+            text = f'no change in {", ".join(dead)} while the arm moves: dead sensor'
+            return ERROR, text, values
+        silent = [output for output, pairing in (self.watch.pairing if self.watch else {}).items()
+                  if pairing.waiting > 50]
+        if silent and level == OK:
+            return WARN, f'no {" and no ".join(silent)} for the motion that comes in', values
+        if self._last_event is not None:
+            values['last collision [ns]'] = str(self._last_event.onset)
+            values['last link'] = self._last_event.link
+        if self._note and level == OK:
+            return WARN, self._note, values
+        return level, message, values

@@ -1,0 +1,86 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node dynamics_predictor: what efforts and strains the model expects of the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.messages import joint_state, MotionReader
+from tudor_dynamics.nodes.model_node import ModelNode
+from tudor_dynamics.nodes.runner import run
+
+
+class DynamicsPredictorNode(ModelNode):
+    """Predictor node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('dynamics_predictor', **kwargs)
+        self.predictor: Predictor | None = None
+        self._reader: MotionReader | None = None
+        self._publishers_of = {output: self.publish_on(JointState, topic)
+                               for output, topic in PREDICTED.items()}
+        self.start()
+        self._subscription = self.subscribe(JointTrajectory, JOINT_MOTION, self._on_motion)
+
+    def prepare(self, bundle: ModelBundle) -> Predictor:
+        """Build the predictor."""
+        return Predictor(bundle, self.value('kind'))
+
+    def use(self, bundle: ModelBundle, prepared: Predictor) -> None:
+        """Put another predictor into use."""
+        self.bundle, self.predictor = bundle, prepared
+        if self._reader is None:
+            self._reader = MotionReader(bundle.arm.active_joints, self.drops)
+        self._names = {'effort': list(bundle.arm.active_joints),
+                       'strain': list(bundle.arm.gauge_names)}
+
+    def _on_motion(self, message: JointTrajectory) -> None:
+        begun = self.meter.begin()
+        if self.predictor is None or self._reader is None:
+            return
+        motion = self._reader.read(message)
+        if motion is None:
+            return
+        predicted = self.predictor.step(motion)
+        if predicted is None:
+            return
+        for output, values in predicted.items():
+            self._publishers_of[output].publish(joint_state(
+                message.header.stamp, self._names[output], **{FIELD[output]: values}))
+        self.meter.end(begun)
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell the kind of model."""
+        level, message, values = super().status()
+        values['kind'] = str(self.value('kind'))
+        return level, message, values
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(DynamicsPredictorNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,146 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Every topic, service and parameter of the nodes, in one place; free of ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+JOINT_STATES = 'joint_states'
+FILTERED_JOINT_STATES = 'filtered_joint_states'
+JOINT_MOTION = 'joint_motion'
+PREDICTED = {'effort': 'predicted_efforts', 'strain': 'predicted_strains'}
+RESIDUALS = {'effort': 'effort_residuals', 'strain': 'strain_residuals',
+             'momentum': 'momentum_residuals'}
+THRESHOLDS = {'effort': 'effort_thresholds', 'strain': 'strain_thresholds',
+              'momentum': 'momentum_thresholds'}
+COLLISION = 'collision'
+CONTACT = 'contact'
+COLLISION_EVENT = 'collision_event'
+JOINT_REFERENCE = 'joint_reference'
+VELOCITY_COMMANDS = 'velocity_commands'
+JOINT_TRAJECTORY = 'joint_trajectory'
+DIAGNOSTICS = '/diagnostics'
+CLOCK = '/clock'
+
+RESET, CALIBRATE, RELOAD = '~/reset', '~/calibrate', '~/reload'
+
+FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
+"""Field of a JointState that carries each signal."""
+
+Value = bool | int | float | str | tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Param:
+    """
+    A parameter of a node.
+
+    Attributes
+    ----------
+    name : str
+        Name, with dots where it belongs to a group.
+    default : bool, int, float, str or tuple of str
+        Default; its type is the type of the parameter.
+    text : str
+        What it does.
+    unit : str
+        Unit; empty for none.
+    low, high : float, optional
+        Bounds of a number.
+    dynamic : bool
+        Whether it may change while the node runs.
+    choices : tuple of str
+        Values allowed, for strings.
+
+    """
+
+    name: str
+    default: Value
+    text: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    dynamic: bool = False
+    choices: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """Say what it does, with unit and choices."""
+        unit = f' [{self.unit}]' if self.unit else ''
+        choices = f'; one of {", ".join(self.choices)}' if self.choices else ''
+        return f'{self.text}{unit}{choices}'
+
+
+ROBOT = Param('robot', '', 'hardware_id of the diagnostics; the name of the arm by default')
+TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.0, dynamic=True)
+COMMON = (ROBOT, TIMEOUT)
+MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
+KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm'))
+GAP = Param('gap', 0.0, 'longest time between samples that is no gap; 0 for five periods, at '
+            'least 20 ms', 's', 0.0, 60.0)
+
+FILTER = (
+    MODEL,
+    Param('joints', (), 'joints in the order of the output; those of the model by default, else '
+          'all of the first message'),
+    Param('velocity_cutoff', 80.0, 'low-pass of the velocity; used without a model', 'Hz', 0.01,
+          1e5),
+    Param('acceleration_cutoff', 20.0, 'low-pass of the acceleration; used without a model', 'Hz',
+          0.01, 1e5),
+    Param('output_cutoff', 0.0, 'low-pass of positions, velocities and efforts, 0 for none; used '
+          'without a model', 'Hz', 0.0, 1e5),
+    Param('measured_velocity', True, "take the driver's velocity where it has one; used without a "
+          'model'),
+    GAP)
+PREDICT = (MODEL, KIND)
+DETECT = (
+    Param('methods', ('strain',), 'what the detector listens to: strain, effort, momentum'),
+    Param('false_alarms_per_hour', 1.0, 'false collisions that are allowed', '1/h', 1e-6, 3600.0,
+          dynamic=True),
+    Param('contact_alarms_per_hour', 60.0, 'false contacts that are allowed', '1/h', 1e-6, 3600.0,
+          dynamic=True),
+    Param('debounce', 0.01, 'time for which a threshold must be exceeded', 's', 0.0, 1.0,
+          dynamic=True),
+    Param('release', 0.5, 'fraction of the threshold below which a level is left', '', 0.0, 1.0,
+          dynamic=True),
+    Param('rearm', 0.5, 'time below it before a level is left', 's', 0.0, 60.0, dynamic=True),
+    Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.1, 1e4),
+    Param('calibration_time', 60.0, 'free motion that ~/calibrate learns from', 's', 30.0, 3600.0,
+          dynamic=True),
+    Param('stuck_time', 1.0, 'time without any change while the arm moves, behind which a channel '
+          'counts as dead', 's', 0.01, 600.0, dynamic=True))
+PLAYER = (
+    Param('bag', '', 'rosbag2 directory, .mcap or .db3'),
+    Param('rate', 1.0, 'speed of the replay, 1 for real time', '', 1e-3, 1e3, dynamic=True),
+    Param('loop', False, 'begin again at the end', dynamic=True),
+    Param('start_offset', 0.0, 'where to begin', 's', 0.0, 1e9),
+    Param('topics', (), 'topics to publish; all by default'),
+    Param('clock', False, 'publish /clock with the time of the bag'),
+    Param('wait_for_subscribers', 0, 'subscriptions on every topic to wait for', '', 0, 100),
+    Param('exit_at_end', False, 'end the node when the bag ends'))
+RECORDER = (
+    Param('bag', '', 'directory to make; it appears when recording ends'),
+    Param('topics', (), 'topics to record; all by default'),
+    Param('storage', 'mcap', 'storage format', choices=('mcap', 'sqlite3')))
+
+NODES: dict[str, tuple[Param, ...]] = {
+    'joint_state_filter': (*FILTER, *COMMON),
+    'dynamics_predictor': (*PREDICT, *COMMON),
+    'collision_detector': (MODEL, KIND, *DETECT, *COMMON),
+    'monitor': (MODEL, KIND, GAP, *DETECT, *COMMON),
+    'bag_player': (*PLAYER, *COMMON),
+    'bag_recorder': (*RECORDER, *COMMON),
+}
+"""Parameters of each node."""

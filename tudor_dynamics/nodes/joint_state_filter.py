@@ -1,0 +1,116 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node joint_state_filter: positions in, positions with velocities and accelerations out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+import sys
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
+from tudor_dynamics.nodes.base import TudorNode
+from tudor_dynamics.nodes.interfaces import (
+    FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
+from tudor_dynamics.nodes.messages import (
+    floats, joint_state, motion_message, NamedReader, nanoseconds)
+from tudor_dynamics.nodes.runner import run
+
+
+class JointStateFilterNode(TudorNode):
+    """Filter node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('joint_state_filter', **kwargs)
+        topic = JOINT_STATES
+        self._names: list[str] = list(self.value('joints'))
+        self._reader: NamedReader | None = None
+        self._robot = ''
+        spec = self._spec()
+        if self.value('model'):
+            try:
+                bundle = load_bundle(self.value('model'))
+            except TudorError as err:
+                self.fault = str(err)
+            else:
+                spec, topic = bundle.preprocessing, bundle.arm.spec.joint_topic
+                self._names = self._names or list(bundle.arm.active_joints)
+                self._robot = bundle.arm.name
+        self.filter = StateFilter(spec, self.value('gap'))
+        self._effort = LowPass(spec.output_cutoff)
+        self._states = self.publish_on(JointState, FILTERED_JOINT_STATES)
+        self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
+        self.serve(RESET, self._reset)
+        self._subscription = self.subscribe(JointState, topic, self._on_joints)
+
+    def _spec(self) -> PreprocessingSpec:
+        return PreprocessingSpec(
+            velocity_cutoff=self.value('velocity_cutoff'),
+            acceleration_cutoff=self.value('acceleration_cutoff'),
+            output_cutoff=self.value('output_cutoff') or None,
+            measured_velocity=self.value('measured_velocity'))
+
+    def _reset(self) -> str:
+        self.filter.reset()
+        return 'the next sample is a first one'
+
+    def _on_joints(self, message: JointState) -> None:
+        begun = self.meter.begin()
+        if self.fault:
+            return
+        if self._reader is None:
+            self._names = self._names or list(message.name)
+            self._reader = NamedReader(self._names, self.drops)
+        q = self._reader.read(message, 'position')
+        if q is None:
+            return
+        velocity = self._reader.read(message, 'velocity', optional=True)
+        motion = self.filter.step(nanoseconds(message.header.stamp), q, velocity)
+        if motion is None:
+            return
+        n = len(self._names)
+        stamp = message.header.stamp
+        states = joint_state(stamp, self._names, position=motion.row[:n],
+                             velocity=motion.row[n:2 * n])
+        effort = self._reader.read(message, 'effort', optional=True)
+        if effort is not None:
+            states.effort = floats(self._effort.step(motion.dt, effort))
+        self._motion.publish(motion_message(stamp, self._names, motion))
+        self._states.publish(states)
+        self.meter.end(begun)
+
+    def hardware(self) -> str:
+        """Give the name of the robot, by default that of the model's arm."""
+        return str(self.value('robot')) or self._robot or 'none'
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the filter's drops."""
+        return [self.drops, self.filter.drops]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(JointStateFilterNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,82 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What diagnostics tell: rate, latency, drops and the age of the input; free of ROS."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+import time
+
+MEMORY = 4096
+"""Latencies of which percentiles are taken."""
+
+
+class Meter:
+    """Counts messages and takes their time; `report` gives the figures since the last one."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.last_arrival: float | None = None
+        self._latencies: deque[float] = deque(maxlen=MEMORY)
+        self._reported = 0
+        self._since = time.monotonic()
+
+    def begin(self) -> float:
+        """Take the time at which a message arrives."""
+        self.last_arrival = now = time.perf_counter()
+        return now
+
+    def end(self, begun: float) -> None:
+        """Take the time at which its results are published."""
+        self.count += 1
+        self._latencies.append(time.perf_counter() - begun)
+
+    def stale(self, timeout: float) -> bool:
+        """Say whether nothing has come for a while, or ever [s]."""
+        return (self.last_arrival is None
+                or time.perf_counter() - self.last_arrival > timeout)
+
+    def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
+        """
+        Give rate, latency and drops as texts.
+
+        Parameters
+        ----------
+        drops : iterable of Counter
+            Drops by cause, to be added up.
+
+        Returns
+        -------
+        dict of str to str
+            For a DiagnosticStatus.
+
+        """
+        now = time.monotonic()
+        seconds = max(now - self._since, 1e-9)
+        values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',
+                  'messages': str(self.count)}
+        self._reported, self._since = self.count, now
+        if self._latencies:
+            ordered = sorted(self._latencies)
+            for name, share in (('p50', 0.5), ('p99', 0.99)):
+                value = ordered[min(len(ordered) - 1, int(share * len(ordered)))]
+                values[f'latency {name} [ms]'] = f'{1e3 * value:.3f}'
+        total: Counter[str] = Counter()
+        for item in drops:
+            total.update(item)
+        values['dropped'] = str(sum(total.values()))
+        values.update({f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n})
+        return values

@@ -1,0 +1,129 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node that works with a model bundle, and takes another one without stopping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Thread
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from tudor_dynamics.errors import ModelError, TudorError
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.nodes.base import ERROR, OK, TudorNode
+from tudor_dynamics.nodes.interfaces import RELOAD
+
+
+class ModelNode(TudorNode):
+    """
+    Base of nodes with a model.
+
+    A model that cannot be loaded does not end the node: it says why in its diagnostics, gives no
+    output, and tries again on ``~/reload``.
+
+    Attributes
+    ----------
+    bundle : ModelBundle or None
+        Model in use.
+
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.bundle: ModelBundle | None = None
+        self._source = str(self.value('model'))
+        self._reload_fault = ''
+        self._ready: Callable[[], None] | None = None
+        self._loader: Thread | None = None
+
+    def start(self) -> None:
+        """Load the model and offer to do so again; to be called at the end of the constructor."""
+        try:
+            bundle = self._load()
+            self.use(bundle, self.prepare(bundle))
+        except TudorError as err:
+            self.fault = str(err)
+        self.create_service(Trigger, RELOAD, self._on_reload)
+        self._poll = self.create_timer(0.05, self._take_over)
+        self._poll.cancel()
+
+    def _load(self) -> ModelBundle:
+        if not self._source:
+            msg = 'no model: set the parameter model to a bundle made by tudor fit'
+            raise ModelError(msg)
+        arm = None if self.bundle is None else self.bundle.arm
+        return load_bundle(self._source, arm=arm)
+
+    def prepare(self, bundle: ModelBundle) -> Any:
+        """Build what works with a model; slow, in a thread of its own when reloading."""
+        raise NotImplementedError
+
+    def use(self, bundle: ModelBundle, prepared: Any) -> None:
+        """Put what was prepared into use, between two samples."""
+        raise NotImplementedError
+
+    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Load beside the running model, and answer at once: the diagnostics tell the outcome."""
+        if self._loader is not None:
+            response.success, response.message = False, 'still loading'
+            return response
+
+        def load() -> None:
+            try:
+                bundle = self._load()
+                prepared = self.prepare(bundle)
+            except TudorError as err:
+                text = str(err)
+
+                def refuse() -> None:
+                    self._reload_fault = text
+                    self.get_logger().error(f'{text}; the model before stays in use')
+                self._ready = refuse
+                return
+
+            def take() -> None:
+                self.fault = self._reload_fault = ''
+                self.use(bundle, prepared)
+                self.get_logger().info(f'model {self._source} in use')
+            self._ready = take
+        self._loader = Thread(target=load, daemon=True)
+        self._loader.start()
+        self._poll.reset()
+        response.success, response.message = True, f'loading {self._source}'
+        return response
+
+    def _take_over(self) -> None:
+        if self._ready is None:
+            return
+        ready, self._ready, self._loader = self._ready, None, None
+        self._poll.cancel()
+        ready()
+
+    def hardware(self) -> str:
+        """Give the name of the robot, by default that of the model's arm."""
+        arm = '' if self.bundle is None else self.bundle.arm.name
+        return str(self.value('robot')) or arm or 'none'
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell which model is in use."""
+        level, message, values = super().status()
+        values['model'] = self._source if self.bundle is not None else 'none'
+        if self.bundle is not None:
+            values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
+        if self._reload_fault and level == OK:
+            return ERROR, f'reload refused: {self._reload_fault}', values
+        return level, message, values

@@ -1,0 +1,122 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node monitor: filter, predictor and detector in one, with no message between them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+import sys
+from typing import Any
+
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.nodes.detect_node import DetectNode
+from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.messages import (
+    joint_state, motion_message, NamedReader, nanoseconds)
+from tudor_dynamics.nodes.runner import run
+
+
+class MonitorNode(DetectNode):
+    """Monitor node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('monitor', **kwargs)
+        self.monitor: Monitor | None = None
+        self._joints: NamedReader | None = None
+        self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
+        self._predicted = {output: self.publish_on(JointState, topic)
+                           for output, topic in PREDICTED.items()}
+        self._inputs: list[Any] = []
+        self.start()
+
+    def prepare(self, bundle: ModelBundle) -> Monitor:
+        """Build the monitor."""
+        return Monitor(bundle, self.settings())
+
+    def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
+        """Put another model into use; the filter goes on where it is."""
+        first = self.bundle is None
+        topics = self.sensor_topics(bundle)
+        if self.monitor is not None and self.bundle is not None and (
+                bundle.preprocessing == self.bundle.preprocessing):
+            prepared.filter = self.monitor.filter
+        self.adopt(bundle, prepared.watch)
+        self.monitor = prepared
+        self._names = {'joints': list(bundle.arm.active_joints),
+                       'effort': list(bundle.arm.active_joints),
+                       'strain': list(bundle.arm.gauge_names)}
+        self._joints = NamedReader(bundle.arm.active_joints, self.drops)
+        if not first:
+            return
+        own = bundle.arm.spec.joint_topic
+        # one subscription per topic, whatever the topic carries
+        others = {output: topics[output].pop() for output in prepared.watch.outputs}
+        self._with_joints = [output for output, topic in others.items() if topic == own]
+        self._inputs.append(self.subscribe(JointState, own, self._on_joints))
+        for output, topic in others.items():
+            if topic != own:
+                self._inputs.append(self.subscribe(
+                    JointState, topic, partial(self._on_measured, output)))
+
+    def _on_joints(self, message: JointState) -> None:
+        begun = self.meter.begin()
+        monitor, reader = self.monitor, self._joints
+        if monitor is None or reader is None:
+            return
+        q = reader.read(message, 'position')
+        if q is None:
+            return
+        velocity = reader.read(message, 'velocity', optional=True)
+        found = monitor.add_joints(nanoseconds(message.header.stamp), q, velocity)
+        motion = monitor.motion
+        if motion is not None:
+            self.moving(motion.row)
+            stamp = message.header.stamp
+            if self._motion.get_subscription_count():
+                self._motion.publish(motion_message(stamp, self._names['joints'], motion))
+            for output, values in (monitor.predicted or {}).items():
+                publisher = self._predicted[output]
+                if publisher.get_subscription_count():
+                    publisher.publish(joint_state(stamp, self._names[output],
+                                                  **{FIELD[output]: values}))
+        self.tell(found)
+        for output in self._with_joints:
+            self.tell(self.measured(output, message))
+        self.meter.end(begun)
+
+    def _on_measured(self, output: str, message: JointState) -> None:
+        begun = self.meter.begin()
+        self.tell(self.measured(output, message))
+        self.meter.end(begun)
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the filter's drops."""
+        more = [] if self.monitor is None else [self.monitor.filter.drops]
+        return [*super().counters(), *more]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(MonitorNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
