@@ -27,7 +27,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.analytical import Blocks, TrainingBlock
+from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
 
 FloatArray = NDArray[np.float64]

@@ -28,7 +28,8 @@ from scipy import linalg
 from scipy.special import expit
 
 from tudor_dynamics.errors import FitError, NotFittedError
-from tudor_dynamics.models.analytical import block_of, Blocks, TrainingBlock
+from tudor_dynamics.models.training import (
+    block_of, Blocks, check_block, check_motion, TrainingBlock)
 
 FloatArray = NDArray[np.float64]
 

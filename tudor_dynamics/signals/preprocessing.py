@@ -33,8 +33,8 @@ from scipy import signal
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.filters import (
-    CausalDifferentiator, FilteredStates, low_pass, zero_phase)
+from tudor_dynamics.signals.filters import CausalDifferentiator, FilteredStates, low_pass
+from tudor_dynamics.signals.offline import zero_phase
 
 FloatArray = NDArray[np.float64]
 BLOCK = 4096
