@@ -136,6 +136,11 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     Recording
         The part, its segments counted anew.
 
+    Raises
+    ------
+    UsageError
+        If the part lies in a gap.
+
     """
     if (choice.begin, choice.end) == (0.0, 1.0):
         return recording
@@ -148,6 +153,10 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
         begin, end = max(part.start, int(first)), min(part.stop, int(last))
         if end > begin:
             segments.append(slice(begin - int(first), end - int(first)))
+    if not segments:
+        msg = (f'{choice}: nothing was recorded in this part of {t[-1]:.3g} s; name a part that '
+               'has samples')
+        raise UsageError(msg)
 
     def take(x: FloatArray | None) -> FloatArray | None:
         return None if x is None else x[first:last]

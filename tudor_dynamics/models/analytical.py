@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_motion
 from tudor_dynamics.models.estimators import (
-    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve)
+    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
+from tudor_dynamics.models.products import Products
 from tudor_dynamics.models.regressor import Regressor
-from tudor_dynamics.models.training import (
-    block_of, Blocks, check_block, check_motion)
+from tudor_dynamics.models.training import block_of, Blocks, check_block, check_motion
 
 FloatArray = NDArray[np.float64]
 
@@ -289,6 +289,6 @@ class AnalyticalModel:
             before = after
             if change < 1e-6:
                 return
-        msg = (f'Huber\'s estimator has not settled after {HUBER_PASSES} passes '
+        msg = (f"Huber's estimator has not settled after {HUBER_PASSES} passes "
                f'(last change {change:.1e}); its result is used as it is')
         warnings.warn(msg, TudorWarning, stacklevel=3)

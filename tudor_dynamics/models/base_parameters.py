@@ -74,12 +74,17 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``, uniform within +-pi, +-2, +-5 [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        ``[q, dq, ddq]``, within +-pi, +-2, +-5 [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; every
+        second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike (or
+        nothing) at speed.
 
     """
     generator = np.random.default_rng(seed)
     scale = np.repeat([np.pi, 2.0, 5.0], n_joints)
-    return np.asarray(generator.uniform(-1.0, 1.0, (n_samples, 3 * n_joints)) * scale)
+    motion = generator.uniform(-1.0, 1.0, (n_samples, 3 * n_joints)) * scale
+    slow = generator.uniform(-4.0, 0.0, (n_samples, n_joints))
+    motion[::2, n_joints:2 * n_joints] *= 10.0 ** slow[::2]
+    return np.asarray(motion)
 
 
 def independent_columns(

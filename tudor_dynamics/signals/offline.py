@@ -63,7 +63,8 @@ def zero_phase(
         raise SignalError(msg)
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
-        msg = f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, {0.5 / dt:.4g} Hz'
+        msg = (f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
+               f'{0.5 / dt:.4g} Hz')
         raise SignalError(msg)
     sos = signal.butter(4, cutoff, fs=1.0 / dt, output='sos')
     grid = t[0] + dt * np.arange(n)

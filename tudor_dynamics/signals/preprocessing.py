@@ -38,6 +38,8 @@ from tudor_dynamics.signals.offline import zero_phase
 
 FloatArray = NDArray[np.float64]
 BLOCK = 4096
+FEWEST = 32
+"""Samples below which a stretch is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +254,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
     t_all = recording.t
     for part in recording.segments:
         t = t_all[part]
-        if len(t) < 32 or t[-1] - t[0] <= 2.0 * spec.settle:
+        if len(t) < FEWEST or t[-1] - t[0] <= 2.0 * spec.settle:
             continue
         dt = np.diff(t, prepend=t[0])
         dq = None if recording.dq is None else recording.dq[part]
@@ -269,7 +271,8 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
                 dt, recording.strain[part], cutoff),
             decimation, margin))
     if not stretches:
-        msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s; '
-               'record longer, or lower preprocessing.settle')
+        msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s '
+               f'and {FEWEST} samples and leaves two samples after decimation; record longer, or '
+               'lower preprocessing.settle')
         raise SignalError(msg)
     return stretches
