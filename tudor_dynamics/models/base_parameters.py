@@ -156,7 +156,8 @@ def preference(columns: tuple[str, ...]) -> list[int]:
 
 def _name(columns: list[str], row: FloatArray, own: int) -> str:
     terms = [columns[own]]
-    others = [i for i in np.argsort(-np.abs(row), kind='stable') if row[i] != 0.0 and i != own]
+    size_order = np.argsort(-np.round(np.abs(row), 7), kind='stable')  # ties are not rounding's
+    others = [i for i in size_order if row[i] != 0.0 and i != own]
     for i in others[:SHOWN_TERMS - 1]:
         size = f'{abs(row[i]):.4g} ' if abs(abs(row[i]) - 1.0) > 1e-6 else ''
         terms.append(f'{"-" if row[i] < 0 else "+"} {size}{columns[i]}')

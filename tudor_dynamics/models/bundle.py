@@ -235,7 +235,7 @@ def _read_head(path: Path) -> dict[str, Any]:
         msg = f'{file}: no text; expected a model bundle of tudor fit'
         raise ModelError(msg) from None
     body, mark, checksum = text.rpartition(MARK)
-    if not mark or sha256(body.encode()) != checksum.strip():
+    if not mark or checksum != f'{sha256(body.encode())}\n':
         msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
                'editing it')
         raise ModelError(msg)

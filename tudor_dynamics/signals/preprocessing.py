@@ -38,6 +38,7 @@ from tudor_dynamics.signals.offline import zero_phase
 
 FloatArray = NDArray[np.float64]
 BLOCK = 4096
+COLUMNS_AT_A_TIME = 64
 FEWEST = 32
 """Samples below which a stretch is left out."""
 
@@ -88,8 +89,12 @@ class Decimation:
             return x[self.keep]
         flat = x.reshape(len(x), -1)
         pad = min(len(x) - 1, 300)
-        smooth = signal.sosfiltfilt(self.sos, flat, axis=0, padlen=pad)[self.keep]
-        return np.asarray(smooth.reshape(len(self.keep), *x.shape[1:]))
+        smooth = np.empty((len(self.keep), flat.shape[1]))
+        for first in range(0, flat.shape[1], COLUMNS_AT_A_TIME):  # the filter makes copies
+            part = slice(first, first + COLUMNS_AT_A_TIME)
+            smooth[:, part] = signal.sosfiltfilt(
+                self.sos, flat[:, part], axis=0, padlen=pad)[self.keep]
+        return smooth.reshape(len(self.keep), *x.shape[1:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +229,9 @@ def _decimation(
         return Decimation(keep), 0
     # The anti-alias filter of MATLAB's and scipy's decimate: Chebyshev I, order 8, 0.05 dB.
     sos = signal.cheby1(8, 0.05, 0.8 / factor, output='sos')
-    # Its slowest poles decay below 1e-9 within about 60 output samples.
-    return Decimation(keep, sos), 60 * factor
+    # With so much on each side, blocks differ from the whole by less than 1e-7 (measured; the
+    # slowest poles need 113 output samples to decay to 1e-9, but hardly show in the output).
+    return Decimation(keep, sos), 80 * factor + 100
 
 
 def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
