@@ -41,6 +41,8 @@ FloatArray = NDArray[np.float64]
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000}
+MAX_DEPTH = 50
+"""Levels of YAML: the compiled loader follows any number of them until the stack ends."""
 
 
 class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
@@ -97,8 +99,9 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
 
     """
     try:
-        if any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text, Loader=_Loader)):
-            msg = f'{file}: has YAML references, which no bundle has; fit the model again'
+        if not _plain(text):
+            msg = (f'{file}: has YAML references or more than {MAX_DEPTH} levels, which no bundle '
+                   'has; fit the model again')
             raise ModelError(msg)
         return yaml.load(text, Loader=_Loader)
     except ModelError:
@@ -107,6 +110,20 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
         what = ' '.join(str(err).split())[:200]
         msg = f'{file}: no valid YAML ({what}); fit the model again'
         raise ModelError(msg) from None
+
+
+def _plain(text: str | bytes) -> bool:
+    depth = 0
+    for token in yaml.scan(text, Loader=_Loader):
+        if isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken,
+                              yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)):
+            depth += 1
+        elif isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken,
+                                yaml.BlockEndToken)):
+            depth -= 1
+        if depth > MAX_DEPTH or isinstance(token, yaml.AliasToken):
+            return False
+    return True
 
 
 def sha256(data: bytes) -> str:
