@@ -49,7 +49,7 @@ def tudor(*words, allowed=(0, 1)):
 def fit(out, arm, training, test, *options):
     """Fit to training bags, then evaluate on test bags by the saved model."""
     said = tudor('fit', *training, '--test', *test, '--arm', CONFIG / arm, '--out', out,
-                   '--overwrite', '--json', *options)
+                 '--overwrite', '--json', *options)
     figures = tudor('evaluate', '--model', out, *test, '--json')
     figures['seconds'] = said['seconds']
     return figures
