@@ -32,6 +32,8 @@ HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Rob
 LARGEST_GRAM_CONDITION = 1e6
 """Condition number of the scaled columns above which triangular factors take over."""
 UNEXCITED_CONDITION = 1e10
+NEGLIGIBLE = 1e-3
+"""The prior is left out where it would move a direction by less than this part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,7 @@ def _factor(products: list[Products], weights: FloatArray) -> FloatArray:
     return np.asarray(gram)
 
 
-def _solve(products: list[Products], weights: FloatArray) -> tuple[
+def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) -> tuple[
         FloatArray, FloatArray, float, tuple[int, ...]]:
     """Solve once for given channel weights: parameters, inverse information, condition, unseen."""
     factor = _factor(products, weights)
@@ -97,9 +99,11 @@ def _solve(products: list[Products], weights: FloatArray) -> tuple[
     largest = float(np.max(values, initial=0.0))
     floor = largest / (UNEXCITED_CONDITION if triangular else LARGEST_GRAM_CONDITION * 10.0)
     good = values > max(floor, 1e-300)
-    inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
-    parameters = vectors @ (inverse * projected) / safe
-    covariance = (vectors * inverse ** 2) @ vectors.T / np.outer(safe, safe)
+    information = np.where(good, values, 1.0) ** 2
+    information = information + np.where(prior > NEGLIGIBLE * information, prior, 0.0)
+    parameters = vectors @ (np.where(good, values / information, 0.0) * projected) / safe
+    covariance = (vectors * np.where(good, 1.0 / information, 0.0)) @ vectors.T
+    covariance = covariance / np.outer(safe, safe)
     # columns without any signal are reported, but say nothing about the others' conditioning
     rest = np.sort(values)[int(np.sum(~seen)):]
     condition = float(largest / rest[0]) if len(rest) and rest[0] > 0 else np.inf
@@ -108,6 +112,18 @@ def _solve(products: list[Products], weights: FloatArray) -> tuple[
         hidden = np.maximum(hidden, np.abs(vectors[:, k]))
     unexcited = tuple(int(i) for i in np.flatnonzero((hidden > 0.1) | ~seen))
     return parameters, covariance, condition, unexcited
+
+
+def _prior(products: list[Products], weights: FloatArray, noise: float) -> float:
+    """
+    Give the information of a weak prior on each column's contribution to the outputs.
+
+    No parameter is expected to contribute more than the outputs' own size. Where the motion says
+    anything, this says nothing beside it; directions that short or poor recordings show only by
+    their noise are drawn to zero, instead of to values that cancel in training and nowhere else.
+    """
+    power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
+    return noise / power if power > 0.0 else 0.0
 
 
 def _variance_floors(products: list[Products]) -> FloatArray:
@@ -158,20 +174,24 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
         parameters, inverse, condition, unexcited = _solve(products, weights)
         # each channel pays for its share of the parameters
         freedom = 1.0 - p / rows
-        variances = np.array([
+        noise = np.array([
             squared_residuals(product, parameters) / (max(product.n, 1) * freedom)
             for product in products])
-        variances = np.maximum(variances, floors)
+        variances = np.maximum(noise, floors)
         if weighted:
             weights = 1.0 / variances
     if weighted:
-        parameters, inverse, condition, unexcited = _solve(products, 1.0 / variances)
+        weights = 1.0 / variances
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise / variances))))
         covariance = inverse
     else:
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise))))
         # equal weights, but each channel brings in noise of its own size
-        noise = sum(v * product.gram[:p, :p] for v, product in zip(
+        spread = sum(v * product.gram[:p, :p] for v, product in zip(
             variances, products, strict=True))
-        covariance = inverse @ noise @ inverse
+        covariance = inverse @ spread @ inverse
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     errors[list(unexcited)] = np.inf  # their share of the pseudo-inverse says nothing about them
     return Estimate(parameters, errors, condition, unexcited, variances)
