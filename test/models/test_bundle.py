@@ -248,7 +248,10 @@ def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModelError, match='YAML references'):
         load_bundle(model)
     _write_body(model, '[' * 100_000)
-    with pytest.raises(ModelError):
+    with pytest.raises(ModelError, match='more than 50 levels'):
+        load_bundle(model)
+    _write_body(model, 'a: [1, }\n')
+    with pytest.raises(ModelError, match='no valid YAML'):
         load_bundle(model)
 
 

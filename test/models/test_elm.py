@@ -32,7 +32,8 @@ CHANNELS = ('a', 'b')
 def _data(n: int = 300) -> tuple[FloatArray, FloatArray]:
     generator = np.random.default_rng(0)
     motion = generator.uniform(-1, 1, (n, 6)) * [1, 1, 2, 2, 50, 50] + 3.0
-    return motion, np.column_stack([np.sin(motion[:, 0]) * 400.0, np.cos(0.04 * motion[:, 4])])
+    return motion, np.column_stack(
+        [np.sin(motion[:, 0]) * 400.0, 0.01 * motion[:, 4] + motion[:, 1]])
 
 
 def _scaled(x: FloatArray, reference: FloatArray) -> FloatArray:
@@ -145,6 +146,13 @@ def test_impossible_settings(settings: dict[str, float]) -> None:
     """No neurons, or a ridge that is none, are refused."""
     with pytest.raises(FitError, match='expected at least one neuron'):
         ExtremeLearningMachine(CHANNELS, **settings).fit(*_data())  # type: ignore[arg-type]
+
+
+def test_singular_hidden_layer() -> None:
+    """Without a ridge, fewer samples than neurons cannot be solved; the message says how."""
+    motion, output = _data(20)
+    with pytest.raises(FitError, match='singular with ridge 0.0; use a ridge above 0'):
+        ExtremeLearningMachine(CHANNELS, ridge=0.0).fit(motion, output)
 
 
 def test_no_data() -> None:

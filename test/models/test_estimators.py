@@ -171,6 +171,18 @@ def test_huber_on_decimated_blocks() -> None:
     assert np.max(np.abs(robust.coefficients()[0] - TRUTH)) < 0.03
 
 
+def test_huber_keeps_triangular_factors() -> None:
+    """Where the first pass needs triangular factors, the weighted passes have them too."""
+    generator = np.random.default_rng(0)
+    motion = generator.normal(0, 1, (1000, 3))
+    motion[:, 1] = motion[:, 0] + 1e-8 * motion[:, 1]
+    y = (motion @ TRUTH)[:, None] + generator.normal(0, 1e-12, (1000, 1))
+    model = _linear(estimator='huber').fit(motion, y)
+    estimate = model.groups_[0].estimate
+    assert estimate.condition == pytest.approx(2e8, rel=0.1)
+    assert np.allclose(model.coefficients()[0], TRUTH, atol=1e-3)
+
+
 def test_huber_weights() -> None:
     """Within 1.345 robust deviations the weight is 1, beyond it falls with the residual."""
     residuals = np.random.default_rng(0).normal(0, 2.0, 20_000)

@@ -118,6 +118,18 @@ def test_inputs_stay_and_refusal_leaves_no_trace() -> None:
     assert np.array_equal(after.ddq, fresh.ddq) and np.array_equal(q, kept)
 
 
+def test_states_are_the_callers_own() -> None:
+    """What a caller does with the states of a sample does not reach the next one."""
+    one, other = CausalDifferentiator(), CausalDifferentiator()
+    for k in range(5):
+        q = np.array([0.1 * k * k])
+        expected = other.step(0.01, q.copy())
+        found = one.step(0.01, q)
+        assert np.array_equal(found.ddq, expected.ddq)
+        for array in (q, found.dq, found.ddq):
+            array[:] = 99.0
+
+
 @pytest.mark.parametrize(('call', 'message'), [
     (lambda: CausalDifferentiator(0.0), 'velocity_cutoff is 0.0'),
     (lambda: CausalDifferentiator(acceleration_cutoff=float('nan')), 'acceleration_cutoff is nan'),

@@ -111,6 +111,16 @@ def test_decimation_removes_what_it_cannot_show() -> None:
     assert np.max(np.abs(kept[40:-40, 1])) < 1e-3
 
 
+@pytest.mark.parametrize('factor', [2, 5, 25])
+def test_decimation_keeps_the_scale(factor: int) -> None:
+    """A constant comes out of decimation as it went in."""
+    strain = np.full((4000, 1), 250.0)
+    stretch, = prepare(recording_of(_motion(4000, 200.0)[:, :2], 200.0, strain=strain),
+                       PreprocessingSpec(filter='zero_phase', rate=200.0 / factor))
+    assert stretch.strain is not None
+    assert np.allclose(stretch.decimation(stretch.strain), 250.0, rtol=1e-6)
+
+
 def test_output_cutoff() -> None:
     """The low-pass goes over positions, velocities and outputs alike, accelerations excepted."""
     motion = _motion(500, 100.0)

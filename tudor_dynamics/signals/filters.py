@@ -246,7 +246,7 @@ class CausalDifferentiator:
             self._q = q.copy()
             self._dq = np.zeros(len(q)) if measured is None else measured.copy()
             self._ddq = np.zeros(len(q))
-            return FilteredStates(q, self._dq, self._ddq)
+            return FilteredStates(q, self._dq.copy(), self._ddq.copy())
         if not dt > 0:
             msg = f'sample time {dt} s; stamps must increase'
             raise SignalError(msg)
@@ -258,4 +258,5 @@ class CausalDifferentiator:
         gain = low_pass_gain(self.acceleration_cutoff, dt)
         ddq = self._ddq + gain * ((dq - self._dq) / dt - self._ddq)
         self._q, self._dq, self._ddq = q.copy(), dq, ddq
-        return FilteredStates(q, dq, ddq)
+        # copies: what the caller does with its states must not reach the filter's own
+        return FilteredStates(q, dq.copy(), ddq.copy())

@@ -229,6 +229,7 @@ def _decimation(
         return Decimation(keep), 0
     # The anti-alias filter of MATLAB's and scipy's decimate: Chebyshev I, order 8, 0.05 dB.
     sos = signal.cheby1(8, 0.05, 0.8 / factor, output='sos')
+    sos[0, :3] /= np.prod(np.sum(sos[:, :3], axis=1) / np.sum(sos[:, 3:], axis=1))  # 1 at 0 Hz
     # With so much on each side, blocks differ from the whole by less than 1e-7 (measured; the
     # slowest poles need 113 output samples to decay to 1e-9, but hardly show in the output).
     return Decimation(keep, sos), 80 * factor + 100
