@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -132,6 +133,7 @@ def test_missing_model(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_reader_that_has_gone() -> None:
     """``tudor ... | head`` ends quietly, be the output short or long."""
+    buffered = {key: value for key, value in os.environ.items() if key != 'PYTHONUNBUFFERED'}
     for size in (10, 1_000_000):
         code = (
             'import sys, types, tudor_dynamics.cli.main as m\n'
@@ -140,7 +142,8 @@ def test_reader_that_has_gone() -> None:
             f'    configure=lambda p: None, run=lambda a: print("x" * {size}) or 0)\n'
             'sys.exit(m.main(["evaluate"]))\n')
         process = subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE,
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   env=buffered)
         assert process.stdout is not None and process.stdin is not None
         process.stdout.close()
         process.stdin.close()

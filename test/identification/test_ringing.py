@@ -91,6 +91,8 @@ def test_what_is_no_ringing(seed: int) -> None:
     assert find_ringing(Rigid(), [_bag(_noise(seed, 20.0))], 'strain') == ()
     slow = signal.lfilter([1e-3], [1, -0.999], _noise(seed, 300.0), axis=0)
     assert find_ringing(Rigid(), [_bag(slow + _noise(seed + 9, 0.1), seed)], 'strain') == ()
+    swing = 20.0 * np.sin(2 * np.pi * 0.6 * np.arange(8000) / RATE)[:, None]
+    assert find_ringing(Rigid(), [_bag(swing + _noise(seed, 0.1), seed)], 'strain') == ()
     tiny = 0.3 * np.sin(2 * np.pi * 3.0 * np.arange(8000) / RATE)[:, None]
     assert find_ringing(Rigid(), [_bag(tiny + _noise(seed, 0.01))], 'strain') == ()
 

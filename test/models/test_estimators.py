@@ -109,7 +109,7 @@ def test_weights_by_channel() -> None:
     the standard errors say, within 15 % (the spread itself is known to 4 %).
     """
     generator = np.random.default_rng(0)
-    x = [generator.normal(0, 1, (60, 3)) for _ in range(2)]
+    x = [generator.normal(0, size, (60, 3)) for size in ([1, 1, 1], [4, 0.5, 1])]
     found: dict[bool, list[FloatArray]] = {False: [], True: []}
     errors: dict[bool, list[FloatArray]] = {False: [], True: []}
     for _ in range(300):
@@ -126,20 +126,17 @@ def test_weights_by_channel() -> None:
         assert np.allclose(np.mean(found[key], axis=0), TRUTH, atol=5 * spread[key] / 17)
 
 
-@pytest.mark.parametrize('dead', [0.0, 3e-9])
-def test_a_channel_without_noise_does_not_silence_the_others(dead: float) -> None:
-    """A channel that is fitted to rounding gets no endless weight; all parameters are found."""
+def test_a_channel_without_noise_does_not_silence_the_others() -> None:
+    """A channel that is fitted exactly, a dead one, gets no endless weight."""
     generator = np.random.default_rng(0)
     x = generator.normal(0, 1, (400, 3))
-    first, second = x.copy(), x.copy()
-    first[:, 1:] = 0.0  # the first channel shows the first parameter only
-    products = [_products(first, dead * first @ TRUTH),
-                _products(second, second @ [dead * 2.0, -1.0, 0.5] + generator.normal(0, 1, 400))]
+    products = [_products(x * [1, 0, 0], np.zeros(400)),
+                _products(x * [0, 1, 1], x @ [0, -1.0, 0.5] + generator.normal(0, 1, 400))]
     estimate = solve(products)
     assert estimate.unexcited == ()
-    assert np.all(np.abs(estimate.parameters - [dead * 2.0, -1.0, 0.5]) <
-                  4 * estimate.standard_errors + 1e-12)
-    assert np.all(np.isfinite(estimate.standard_errors))
+    assert estimate.parameters[0] == 0.0
+    assert np.all(np.abs(estimate.parameters[1:] - [-1.0, 0.5]) < 0.2)
+    assert np.allclose(estimate.standard_errors[1:], 0.05, rtol=0.2)
 
 
 def test_huber_resists_outliers() -> None:
