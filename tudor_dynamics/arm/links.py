@@ -148,6 +148,8 @@ class BeamSpec(Part):
     """Direction of the beam in the joint frame, with ``length``."""
     height_axis: Axis | None = None
     """Direction of the section's height in the joint frame; in the plane of motion by default."""
+    stretch: bool = True
+    """Bending shortens the beam, and its normal force stiffens it; False: linear beam."""
     lumped: tuple[LumpedSpec, ...] = ()
     """Rigid parts fixed to nodes."""
 

@@ -64,6 +64,16 @@ def hermite_stiffness(c: Four, length: float, bending: float) -> Four:
 
 
 @compiled
+def hermite_slope(c: Four, length: float) -> Four:
+    """Give int H' H'^T ds c, the geometric stiffness of a unit normal force."""
+    a, b = length * c[1], length * c[3]
+    d = 36.0 * (c[0] - c[2]) + 3.0 * (a + b)
+    k = 1.0 / (30.0 * length)
+    return (k * d, k * length * (3.0 * (c[0] - c[2]) + 4.0 * a - b), -k * d,
+            k * length * (3.0 * (c[0] - c[2]) - a + 4.0 * b))
+
+
+@compiled
 def node_values(v: NDArray, first: int, node: int) -> tuple[float, ...]:
     """Read the six values of a node; the clamped node 0 has none."""
     if node == 0:
@@ -169,6 +179,16 @@ def beam_forces(
         kz = hermite_stiffness(
             (s[0] + beta * ds[0], s[1] + beta * ds[1], s[2] + beta * ds[2], s[3] + beta * ds[3]),
             length, elastic * floats[at.EIY])
+        if floats[at.STRETCH] > 0.0:
+            gy, gz = hermite_slope(y, length), hermite_slope(s, length)
+            more = elastic * floats[at.EA] / length * (
+                0.5 * (inner(y, gy) + inner(s, gz)) + beta * (inner(dy, gy) + inner(ds, gz)))
+            stretch += more
+            normal = stretch - (hx[1] + hx[3]) / length
+            ky = (ky[0] + normal * gy[0], ky[1] + normal * gy[1], ky[2] + normal * gy[2],
+                  ky[3] + normal * gy[3])
+            kz = (kz[0] + normal * gz[0], kz[1] + normal * gz[1], kz[2] + normal * gz[2],
+                  kz[3] + normal * gz[3])
         add_node(force, first, e, (
             hx[0] - stretch, hy[0] + ky[0], hz[0] + kz[0], m1 - torsion, -hz[1] - kz[1],
             hy[1] + ky[1]))

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.mass import mass_matrix
+from tudor_dynamics.simulation.mass import add_stretch, mass_matrix
 
 # Rows of the array of vectors.
 Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC = range(10)
@@ -130,6 +130,9 @@ def build_factor(
             else:
                 factor[i, j] = (mass[i, j] + speed_gain * damping[i, j]
                                 + place_gain * stiffness[i, j])
+    if place_gain > 0.0:
+        # Rows of prescribed coordinates are joints: no elastic row is touched that is cut out.
+        add_stretch(vectors[Z], body_int, body_float, place_gain, factor)
     for b in range(body_int.shape[0]):
         alpha = body_float[b, at.ALPHA]
         if body_int[b, at.FLEXIBLE] == 1 and alpha > 0.0:

@@ -55,7 +55,8 @@ EIZ = 32  # bending about z [N m^2]
 GJ = 33  # torsion [N m^2]
 ALPHA = 37  # Rayleigh damping by mass [1/s]
 BETA = 38  # Rayleigh damping by stiffness [s]
-FLOATS = 39
+STRETCH = 39  # 1 where bending shortens the beam and its normal force stiffens it, else 0
+FLOATS = 40
 
 # coordinate[index, ...]
 HUB = 0  # inertia on the diagonal [kg m^2 or kg]

@@ -23,7 +23,7 @@ from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.chain import forward, put_vector, rotation_at, vector_at
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.equations import (
-    along, hermite_mass, hermite_stiffness, inner, node_values)
+    along, hermite_mass, hermite_slope, hermite_stiffness, inner, node_values)
 from tudor_dynamics.simulation.vector import add, cross, dot, sub, times, turn, Vector
 
 
@@ -359,6 +359,76 @@ def stiffness_matrix(
 
 
 @compiled
+def add_stretch(
+    z: NDArray, body_int: NDArray, body_float: NDArray, gain: float, matrix: NDArray,
+) -> None:
+    """
+    Add the tangent stiffness of bending that shortens a beam (lower triangle and diagonal).
+
+    Parameters
+    ----------
+    z : ndarray of shape (n,)
+        Coordinates.
+    body_int, body_float : ndarray
+        Mechanism, see ``layout``.
+    gain : float
+        Factor.
+    matrix : ndarray of shape (n, n)
+        Added to.
+
+    """
+    rows = np.empty(10, dtype=np.int64)
+    g = np.empty(10)
+    for b in range(body_int.shape[0]):
+        ints, floats = body_int[b], body_float[b]
+        if ints[at.FLEXIBLE] == 0 or floats[at.STRETCH] == 0.0:
+            continue
+        first, length = ints[at.FIRST], floats[at.LENGTH]
+        for e in range(ints[at.ELEMENTS]):
+            u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
+            y, s = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
+            gy, gz = hermite_slope(y, length), hermite_slope(s, length)
+            normal = floats[at.EA] / length * (
+                u2[0] - u1[0] + 0.5 * (inner(y, gy) + inner(s, gz)))
+            for side in range(2):
+                k = first + 6 * (e + side - 1) if e + side > 0 else -10
+                o = 5 * side
+                rows[o], rows[o + 1], rows[o + 2], rows[o + 3], rows[o + 4] = (
+                    k, k + 1, k + 5, k + 2, k + 4)
+                g[o] = 1.0 if side == 1 else -1.0
+                g[o + 1], g[o + 2] = gy[2 * side], gy[2 * side + 1]
+                g[o + 3], g[o + 4] = gz[2 * side], -gz[2 * side + 1]
+            stiff = gain * floats[at.EA] / length
+            for i in range(10):
+                if rows[i] < 0:
+                    continue
+                for j in range(10):
+                    if 0 <= rows[j] <= rows[i]:
+                        value = stiff * g[i] * g[j]
+                        if i % 5 == 0 and j % 5 == 0:
+                            value = 0.0  # the linear part is in the stiffness matrix
+                        matrix[rows[i], rows[j]] += value
+            for j in range(4):
+                if e + j // 2 == 0:
+                    continue
+                cj = first + 6 * (e + j // 2 - 1)
+                h = hermite_slope((1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0,
+                                   1.0 if j == 2 else 0.0, 1.0 if j == 3 else 0.0), length)
+                sj = -1.0 if j % 2 == 1 else 1.0
+                for i in range(4):
+                    if e + i // 2 == 0:
+                        continue
+                    ri = first + 6 * (e + i // 2 - 1)
+                    si = -1.0 if i % 2 == 1 else 1.0
+                    r, c = ri + 1 + 4 * (i % 2), cj + 1 + 4 * (j % 2)
+                    if c <= r:
+                        matrix[r, c] += gain * normal * h[i]
+                    r, c = ri + 2 + 2 * (i % 2), cj + 2 + 2 * (j % 2)
+                    if c <= r:
+                        matrix[r, c] += gain * normal * si * sj * h[i]
+
+
+@compiled
 def energy(
     z: NDArray, dz: NDArray, gravity: NDArray, body_int: NDArray, body_float: NDArray,
     coordinate: NDArray, moving: NDArray,
@@ -428,8 +498,10 @@ def energy(
                 total = add(total, times(h[0] + h[2], unit(axis)))
             t1, t2 = w[0] + v1[3], w[0] + v2[3]
             kinetic += polar * (t1 * t1 + t1 * t2 + t2 * t2) / 6.0
+            stretch = u2[0] - u1[0] + floats[at.STRETCH] * 0.5 * (
+                inner(y, hermite_slope(y, length)) + inner(s, hermite_slope(s, length)))
             elastic += 0.5 * (
-                floats[at.EA] / length * (u2[0] - u1[0]) ** 2
+                floats[at.EA] / length * stretch**2
                 + floats[at.GJ] / length * (u2[3] - u1[3]) ** 2
                 + inner(y, hermite_stiffness(y, length, floats[at.EIZ]))
                 + inner(s, hermite_stiffness(s, length, floats[at.EIY])))

@@ -297,6 +297,7 @@ class _Builder:
             properties.EIz, properties.GJ)
         rayleigh = self.arm.spec.simulation.rayleigh
         floats[[at.ALPHA, at.BETA]] = rayleigh.alpha, rayleigh.beta
+        floats[at.STRETCH] = 1.0 if beam.stretch else 0.0
         ints[at.FLEXIBLE], ints[at.ELEMENTS] = 1, beam.elements
         ints[at.FIRST] = len(self.coordinates)
         for _ in range(6 * beam.elements):
