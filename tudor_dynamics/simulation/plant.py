@@ -272,6 +272,26 @@ class Plant:
         self._read_state()
         return self.state
 
+    def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
+        """
+        Put the plant into a state, and solve for its accelerations.
+
+        Parameters
+        ----------
+        t : float
+            Time [s].
+        z, dz : ndarray of shape (n,)
+            Coordinates and rates.
+        torque : ndarray of shape (n_joints,)
+            [N m or N]
+
+        """
+        self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
+        self._torque[self._q] = torque
+        self._t0, self._time_steps = t, 0
+        self._start_accelerations()
+        self._read_state()
+
     @property
     def coordinates(self) -> FloatArray:
         """All coordinates, joints and nodes; a view [rad, m]."""
@@ -310,6 +330,17 @@ class Plant:
                 self._moving)
         mass_matrix(z, mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                     self._moving, self._columns, self._owner, self._inertias, result)
+        return result
+
+    def damping_matrix(self) -> FloatArray:
+        """Give the damping matrix over all coordinates: alpha M + beta K and the joints'."""
+        mechanism = self.mechanism
+        result = self._matrices[gen.DAMPING].copy()
+        mass = self.mass_matrix()
+        for ints, floats in zip(mechanism.body_int, mechanism.body_float, strict=True):
+            if ints[at.FLEXIBLE] and floats[at.ALPHA] > 0.0:
+                columns = slice(ints[at.FIRST], ints[at.FIRST] + 6 * ints[at.ELEMENTS])
+                result[:, columns] += floats[at.ALPHA] * mass[:, columns]
         return result
 
     def imbalance(
