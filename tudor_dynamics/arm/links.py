@@ -24,23 +24,14 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Vector3 = tuple[Finite, Finite, Finite]
-Name = Annotated[str, Field(min_length=1, max_length=200)]
+from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
+
 Axis = Literal['x', 'y', 'z'] | Vector3
 
 
-class Part(BaseModel):
-    """Base of the simulator's parts: immutable, no unknown keys."""
-
-    model_config = ConfigDict(extra='forbid', frozen=True)
-
-
-class SectionSpec(Part):
+class SectionSpec(Spec):
     """Cross-section of a beam; give what the shape needs and nothing else."""
 
     shape: Literal['rectangle', 'tube', 'general']
@@ -82,7 +73,7 @@ class SectionSpec(Part):
         return self
 
 
-class MaterialSpec(Part):
+class MaterialSpec(Spec):
     """Isotropic material: E, rho, and one of G and nu."""
 
     E: Positive
@@ -101,7 +92,7 @@ class MaterialSpec(Part):
         return self
 
 
-class InertiaPart(Part):
+class InertiaPart(Spec):
     """Mass, centre and inertia of a rigid part."""
 
     mass: NonNegative
@@ -132,7 +123,7 @@ class LumpedSpec(InertiaPart):
     """Node, counted from 0 at the start of the beam."""
 
 
-class BeamSpec(Part):
+class BeamSpec(Spec):
     """One straight flexible beam."""
 
     section: SectionSpec
@@ -166,7 +157,7 @@ class BeamSpec(Part):
         return self
 
 
-class LinkSpec(Part):
+class LinkSpec(Spec):
     """The link behind one joint: rigid or flexible, and what sits at its hub."""
 
     joint: Name
@@ -192,7 +183,7 @@ class LinkSpec(Part):
         return self
 
 
-class RayleighSpec(Part):
+class RayleighSpec(Spec):
     """Structural damping C = alpha M + beta K."""
 
     alpha: NonNegative = 0.0
@@ -201,7 +192,7 @@ class RayleighSpec(Part):
     """[s]"""
 
 
-class SimulationSpec(Part):
+class SimulationSpec(Spec):
     """How a run starts and what damps it."""
 
     rayleigh: RayleighSpec = RayleighSpec()

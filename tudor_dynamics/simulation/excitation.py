@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.errors import SimulationError
 
@@ -214,3 +215,42 @@ def torque_signal(
         else:
             result[:, joints.index(active[0])] = evaluate_expression(word, t)
     return result
+
+
+def motion_signal(
+    path: Path, t: FloatArray, joints: tuple[str, ...],
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray], list[str]]:
+    """
+    Give the motion of joints that follow a table: quintic spline and its derivatives.
+
+    Parameters
+    ----------
+    path : Path
+        CSV file with columns t, JOINT, ... [rad or m].
+    t : ndarray of shape (n_samples,)
+        Times [s].
+    joints : tuple of str
+        All joints.
+
+    Returns
+    -------
+    tuple
+        Position, velocity and acceleration (n_samples, n_joints), and the joints of the table.
+
+    Raises
+    ------
+    SimulationError
+        If it is no such table, or ends too early.
+
+    """
+    times, columns = read_table(path, joints)
+    if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
+        msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the run '
+               f'needs 0 to {t[-1]:g} s and at least 6 rows; give --seconds or a longer table')
+        raise SimulationError(msg)
+    result = tuple(np.zeros((t.size, len(joints))) for _ in range(3))
+    for joint, values in columns.items():
+        spline = make_interp_spline(times, values, k=5)
+        for order in range(3):
+            result[order][:, joints.index(joint)] = spline(t, nu=order)
+    return (result[0], result[1], result[2]), list(columns)

@@ -94,6 +94,21 @@ class Mechanism:
         mask[self.q_index] = False
         return mask
 
+    @property
+    def coordinate_names(self) -> list[str]:
+        """Name of each coordinate, for messages and tables."""
+        names = [''] * self.size
+        bodies = {body: joint for joint, body in self.body_of.items()}
+        for body, joint in bodies.items():
+            row = self.body_int[body]
+            names[row[at.Q]] = joint
+            if row[at.SPRING] >= 0:
+                names[row[at.SPRING]] = f'spring of {joint}'
+            for i in range(6 * int(row[at.ELEMENTS])):
+                kind = ('ux', 'uy', 'uz', 'rx', 'ry', 'rz')[i % 6]
+                names[row[at.FIRST] + i] = f'{kind} of node {i // 6 + 1} behind {joint}'
+        return names
+
     def point(self, joint: str, node: int = -1) -> int:
         """
         Give the number of a node behind a joint.

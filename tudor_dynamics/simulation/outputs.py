@@ -194,7 +194,9 @@ class Observation:
         Normal and shear forces [N]; torsion and bending moments about the section's y and z
         [N m], of the outboard part on the inboard one.
     strain : ndarray of shape (n_gauges,)
-        In the unit of each gauge.
+        In the unit of each gauge; um/m where that is a voltage.
+    gauge_moment : ndarray of shape (n_gauges,)
+        Bending moment at each gauge, positive for the load that the joint holds [N m].
 
     """
 
@@ -204,6 +206,7 @@ class Observation:
     force: FloatArray
     moment: FloatArray
     strain: FloatArray
+    gauge_moment: FloatArray
 
 
 @dataclass(frozen=True)
@@ -267,7 +270,7 @@ class Observer:
         self._gauge_loads = gauges
         self.observation = Observation(
             *self._points, self._loads[:self._count, :3], self._loads[:self._count, 3:6],
-            np.zeros(len(self.gauge_names)))
+            np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
 
     def observe(self) -> Observation:
         """Look at the present state of the plant."""
@@ -286,6 +289,8 @@ class Observer:
             row, (per_moment, per_rate, column) = self._gauge_loads[number], self._gains[number]
             axis = int(column)
             self.observation.strain[number] = per_moment * row[3 + axis] + per_rate * row[6 + axis]
+            self.observation.gauge_moment[number] = (
+                math.copysign(1.0, per_moment) * row[3 + axis])
         return self.observation
 
     def _gauge(self, arm: Arm, number: int) -> tuple[str, float]:

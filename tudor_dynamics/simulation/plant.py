@@ -132,7 +132,7 @@ class Plant:
 
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
-        torque: ArrayLike | None = None, equilibrium: bool | None = None,
+        equilibrium: bool | None = None,
     ) -> PlantState:
         """
         Start anew.
@@ -141,8 +141,6 @@ class Plant:
         ----------
         q, dq : array of shape (n_joints,), optional
             Joint positions and velocities; as described, and at rest, by default.
-        torque : array of shape (n_joints,), optional
-            Torque at the start, for the first accelerations.
         equilibrium : bool, optional
             Bend the links as they hang at rest at ``q``; as described by default.
 
@@ -174,8 +172,6 @@ class Plant:
         if dq is not None:
             self._vectors[gen.DZ, self._q] = dq
         self._motion[0, self._q] = self._vectors[gen.Z, self._q]
-        if torque is not None:
-            self._torque[self._q] = torque
         self._settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
         self._settings[gen.CONTRACTION] = 0.5
         self._time_steps, self._t0 = 0, 0.0
@@ -271,6 +267,20 @@ class Plant:
         self._time_steps += 1
         self._read_state()
         return self.state
+
+    def start_torque(self, torque: ArrayLike) -> None:
+        """
+        Give the torque that acts already at the start, for the first accelerations.
+
+        Parameters
+        ----------
+        torque : array of shape (n_joints,)
+            [N m or N]
+
+        """
+        self._torque[self._q] = torque
+        self._start_accelerations()
+        self._read_state()
 
     def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
         """

@@ -50,8 +50,8 @@ class Run:
         Of all nodes in the base frame.
     force, moment : ndarray of shape (n_samples, n_sections, 3)
         Internal loads, see ``Observation``.
-    strain : ndarray of shape (n_samples, n_gauges)
-        In the unit of each gauge.
+    strain, gauge_moment : ndarray of shape (n_samples, n_gauges)
+        In the unit of each gauge, and [N m].
     energy : ndarray of shape (n_samples, 3)
         Kinetic, elastic, gravitational [J].
 
@@ -68,6 +68,7 @@ class Run:
     force: FloatArray
     moment: FloatArray
     strain: FloatArray
+    gauge_moment: FloatArray
     energy: FloatArray
 
     def save(self, path: Path, **more: NDArray) -> None:
@@ -94,7 +95,7 @@ def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
     return Run(np.zeros(samples), *(np.zeros((samples, joints)) for _ in range(4)),
                *(np.zeros((samples, points, 3)) for _ in range(3)),
                *(np.zeros((samples, sections, 3)) for _ in range(2)),
-               np.zeros((samples, gauges)), np.zeros((samples, 3)))
+               np.zeros((samples, gauges)), np.zeros((samples, gauges)), np.zeros((samples, 3)))
 
 
 def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
@@ -105,7 +106,7 @@ def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
     run.position[row], run.velocity[row] = seen.position, seen.velocity
     run.acceleration[row] = seen.acceleration
     run.force[row], run.moment[row] = seen.force, seen.moment
-    run.strain[row] = seen.strain
+    run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
     run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
 
 
