@@ -132,7 +132,7 @@ def build_factor(
                                 + place_gain * stiffness[i, j])
     if place_gain > 0.0:
         # Rows of prescribed coordinates are joints: no elastic row is touched that is cut out.
-        add_stretch(vectors[Z], body_int, body_float, place_gain, factor)
+        add_stretch(vectors[Z], body_int, body_float, place_gain, speed_gain, factor)
     for b in range(body_int.shape[0]):
         alpha = body_float[b, at.ALPHA]
         if body_int[b, at.FLEXIBLE] == 1 and alpha > 0.0:
@@ -214,6 +214,9 @@ def step(
                 break
             settings[FACTORED], fresh, since = 1.0, True, 0
             settings[FACTORS] += 1.0
+            settings[LARGEST] = 0.0
+            for i in range(n):
+                settings[LARGEST] += 1.0 / matrices[FACTOR, i, i] ** 2
             contraction = 0.5
         for i in range(n):
             delta[i] = 0.0 if prescribed[i] else torque[i] - force[i]
@@ -239,6 +242,8 @@ def step(
             scale = factor_norm(matrices[FACTOR], ddz)
             settings[PEAK] = max(scale, settings[PEAK])
             target = settings[TOLERANCE] * math.sqrt(max(scale, 1e-8 * settings[PEAK]))
+            # At rest there is no scale: accelerations of 1e-9 m/s^2 or rad/s^2 are none.
+            target = max(target, 1e-9 * math.sqrt(settings[LARGEST]))
         if size == 0.0 or (contraction < 1.0
                            and size * contraction / (1.0 - contraction) <= target):
             status = OK

@@ -360,7 +360,8 @@ def stiffness_matrix(
 
 @compiled
 def add_stretch(
-    z: NDArray, body_int: NDArray, body_float: NDArray, gain: float, matrix: NDArray,
+    z: NDArray, body_int: NDArray, body_float: NDArray, gain: float, rate_gain: float,
+    matrix: NDArray,
 ) -> None:
     """
     Add the tangent stiffness of bending that shortens a beam (lower triangle and diagonal).
@@ -371,8 +372,8 @@ def add_stretch(
         Coordinates.
     body_int, body_float : ndarray
         Mechanism, see ``layout``.
-    gain : float
-        Factor.
+    gain, rate_gain : float
+        Factors of the stiffness and of the damping that goes with it.
     matrix : ndarray of shape (n, n)
         Added to.
 
@@ -398,7 +399,7 @@ def add_stretch(
                 g[o] = 1.0 if side == 1 else -1.0
                 g[o + 1], g[o + 2] = gy[2 * side], gy[2 * side + 1]
                 g[o + 3], g[o + 4] = gz[2 * side], -gz[2 * side + 1]
-            stiff = gain * floats[at.EA] / length
+            stiff = (gain + rate_gain * floats[at.BETA]) * floats[at.EA] / length
             for i in range(10):
                 if rows[i] < 0:
                     continue

@@ -77,6 +77,30 @@ def stiffness_about_state(plant: Plant) -> FloatArray:
     return 0.5 * (matrix + matrix.T)
 
 
+def damping_about_state(plant: Plant) -> FloatArray:
+    """
+    Give the tangent damping over all coordinates: Rayleigh's and that of the joints.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant at the configuration wanted.
+
+    Returns
+    -------
+    ndarray of shape (n, n)
+        Not symmetric where alpha is not zero.
+
+    """
+    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
+    columns = []
+    for i in range(z.size):
+        rate = np.zeros_like(z)
+        rate[i] = 1.0  # what is quadratic in the rates cancels
+        columns.append(0.5 * (plant.imbalance(z, rate, zero) - plant.imbalance(z, -rate, zero)))
+    return np.array(columns).T
+
+
 def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Modes:
     """
     Solve the eigenvalue problem at the plant's present configuration.
@@ -120,7 +144,7 @@ def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Mo
     count = min(count, index.size)
     values, vectors = values[:count], vectors[:, :count]
     omega = np.sign(values) * np.sqrt(np.abs(values))
-    damping = plant.damping_matrix()[pick]
+    damping = damping_about_state(plant)[pick]
     modal = np.einsum('im,ij,jm->m', vectors, damping, vectors)
     # Below a millionth of a hertz a mode is a rigid motion.
     omega[np.abs(omega) < 1e-3] = 0.0

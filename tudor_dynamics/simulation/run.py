@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+import os
 from pathlib import Path
-import tempfile
 from typing import Literal
 
 import numpy as np
@@ -84,9 +84,13 @@ class Run:
 
         """
         arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.npz', delete=False) as file:
-            np.savez_compressed(file, **arrays)
-        Path(file.name).replace(path)
+        scratch = path.with_name(f'.{path.name}.{os.getpid()}')
+        try:
+            with scratch.open('wb') as file:
+                np.savez_compressed(file, **arrays)
+            scratch.replace(path)
+        finally:
+            scratch.unlink(missing_ok=True)
 
 
 def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
