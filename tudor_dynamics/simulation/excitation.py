@@ -153,6 +153,9 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     except ValueError:
         columns = head
         text = text.lstrip().split('\n', 1)[1] if '\n' in text.lstrip() else ''
+    if not text.strip():
+        msg = f'{path}: the table has no rows; expected columns t, {", ".join(names)}'
+        raise SimulationError(msg)
     try:
         data = np.loadtxt(StringIO(text), delimiter=',', ndmin=2, comments='#')
     except ValueError as err:

@@ -133,7 +133,7 @@ class Plant:
 
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
-        equilibrium: bool | None = None,
+        equilibrium: bool | None = None, external_force: ArrayLike | None = None,
     ) -> PlantState:
         """
         Start anew.
@@ -144,6 +144,8 @@ class Plant:
             Joint positions and velocities; as described, and at rest, by default.
         equilibrium : bool, optional
             Bend the links as they hang at rest at ``q``; as described by default.
+        external_force : array of shape (3,), (6,) or (points, 6), optional
+            Acts at the start, see ``step`` [N, N m].
 
         Returns
         -------
@@ -166,6 +168,8 @@ class Plant:
         for index, drive in zip(self._q, self._drives, strict=True):
             self._prescribed[index] = drive != 'torque'
         self.parameters_changed()
+        if external_force is not None:
+            self._set_force(np.asarray(external_force, dtype=float))
         if equilibrium is None:
             equilibrium = self.mechanism.start == 'equilibrium'
         if equilibrium:
@@ -217,8 +221,8 @@ class Plant:
         self._prescribed[index] = kind != 'torque'
         if kind == 'hold':
             self._motion[:, index] = self._vectors[gen.Z, index], 0.0, 0.0
-            self._vectors[gen.DZ, index] = self._vectors[gen.DDZ, index] = 0.0
-        self._settings[gen.FACTORED] = 0.0
+            self._vectors[gen.DZ, index] = 0.0
+        self._start_accelerations()
 
     def step(
         self, torque: ArrayLike | None = None, external_force: ArrayLike | None = None,
@@ -317,6 +321,11 @@ class Plant:
     def second_rates(self) -> FloatArray:
         """Second rates of all coordinates; a view."""
         return self._vectors[gen.DDZ]
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Elastic stiffness matrix of the straight links; a view."""
+        return self._matrices[gen.STIFFNESS]
 
     @property
     def prescribed(self) -> NDArray[np.bool_]:
@@ -451,7 +460,8 @@ class Plant:
         mass = self.mass_matrix()[np.ix_(free, free)]
         flexibility = np.linalg.solve(self._matrices[gen.STIFFNESS][np.ix_(free, free)], mass)
         slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
-        if self.dt * slowest > 1.0 / 8.0:
+        # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
+        if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
             msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large, the slowest '
                    f'vibration of the links has {slowest:.3g} Hz; take at most '
                    f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
