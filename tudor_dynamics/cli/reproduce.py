@@ -24,8 +24,7 @@ import numpy as np
 from tudor_dynamics.cli.console import print_json
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.simulation.animation import animate, check_target
-from tudor_dynamics.simulation.lshape import (
-    agreement, l_shape, run_paper, run_reference)
+from tudor_dynamics.simulation.lshape import agreement, l_shape, run_paper, run_reference
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.modes import modes
 from tudor_dynamics.simulation.plant import Plant
@@ -44,13 +43,13 @@ middle of the second link (9). With --reference, a run of an independent computa
 and compared too.
 """
 
-FIGURES = {
-    'figure_4_torque.png': 'effort:motor',
-    'figure_5_6_elbow_acceleration.png': 'acceleration:motor',
-    'figure_7_8_tip_acceleration.png': 'acceleration:tip',
-    'figure_9_moment_link2.png': 'moment:corner',
-    'angle.png': 'q:motor',
-}
+FIGURES = (
+    ('figure_4_torque.png', 'effort:motor', 'torque of the motor'),
+    ('figure_5_6_elbow_acceleration.png', 'acceleration:motor', 'acceleration of the elbow'),
+    ('figure_7_8_tip_acceleration.png', 'acceleration:tip', 'acceleration of the tip'),
+    ('figure_9_moment_link2.png', 'moment:corner', 'moment in the middle of the second link'),
+    ('angle.png', 'q:motor', 'angle of the motor, from hanging'),
+)
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -98,8 +97,9 @@ def run(args: argparse.Namespace) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     plant, result = run_paper(args.elements, args.dt)
     result.save(folder / 'lshape.npz', joints=np.array(plant.mechanism.joints))
-    for name, signal in FIGURES.items():
-        plot_signal(folder / name, result, pick_signal(result, plant.mechanism, (), signal))
+    for name, signal, title in FIGURES:
+        plot_signal(folder / name, result, pick_signal(result, plant.mechanism, (), signal),
+                    title=title)
     if args.animate is not None:
         animate(Path(args.animate), result, plant.mechanism)
     late = result.t > 1.5

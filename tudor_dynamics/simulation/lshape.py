@@ -18,8 +18,9 @@ The published test of the L-shaped mechanism, and a comparison with an independe
 Gasparetto et al., "Experimental validation of a dynamic model for lightweight robots" (2013): two
 aluminium beams, one motor with a horizontal axis. The arm is held statically at 135 deg, two
 opposite steps of torque take it down by about 105 deg, and it comes to rest near 30 deg. The paper
-prints neither the torque nor the mass of the elbow; here the angle counts from the hanging arm, the
-elbow is a cube of 30 mm with its screws and accelerometer, and the steps are tuned to the angles.
+prints neither the torque nor the mass of the elbow; here the angle counts from the hanging arm,
+the elbow is a cube of 30 mm with its screws and accelerometer, and the steps are tuned to the
+angles.
 """
 
 from __future__ import annotations
@@ -151,7 +152,8 @@ def tuned_torque(plant: Plant, t: FloatArray) -> FloatArray:
         msg = f'{mechanism.name}: no steps of torque take the arm from 135 to 30 deg'
         raise SimulationError(msg)
     torque = np.zeros((t.size, 2))
-    torque[:, 0] = step_torque(*answer.x, before, weight * np.sin(END), t)
+    first, second = float(answer.x[0]), float(answer.x[1])
+    torque[:, 0] = step_torque(first, second, before, weight * np.sin(END), t)
     return torque
 
 
@@ -257,7 +259,7 @@ def run_paper(elements: int = 2, dt: float = 5e-4, seconds: float = 5.0) -> tupl
 
     """
     plant = Plant(build_mechanism(l_shape(elements, paper=True)), dt)
-    t = np.arange(int(round(seconds / dt)) + 1) * dt
+    t: FloatArray = np.arange(int(round(seconds / dt)) + 1) * np.float64(dt)
     torque = tuned_torque(plant, t)
     plant.start_torque(torque[0])
     return plant, simulate(plant, Observer(plant), torque, every=max(int(round(1e-3 / dt)), 1))

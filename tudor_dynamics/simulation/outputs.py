@@ -268,8 +268,10 @@ class Observer:
         self._force = np.zeros(mechanism.size)
         gauges = self._loads[self._count:]
         self._gauge_loads = gauges
+        position, velocity, acceleration = self._points
         self.observation = Observation(
-            *self._points, self._loads[:self._count, :3], self._loads[:self._count, 3:6],
+            position, velocity, acceleration, self._loads[:self._count, :3],
+            self._loads[:self._count, 3:6],
             np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
 
     def observe(self) -> Observation:

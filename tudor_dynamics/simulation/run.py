@@ -94,12 +94,13 @@ class Run:
 
 
 def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
-    joints, points = len(plant.mechanism.joints), plant.mechanism.points
-    sections, gauges = len(observer.sections), len(observer.gauge_names)
-    return Run(np.zeros(samples), *(np.zeros((samples, joints)) for _ in range(4)),
-               *(np.zeros((samples, points, 3)) for _ in range(3)),
-               *(np.zeros((samples, sections, 3)) for _ in range(2)),
-               np.zeros((samples, gauges)), np.zeros((samples, gauges)), np.zeros((samples, 3)))
+    shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,)}
+    shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
+    shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
+                            (plant.mechanism.points, 3))
+    shapes |= dict.fromkeys(('force', 'moment'), (len(observer.sections), 3))
+    shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(observer.gauge_names),))
+    return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
 
 
 def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
