@@ -145,11 +145,43 @@ def build_factor(
 
 
 @compiled
+def report(
+    vectors: NDArray, prescribed: NDArray, torque: NDArray, q_index: NDArray, bodies: NDArray,
+    reaction: NDArray, moving: NDArray, body_int: NDArray, coordinate: NDArray, joints: NDArray,
+) -> None:
+    """
+    Write position, velocity, acceleration and effort of the joints into four rows.
+
+    Parameters
+    ----------
+    vectors, prescribed, torque, reaction, moving, body_int, coordinate
+        As in ``step``.
+    q_index, bodies : ndarray of int, shape (n_joints,)
+        Coordinate of each joint and the body behind it.
+    joints : ndarray of shape (4, n_joints)
+        Result; the effort is the reaction where the motion is given.
+
+    """
+    for number in range(q_index.shape[0]):
+        q, b = q_index[number], bodies[number]
+        speed, rise = vectors[DZ, q], vectors[DDZ, q]
+        joints[0, number], joints[1, number], joints[2, number] = vectors[Z, q], speed, rise
+        effort = torque[q]
+        if prescribed[q]:
+            start = 0 if body_int[b, at.JOINT] == at.PRISMATIC else 3
+            effort = coordinate[q, at.HUB] * rise + coordinate[q, at.DAMPING] * speed
+            for i in range(3):
+                effort += reaction[b, start + i] * moving[b, at.AXIS_AT + i]
+        joints[3, number] = effort
+
+
+@compiled
 def step(
     vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
     torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
     columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray, q_index: NDArray,
+    bodies: NDArray, joints: NDArray,
 ) -> int:
     """
     Advance one step.
@@ -172,6 +204,8 @@ def step(
         As in ``inverse_dynamics``.
     columns, owner, inertias : ndarray
         As in ``mass_matrix``.
+    q_index, bodies, joints : ndarray
+        As in ``report``.
 
     Returns
     -------
@@ -261,6 +295,9 @@ def step(
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
         settings[FACTORED] = 0.0
+    else:
+        report(vectors, prescribed, torque, q_index, bodies, reaction, moving, body_int,
+               coordinate, joints)
     return status
 
 

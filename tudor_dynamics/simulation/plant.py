@@ -123,10 +123,9 @@ class Plant:
         self._inertias = np.zeros((bodies + 1, 10))
         self._q = mechanism.q_index
         self._bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
-        self._hub = mechanism.coordinate[self._q, at.HUB]
-        self._friction = mechanism.coordinate[self._q, at.DAMPING]
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
-        self.state = PlantState(0.0, *(np.zeros(self._q.size) for _ in range(4)))
+        self._joints = np.zeros((4, self._q.size))
+        self.state = PlantState(0.0, *self._joints)  # rows are views
         self.dt = dt
         self.reset()
         self._check_step()
@@ -189,8 +188,6 @@ class Plant:
         mechanism = self.mechanism
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          self._matrices[gen.STIFFNESS], self._matrices[gen.DAMPING])
-        self._hub = mechanism.coordinate[self._q, at.HUB]
-        self._friction = mechanism.coordinate[self._q, at.DAMPING]
         self._base[:] = -mechanism.gravity
         self._settings[gen.FACTORED] = 0.0
 
@@ -266,11 +263,11 @@ class Plant:
             self._vectors, self._matrices, self._settings, self._prescribed, self._torque,
             self._motion, self._base, self._wrench, self._loaded, self._columns, self._owner,
             self._inertias, self._moving, self._reaction, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate)
+            mechanism.body_float, mechanism.coordinate, self._q, self._bodies, self._joints)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1
-        self._read_state()
+        self.state.t = self._t0 + self._time_steps * self.dt
         return self.state
 
     def start_torque(self, torque: ArrayLike) -> None:
@@ -489,24 +486,11 @@ class Plant:
                     self._motion[row, self._q[number]] = given[number]
 
     def _read_state(self) -> None:
-        state, vectors = self.state, self._vectors
-        state.t = self._t0 + self._time_steps * self.dt
-        np.take(vectors[gen.Z], self._q, out=state.q)
-        np.take(vectors[gen.DZ], self._q, out=state.dq)
-        np.take(vectors[gen.DDZ], self._q, out=state.ddq)
-        np.take(self._torque, self._q, out=state.effort)
-        for number, drive in enumerate(self._drives):
-            if drive != 'torque':
-                state.effort[number] = self._axis_effort(number)
-
-    def _axis_effort(self, number: int) -> float:
-        body = self._bodies[number]
-        wrench, moving = self._reaction[body], self._moving[body]
-        start = 0 if self.mechanism.body_int[body, at.JOINT] == at.PRISMATIC else 3
-        axis = at.AXIS_AT
-        share = sum(wrench[start + i] * moving[axis + i] for i in range(3))
-        return float(share + self._hub[number] * self.state.ddq[number]
-                     + self._friction[number] * self.state.dq[number])
+        mechanism = self.mechanism
+        self.state.t = self._t0 + self._time_steps * self.dt
+        gen.report(self._vectors, self._prescribed, self._torque, self._q, self._bodies,
+                   self._reaction, self._moving, mechanism.body_int, mechanism.coordinate,
+                   self._joints)
 
     def _fail(self, status: int) -> None:
         name, t = self.mechanism.name, self._t0 + self._time_steps * self.dt
