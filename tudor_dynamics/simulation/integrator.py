@@ -228,8 +228,10 @@ def step(
         if not (math.isfinite(torque[i]) and math.isfinite(motion[0, i])
                 and math.isfinite(motion[1, i]) and math.isfinite(motion[2, i])):
             return BAD_INPUT
+        before = old_ddz[i]
         old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
-        # Predict with the old acceleration.
+        # Predict by a straight line through the last two accelerations.
+        ddz[i] += ddz[i] - before
         acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * acc[i]) / (
             1.0 - alpha_m)
         z[i] += dt * (dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))

@@ -96,7 +96,7 @@ class Plant:
 
     def __init__(
         self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9,
-        tolerance: float = 1e-7,
+        tolerance: float = 1e-6,
     ) -> None:
         if not (np.isfinite(dt) and dt > 0.0):
             msg = f'the step must be positive, found {dt} s'
@@ -419,7 +419,7 @@ class Plant:
         self._settings[gen.FACTORED] = 0.0
         if not regular:
             self._fail(gen.SINGULAR)
-        self._vectors[gen.ACC] = self._vectors[gen.DDZ]
+        self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
 
     def _find_equilibrium(self) -> None:
         """Newton with the elastic tangent stiffness; gravity hardly changes it."""
