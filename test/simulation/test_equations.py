@@ -21,7 +21,7 @@ import pytest
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.simulation import layout as at
-from tudor_dynamics.simulation.mass import add_stretch
+from tudor_dynamics.simulation.stiffness import add_stretch
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant import Plant
 

@@ -28,9 +28,11 @@ import math
 from numpy.typing import NDArray
 
 from tudor_dynamics.simulation import layout as at
+from tudor_dynamics.simulation.cholesky import cholesky, factor_norm, solve
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.mass import add_stretch, mass_matrix
+from tudor_dynamics.simulation.mass import mass_matrix
+from tudor_dynamics.simulation.stiffness import add_stretch
 
 # Rows of the array of vectors.
 Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC = range(10)
@@ -45,58 +47,6 @@ SETTINGS = 9
 OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
 MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
 MAX_ITERATIONS = 25
-
-
-@compiled
-def cholesky(a: NDArray) -> bool:
-    """Factorise a symmetric matrix in place (lower triangle); False if it is not definite."""
-    n = a.shape[0]
-    for j in range(n):
-        row = a[j]
-        for k in range(j):
-            other = a[k]
-            total = row[k]
-            for i in range(k):
-                total -= row[i] * other[i]
-            row[k] = total * other[k]
-        total = row[j]
-        for i in range(j):
-            total -= row[i] * row[i]
-        if not total > 0.0:
-            return False
-        row[j] = 1.0 / math.sqrt(total)  # the inverse saves divisions later
-    return True
-
-
-@compiled
-def solve(a: NDArray, b: NDArray) -> None:
-    """Solve with the factors of ``cholesky``, in place."""
-    n = a.shape[0]
-    for j in range(n):
-        total = b[j]
-        row = a[j]
-        for i in range(j):
-            total -= row[i] * b[i]
-        b[j] = total * row[j]
-    for j in range(n - 1, -1, -1):
-        row = a[j]
-        value = b[j] * row[j]
-        b[j] = value
-        for i in range(j):
-            b[i] -= row[i] * value
-
-
-@compiled
-def factor_norm(a: NDArray, v: NDArray) -> float:
-    """Give v^T A v from the factors of A."""
-    n = a.shape[0]
-    total = 0.0
-    for j in range(n):
-        part = v[j] / a[j, j]
-        for i in range(j + 1, n):
-            part += a[i, j] * v[i]
-        total += part * part
-    return total
 
 
 @compiled
@@ -180,8 +130,7 @@ def step(
     vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
     torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
     columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray, q_index: NDArray,
-    bodies: NDArray, joints: NDArray,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
 ) -> int:
     """
     Advance one step.
@@ -204,8 +153,6 @@ def step(
         As in ``inverse_dynamics``.
     columns, owner, inertias : ndarray
         As in ``mass_matrix``.
-    q_index, bodies, joints : ndarray
-        As in ``report``.
 
     Returns
     -------
@@ -297,7 +244,21 @@ def step(
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
         settings[FACTORED] = 0.0
-    else:
+    return status
+
+
+@compiled
+def step_and_report(
+    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
+    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
+    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray, q_index: NDArray,
+    bodies: NDArray, joints: NDArray,
+) -> int:
+    """Do ``step`` and then ``report``, in one call from Python."""
+    status = step(vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
+                  columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
+    if status == OK:
         report(vectors, prescribed, torque, q_index, bodies, reaction, moving, body_int,
                coordinate, joints)
     return status

@@ -16,59 +16,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import integrator as gen, layout as at
+from tudor_dynamics.simulation.energy import energy, refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.mass import (
-    add_stretch, energy, mass_matrix, refresh, stiffness_matrix)
+from tudor_dynamics.simulation.failures import failure_message
+from tudor_dynamics.simulation.mass import mass_matrix
 from tudor_dynamics.simulation.mechanism import Mechanism
+from tudor_dynamics.simulation.plant_state import Drive, Energy, PlantState
+from tudor_dynamics.simulation.statics import check_step, find_equilibrium
+from tudor_dynamics.simulation.stiffness import stiffness_matrix
+
+__all__ = ['Drive', 'Energy', 'Plant', 'PlantState']
 
 FloatArray = NDArray[np.float64]
-Drive = Literal['torque', 'motion', 'hold']
-
-
-@dataclass(eq=False)
-class PlantState:
-    """
-    State after a step; the arrays are overwritten by the next one.
-
-    Attributes
-    ----------
-    t : float
-        Time [s].
-    q, dq, ddq : ndarray of shape (n_joints,)
-        All joints of the mechanism [rad or m and their rates].
-    effort : ndarray of shape (n_joints,)
-        Effort of each drive: as given where the joint is driven by a torque, the reaction where
-        its motion is given or held [N m or N].
-
-    """
-
-    t: float
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    effort: FloatArray
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Kinetic, elastic and gravitational energy [J]."""
-
-    kinetic: float
-    elastic: float
-    gravity: float
-
-    @property
-    def total(self) -> float:
-        """Sum [J]."""
-        return self.kinetic + self.elastic + self.gravity
 
 
 class Plant:
@@ -128,7 +94,7 @@ class Plant:
         self.state = PlantState(0.0, *self._joints)  # rows are views
         self.dt = dt
         self.reset()
-        self._check_step()
+        check_step(self)
 
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
@@ -172,7 +138,7 @@ class Plant:
         if equilibrium is None:
             equilibrium = self.mechanism.start == 'equilibrium'
         if equilibrium:
-            self._find_equilibrium()
+            find_equilibrium(self)
         if dq is not None:
             self._vectors[gen.DZ, self._q] = dq
         self._motion[0, self._q] = self._vectors[gen.Z, self._q]
@@ -259,7 +225,7 @@ class Plant:
         if motion is not None:
             self._set_motion(motion)
         mechanism = self.mechanism
-        status = gen.step(
+        status = gen.step_and_report(
             self._vectors, self._matrices, self._settings, self._prescribed, self._torque,
             self._motion, self._base, self._wrench, self._loaded, self._columns, self._owner,
             self._inertias, self._moving, self._reaction, mechanism.body_int,
@@ -421,49 +387,6 @@ class Plant:
             self._fail(gen.SINGULAR)
         self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
 
-    def _find_equilibrium(self) -> None:
-        """Newton with the elastic tangent stiffness; gravity hardly changes it."""
-        mechanism = self.mechanism
-        elastic = mechanism.elastic
-        if not elastic.any():
-            return
-        pick = np.ix_(elastic, elastic)
-        z = self._vectors[gen.Z]
-        zero = np.zeros_like(z)
-        for _ in range(100):
-            tangent = np.tril(self._matrices[gen.STIFFNESS])
-            add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, tangent)
-            tangent = tangent + np.tril(tangent, -1).T
-            missing = self.imbalance(z, zero, zero)[elastic]
-            change = np.linalg.solve(tangent[pick], missing)
-            # Shorter first steps where a beam bends far: the normal force overshoots.
-            largest = float(np.abs(change).max())
-            if not np.isfinite(largest) or np.abs(z[elastic]).max() > 1e3:
-                break
-            z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
-            if largest < 1e-11:
-                return
-        msg = (f'{self.mechanism.name}: no static equilibrium was found, the links are too weak '
-               'for their weight; check sections and material, or set simulation.start: '
-               'undeformed')
-        raise SimulationError(msg)
-
-    def _check_step(self) -> None:
-        """Refuse a step that cannot follow the slowest vibration of the links."""
-        elastic = self.mechanism.elastic
-        if not elastic.any():
-            return
-        free = np.flatnonzero(elastic)
-        mass = self.mass_matrix()[np.ix_(free, free)]
-        flexibility = np.linalg.solve(self._matrices[gen.STIFFNESS][np.ix_(free, free)], mass)
-        slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
-        # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
-        if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
-            msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large, the slowest '
-                   f'vibration of the links has {slowest:.3g} Hz; take at most '
-                   f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
-            raise SimulationError(msg)
-
     def _set_force(self, force: FloatArray) -> None:
         if force.shape == self._wrench.shape:
             self._wrench[:] = force
@@ -492,22 +415,9 @@ class Plant:
                    self._reaction, self._moving, mechanism.body_int, mechanism.coordinate,
                    self._joints)
 
-    def _fail(self, status: int) -> None:
-        name, t = self.mechanism.name, self._t0 + self._time_steps * self.dt
-        if status == gen.BAD_INPUT:
-            msg = (f'{name}: a torque, force or motion at t = {t + self.dt:.6g} s is not finite; '
-                   'check the input')
-        elif status == gen.SINGULAR:
-            loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
-                     if not self._prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular: a joint or node moves nothing (joints '
-                   f'free to move: {loose}); give every moving link a mass, or a hub_inertia')
-        elif status == gen.TOO_BENT:
-            msg = (f'{name}: at t = {t + self.dt:.6g} s a link is bent by more than '
-                   f'{gen.MAX_ROTATION} rad, where a linear beam means nothing; energy before: '
-                   f'{self.energy().total:.6g} J; check torques and sections')
-        else:
-            msg = (f'{name}: the run diverged at t = {t + self.dt:.6g} s, energy before: '
-                   f'{self.energy().total:.6g} J; take a smaller step than {self.dt:g} s or check '
-                   'torques and masses')
-        raise SimulationError(msg)
+    def _fail(self, status: int) -> NoReturn:
+        loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
+                 if not self._prescribed[index]]
+        t = self._t0 + (self._time_steps + 1) * self.dt
+        raise SimulationError(failure_message(
+            status, self.mechanism.name, t, self.dt, self.energy().total, loose))
