@@ -236,7 +236,7 @@ def step(
         elif fresh and since > 6 and contraction > 0.9:
             break
     settings[CONTRACTION] = min(max(contraction, 0.02), 0.9)
-    if contraction > 0.1 and not fresh:
+    if contraction > 0.3 and not fresh:
         settings[FACTORED] = 0.0  # a new matrix in the next step
     if status == OK and not _free_elastic(z, body_int):
         status = TOO_BENT

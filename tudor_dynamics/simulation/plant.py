@@ -28,11 +28,11 @@ from tudor_dynamics.simulation.equations import inverse_dynamics
 from tudor_dynamics.simulation.failures import failure_message
 from tudor_dynamics.simulation.mass import mass_matrix
 from tudor_dynamics.simulation.mechanism import Mechanism
-from tudor_dynamics.simulation.plant_state import Drive, Energy, PlantState
+from tudor_dynamics.simulation.plant_state import Counts, Drive, Energy, PlantState
 from tudor_dynamics.simulation.statics import check_step, find_equilibrium
 from tudor_dynamics.simulation.stiffness import stiffness_matrix
 
-__all__ = ['Drive', 'Energy', 'Plant', 'PlantState']
+__all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
 
 FloatArray = NDArray[np.float64]
 
@@ -303,6 +303,10 @@ class Plant:
                 mechanism.body_float, self._moving)
         return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
                               mechanism.coordinate, self._moving))
+
+    def counts(self) -> Counts:
+        """Give the iterations and factorisations since the last reset."""
+        return Counts(int(self._settings[gen.ITERATIONS]), int(self._settings[gen.FACTORS]))
 
     def mass_matrix(self) -> FloatArray:
         """Give the mass matrix over all coordinates at the present state."""

@@ -62,3 +62,11 @@ class Energy:
     def total(self) -> float:
         """Sum [J]."""
         return self.kinetic + self.elastic + self.gravity
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Newton iterations and factorisations since the last reset."""
+
+    iterations: int
+    factorisations: int
