@@ -16,8 +16,7 @@
 Speed of the simulator, against real time and against one LAPACK solve of the same size.
 
 Run with ``python bench/simulate_speed.py``. All figures of a run are from one process with one
-thread; each is the best of several repetitions, after compilation. Where Exudyn is installed, the
-L-shaped mechanism is built there too.
+thread; each is the best of several repetitions, after compilation.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ import os
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
-import importlib.util
 import json
 from pathlib import Path
 import sys
@@ -126,11 +124,6 @@ def main() -> int:
         size = str(results[name]['unknowns'])
         results[name]['in_numpy_solves'] = (
             results[name]['step_us'] / results['lapack'][size]['numpy_solve_us'])
-    if importlib.util.find_spec('exudyn') is None:
-        results['exudyn'] = 'not installed'
-    else:
-        from exudyn_l_shape import time_exudyn
-        results['exudyn'] = time_exudyn(SECONDS)
     json.dump(results, sys.stdout, indent=2)
     print()
     return 0

@@ -116,4 +116,4 @@ def refresh(
     moving: NDArray,
 ) -> None:
     """Run the forward pass alone, see ``chain.forward``."""
-    forward(z, dz, ddz, base, body_int, body_float, moving)
+    forward(z, dz, ddz, base, body_int, body_float, moving, 0.0)

@@ -26,6 +26,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.kinematics import unit_vector
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import layout as at
+from tudor_dynamics.simulation.energy import refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
 from tudor_dynamics.simulation.loads import LOADS, nodal_motion, section_loads, shape
 from tudor_dynamics.simulation.mechanism import Mechanism
@@ -138,10 +139,11 @@ class Observer:
             z, dz, ddz, plant._base, plant._wrench, plant._loaded, 1.0, mechanism.body_int,
             mechanism.body_float, mechanism.coordinate, plant._moving, plant._reaction,
             self._force)
-        nodal_motion(z, dz, ddz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
-                     plant._moving, *self._points)
         section_loads(z, dz, ddz, plant._wrench, mechanism.body_int, mechanism.body_float,
                       plant._moving, self._bodies, self._places, self._loads)
+        refresh(z, dz, ddz, plant._base, mechanism.body_int, mechanism.body_float, plant._moving)
+        nodal_motion(z, dz, ddz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
+                     plant._moving, *self._points)
         for number in range(len(self.gauge_names)):
             row, (per_moment, per_rate, column) = self._gauge_loads[number], self._gains[number]
             axis = int(column)
