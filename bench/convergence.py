@@ -15,8 +15,8 @@
 """
 Convergence of the simulator with elements and step; draws ``docs/convergence.png``.
 
-Run with ``python bench/convergence.py [--out FILE.png]``. Frequencies are compared with those of 40
-elements a beam, the motion of the L-shaped mechanism (two opposite steps of torque, 2 s) with 8
+Run with ``python bench/convergence.py [--out FILE.png]``. Frequencies are compared with those of
+40 elements a beam, the motion of the L-shaped mechanism (two opposite steps of torque, 2 s) with 8
 elements and a step of 25 us.
 """
 

@@ -15,16 +15,11 @@
 """
 Speed of the simulator, against real time and against one LAPACK solve of the same size.
 
-Run with ``python bench/simulate_speed.py``. All figures of a run are from one process with one
-thread; each is the best of several repetitions, after compilation.
+Run with ``OMP_NUM_THREADS=1 python bench/simulate_speed.py``. All figures of a run are from one
+process with one thread; each is the best of several repetitions, after compilation.
 """
 
 from __future__ import annotations
-
-import os
-
-for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-    os.environ.setdefault(_name, '1')
 
 import json
 from pathlib import Path

@@ -21,9 +21,9 @@ import pytest
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.simulation import layout as at
-from tudor_dynamics.simulation.stiffness import add_stretch
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.simulation.stiffness import add_stretch
 
 ARMS = ('l_shape', 'elastic_arm', 'anthropomorphic')
 
