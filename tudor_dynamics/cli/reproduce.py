@@ -33,7 +33,7 @@ from tudor_dynamics.simulation.plots import pick_signal, plot_signal
 EXAMPLES = """\
 examples:
   tudor reproduce lshape --out out
-  tudor reproduce lshape --out out --elements 4 --dt 0.00025 --animate out/l.gif
+  tudor reproduce lshape --out out --elements 4 --dt 0.0001 --animate out/l.gif
   tudor reproduce lshape --out out --reference lshape_reference.npz
 
 lshape: the L-shaped mechanism of two flexible links of Gasparetto et al. (2013). Two opposite
@@ -65,7 +65,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('experiment', choices=('lshape',), help='experiment')
     parser.add_argument('--out', metavar='DIR', required=True, help='results go there')
     parser.add_argument('--elements', type=int, default=2, help='elements a beam (2)')
-    parser.add_argument('--dt', type=float, default=5e-4, help='step [s] (0.0005)')
+    parser.add_argument('--dt', type=float, default=2.5e-4, help='step [s] (0.00025)')
     parser.add_argument('--animate', metavar='FILE', help='.gif or .mp4')
     parser.add_argument('--reference', metavar='FILE.npz', help='computation to compare with')
     parser.add_argument('--json', action='store_true', help='print figures as JSON')

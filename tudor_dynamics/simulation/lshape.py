@@ -239,7 +239,7 @@ def agreement(run: Run, plant: Plant, reference: dict[str, NDArray]) -> Agreemen
         float(np.degrees(run.q[-1, 0] - reference['hub_rot'][-1, 2])))
 
 
-def run_paper(elements: int = 2, dt: float = 5e-4, seconds: float = 5.0) -> tuple[Plant, Run]:
+def run_paper(elements: int = 2, dt: float = 2.5e-4, seconds: float = 5.0) -> tuple[Plant, Run]:
     """
     Repeat the test of the paper.
 
