@@ -40,6 +40,8 @@ SUBCOMMANDS = {
     'fit': 'learn a dynamics model from bags',
     'evaluate': 'compare a model with bags it has not seen',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
+    'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
+    'reproduce': 'repeat a published experiment in simulation and draw its figures',
     'import-merit': 'make a bag of a CSV file of the public TUDOR recordings (MERIt)',
 }
 
@@ -106,13 +108,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.showwarning = _show_warning  # type: ignore[assignment]
         warnings.simplefilter('always', TudorWarning)
         try:
-            return int(module.run(args))
+            code = int(module.run(args))
+            sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+            return code
         except TudorError as err:
             print(f'tudor {args.command}: {" ".join(str(err).split())}', file=sys.stderr)
             return WRONG_INPUT
         except BrokenPipeError:
-            sys.stderr.close()
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return OK
+        except OSError as err:
+            place = f'{err.filename}: ' if err.filename else ''
+            print(f'tudor {args.command}: {place}{err.strerror or err}', file=sys.stderr)
+            return WRONG_INPUT
         except KeyboardInterrupt:
             print(f'tudor {args.command}: interrupted', file=sys.stderr)
             return 130

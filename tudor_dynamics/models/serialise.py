@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import ModelError
+from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.elm import ExtremeLearningMachine
@@ -55,6 +55,7 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
         Estimator, form, and for each group of channels its coefficients.
 
     """
+    model.coefficients()  # raises if there are none
     units = output_units(arm, output)
     groups = []
     for group in model.groups_:
@@ -114,7 +115,7 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
             raise ModelError(msg)
         values = np.array([float(row['value']) for row in rows])
         errors = np.array([float(row['standard_error']) for row in rows])
-        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
+        if not np.all(np.isfinite(values)) or np.any(np.isnan(errors)):
             msg = f'a coefficient of {item["channels"]} is not finite'
             raise ModelError(msg)
         base = BaseSet(channels, np.array([index[row['column']] for row in rows], dtype=np.intp),
@@ -155,6 +156,9 @@ def elm_to_arrays(
         Weights and ranges.
 
     """
+    if model.output_weights_ is None:
+        msg = f'the ELM {prefix} has no weights yet: call fit before saving it'
+        raise NotFittedError(msg)
     settings = {'hidden': model.hidden, 'ridge': model.ridge, 'seed': model.seed,
                 'clip': model.clip, 'channels': list(model.channels)}
     arrays = {f'{prefix}_{name}': np.asarray(getattr(model, f'{name}_')) for name in ELM_ARRAYS}
