@@ -28,6 +28,7 @@ from pydantic import Field, field_validator, model_validator
 
 from tudor_dynamics.arm.drives import check_drives, DamperSpec, MotorSpec, SensorSpec
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
+from tudor_dynamics.arm.links import check_links, InertiaPart, LinkSpec, SimulationSpec
 
 EFFORT_UNITS = ('A', 'N m', 'N')
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
@@ -172,6 +173,11 @@ class ArmSpec(Spec):
     """Only the simulator and the damper need these and the next two."""
     sensors: tuple[SensorSpec, ...] = ()
     damper: DamperSpec | None = None
+    links: tuple[LinkSpec, ...] = ()
+    """What moves behind each joint; only the simulator needs it."""
+    payload: InertiaPart | None = None
+    """Rigid part at the tip, in the axes of the tip frame; only for the simulator."""
+    simulation: SimulationSpec = SimulationSpec()
 
     @model_validator(mode='after')
     def _consistent(self) -> ArmSpec:
@@ -190,6 +196,7 @@ class ArmSpec(Spec):
             if gauge.joint not in names:
                 raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
                                  f'which is not among the joints {names}')
+        check_links(self.links, self.simulation, names)
         rows = self.kinematics.dh
         if rows is not None and len(rows) != len(names):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '

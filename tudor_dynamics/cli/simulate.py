@@ -1,0 +1,253 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor simulate``: drive a mechanism of rigid and flexible links, or list its vibrations."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+import sys
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.cli.console import print_json, print_table
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.simulation.animation import animate, check_target
+from tudor_dynamics.simulation.excitation import motion_signal, torque_signal
+from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.simulation.modes import modes
+from tudor_dynamics.simulation.outputs import Observer
+from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.simulation.plots import (
+    pick_signal, plot_configuration, plot_signal, signal_names)
+from tudor_dynamics.simulation.results import save_run
+from tudor_dynamics.simulation.run import Run, simulate, simulate_with_scipy
+
+EXAMPLES = """\
+examples:
+  tudor simulate config/l_shape.yaml --modes 8
+  tudor simulate config/l_shape.yaml --modes 8 --free motor
+  tudor simulate config/l_shape.yaml --plot --out out
+  tudor simulate config/l_shape.yaml --seconds 5 --out out --plot --animate out/l.gif \\
+      --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
+  tudor simulate config/elastic_arm.yaml --seconds 3 --dt 0.0005 --out out --hold joint3 \\
+      --torque 'joint2=5.6*cos(0.4)'
+
+A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSION for the first
+active joint. Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt,
+abs, sign, tanh, min, max, step(x), ramp(x, width).
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """
+    Add the options.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+
+    """
+    parser.add_argument('arm', metavar='ARM.yaml', help='arm description with links')
+    parser.add_argument('--torque', metavar='T', nargs='+', default=[],
+                        help='CSV file, expression in t, or JOINT=EXPRESSION [N m or N]')
+    parser.add_argument('--motion', metavar='FILE.csv',
+                        help='joints in this table (t, JOINT, ...) follow it [rad or m]')
+    parser.add_argument('--hold', metavar='JOINT', nargs='+', default=[],
+                        help='joints that are held where they start')
+    parser.add_argument('--seconds', type=float, default=5.0, help='length of the run (5)')
+    parser.add_argument('--dt', type=float, default=1e-3, help='step [s] (0.001)')
+    parser.add_argument('--rate', type=float, default=1000.0, help='records per second (1000)')
+    parser.add_argument('--integrator', choices=('generalised-alpha', 'radau', 'bdf'),
+                        default='generalised-alpha', help='the two others check the first')
+    parser.add_argument('--rho', type=float, default=0.9,
+                        help='numerical damping of the highest frequencies, 1 for none (0.9)')
+    parser.add_argument('--out', metavar='DIR', help='run.npz, bag/ and figures go there')
+    parser.add_argument('--plot', action='store_true',
+                        help='draw the initial configuration and, after a run, the signals')
+    parser.add_argument('--signals', metavar='S', nargs='+',
+                        help='what to draw, e.g. acceleration:tip moment:JOINT strain:GAUGE')
+    parser.add_argument('--animate', metavar='FILE', help='.gif or .mp4 of the run')
+    parser.add_argument('--modes', metavar='N', type=int, help='list N frequencies')
+    parser.add_argument('--free', metavar='JOINT', nargs='+', default=[],
+                        help='joints that move freely in --modes; held by default')
+    parser.add_argument('--json', action='store_true', help='print figures as JSON')
+
+
+def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> None:
+    """Print the table of frequencies."""
+    result = modes(plant, count, tuple(free))
+    if as_json:
+        print_json({'free_joints': free, 'frequency_hz': result.frequency.tolist(),
+                    'damping_ratio': result.damping.tolist()})
+        return
+    state = f'{", ".join(free)} free' if free else 'all joints held'
+    table = Table(title=f'{plant.mechanism.name}, {state}', title_justify='left')
+    for name in ('mode', 'frequency [Hz]', 'damping ratio [%]', 'moves most'):
+        table.add_column(name, justify='right')
+    for number, shape in enumerate(result.shape):
+        largest = plant.mechanism.coordinate_names[int(np.argmax(np.abs(shape)))]
+        table.add_row(str(number + 1), f'{result.frequency[number]:.3f}',
+                      f'{100.0 * result.damping[number]:.3f}', largest)
+    print_table(table)
+
+
+def run_with_bar(steps: int, work: Callable[[Callable[[int], None] | None], Run]) -> Run:
+    """Show a progress bar on a terminal while a run goes on."""
+    console = Console(file=sys.stderr)
+    if not console.is_terminal:
+        return work(None)
+    columns = (TextColumn('simulating'), BarColumn(), TextColumn('{task.percentage:.0f} %'),
+               TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task('', total=steps)
+        return work(lambda done: progress.advance(task, done))
+
+
+def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
+    for name in args.free + args.hold:
+        if name not in mechanism.joints:
+            msg = (f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
+                   f'{args.arm}')
+            raise UsageError(msg)
+    for what in ('seconds', 'dt', 'rate'):
+        if not 0.0 < getattr(args, what) < 1e9:
+            msg = f'--{what} must be positive, found {getattr(args, what)}'
+            raise UsageError(msg)
+    if args.modes is not None and args.modes < 1:
+        msg = f'--modes counts modes, found {args.modes}'
+        raise UsageError(msg)
+    if (args.plot or args.animate is None) and args.out is None and (
+            args.plot or args.torque or args.motion) and not args.json:
+        msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
+        raise UsageError(msg)
+    if args.out is not None and (Path(args.out) / 'bag').exists():
+        msg = f'{args.out}/bag exists already and is not overwritten; give another --out'
+        raise UsageError(msg)
+    if args.animate is not None:
+        check_target(Path(args.animate))
+
+
+def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active: tuple[str, ...],
+              ) -> Run:
+    mechanism = plant.mechanism
+    steps = max(int(round(args.seconds / args.dt)), 1)
+    every = max(int(round(1.0 / (args.rate * args.dt))), 1)
+    t = np.arange(steps + 1) * args.dt
+    motion = None
+    if args.motion is not None:
+        motion, moved = motion_signal(Path(args.motion), t, mechanism.joints)
+        for joint in moved:
+            plant.drive(joint, 'motion')
+        start = plant.state.q.copy()
+        for joint in moved:
+            column = mechanism.joints.index(joint)
+            start[column] = motion[0][0, column]
+        plant.reset(start, motion[1][0])
+    torque = torque_signal(args.torque, t, mechanism.joints, active)
+    plant.start_torque(torque[0])
+    if args.integrator != 'generalised-alpha':
+        if args.motion is not None:
+            msg = f'--integrator {args.integrator} takes torques only; leave --motion out'
+            raise UsageError(msg)
+        return run_with_bar(steps, lambda bar: simulate_with_scipy(
+            plant, observer, torque, every=every, method=args.integrator, progress=bar))
+    return run_with_bar(steps, lambda bar: simulate(
+        plant, observer, torque, every=every, motion=motion, progress=bar))
+
+
+def _default_signals(mechanism: Mechanism, arm: Arm) -> list[str]:
+    names = signal_names(mechanism, arm.gauge_names)
+    wanted = [f'{what}:{joint}' for joint in arm.active_joints for what in ('q', 'effort')]
+    return [n for n in names if n in wanted or n == 'acceleration:tip'
+            or n.startswith(('moment:', 'strain:')) or n == 'energy']
+
+
+def file_name(signal: str) -> str:
+    """Give the file name of a signal's figure."""
+    return ''.join(c if c.isalnum() or c in '-_' else '_' for c in signal) + '.png'
+
+
+def run(args: argparse.Namespace) -> int:
+    """
+    Check the mechanism, then list modes, draw, or simulate.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed options.
+
+    Returns
+    -------
+    int
+        0; errors are raised.
+
+    """
+    arm = load_arm(args.arm)
+    mechanism = build_mechanism(arm)
+    _check(args, mechanism)
+    plant = Plant(mechanism, args.dt, rho=args.rho)
+    observer = Observer(plant, arm=arm)
+    for name in args.hold:
+        plant.drive(name, 'hold')
+    folder = Path(args.out) if args.out is not None else None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    if args.modes is not None:
+        print_modes(plant, args.modes, args.free, as_json=args.json)
+    if args.plot and folder is not None:
+        plot_configuration(folder / 'initial.png', mechanism, observer.observe().position,
+                           f'{arm.name}: initial configuration')
+        print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
+    if not args.torque and args.motion is None and (args.plot or args.modes is not None):
+        return 0
+    signals = args.signals or _default_signals(mechanism, arm)
+    for name in signals:
+        if name not in signal_names(mechanism, arm.gauge_names):
+            msg = (f'there is no signal {name!r}; there are '
+                   f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
+            raise UsageError(msg)
+    result = _simulate(args, plant, observer, arm.active_joints)
+    if folder is not None:
+        save_run(folder, result, arm, mechanism)
+    if args.plot and folder is not None:
+        for name in signals:
+            plot_signal(folder / file_name(name), result,
+                        pick_signal(result, mechanism, arm.gauge_names, name))
+    if args.animate is not None:
+        animate(Path(args.animate), result, mechanism)
+    _report(args, result, mechanism, arm)
+    return 0
+
+
+def _report(args: argparse.Namespace, result: Run, mechanism: Mechanism, arm: Arm) -> None:
+    total = result.energy.sum(axis=1)
+    if args.json:
+        print_json({
+            'arm': arm.name, 'seconds': float(result.t[-1]), 'samples': int(result.t.size),
+            'q_end': dict(zip(mechanism.joints, result.q[-1].tolist(), strict=True)),
+            'tip_end': result.position[-1, mechanism.tip].tolist(),
+            'energy_start': float(total[0]), 'energy_end': float(total[-1])})
+        return
+    angles = ', '.join(f'{name} {np.degrees(value):.3f} deg'
+                       for name, value in zip(mechanism.joints, result.q[-1], strict=True))
+    where = args.out if args.out is not None else args.animate
+    print(f'{where}: {result.t[-1]:g} s, {result.t.size} samples, at the end {angles}')

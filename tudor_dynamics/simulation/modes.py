@@ -1,0 +1,130 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Eigenfrequencies and mode shapes of a mechanism, joints held or free."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.simulation.plant import Plant
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """
+    Small vibrations about a configuration.
+
+    Attributes
+    ----------
+    frequency : ndarray of shape (n_modes,)
+        Undamped frequencies, ascending; negative where gravity makes the state unstable [Hz].
+    damping : ndarray of shape (n_modes,)
+        Damping ratios by Rayleigh damping and joint damping (its diagonal part).
+    shape : ndarray of shape (n_modes, n)
+        Coordinates, mass-normalised; zero at joints that are held.
+
+    """
+
+    frequency: FloatArray
+    damping: FloatArray
+    shape: FloatArray
+
+
+def stiffness_about_state(plant: Plant) -> FloatArray:
+    """
+    Give the tangent stiffness over all coordinates, gravity and stretch included.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant at the configuration wanted.
+
+    Returns
+    -------
+    ndarray of shape (n, n)
+        Symmetric.
+
+    """
+    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
+    # Angles and lengths that change nothing in a double precision sum of kN and mN m.
+    step = 1e-6
+    columns = []
+    for i in range(z.size):
+        change = np.zeros_like(z)
+        change[i] = step
+        columns.append((plant.imbalance(z + change, zero, zero)
+                        - plant.imbalance(z - change, zero, zero)) / (2.0 * step))
+    matrix = np.array(columns)
+    return 0.5 * (matrix + matrix.T)
+
+
+def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Modes:
+    """
+    Solve the eigenvalue problem at the plant's present configuration.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant at the configuration wanted.
+    count : int
+        Number of modes.
+    free_joints : tuple of str
+        Joints that move freely; the others are held.
+
+    Returns
+    -------
+    Modes
+        Lowest modes.
+
+    Raises
+    ------
+    SimulationError
+        If nothing can vibrate.
+
+    """
+    mechanism = plant.mechanism
+    free = mechanism.elastic.copy()
+    for joint in free_joints:
+        free[mechanism.q_index[mechanism.joints.index(joint)]] = True
+    index = np.flatnonzero(free)
+    if index.size == 0:
+        msg = f'{mechanism.name}: nothing can vibrate, all links are rigid and all joints held'
+        raise SimulationError(msg)
+    pick = np.ix_(index, index)
+    mass, stiffness = plant.mass_matrix()[pick], stiffness_about_state(plant)[pick]
+    try:
+        values, vectors = eigh(stiffness, mass)
+    except np.linalg.LinAlgError:
+        msg = (f'{mechanism.name}: the mass matrix is singular with the joints '
+               f'{list(free_joints)} free; give their links a mass, or a hub_inertia')
+        raise SimulationError(msg) from None
+    count = min(count, index.size)
+    values, vectors = values[:count], vectors[:, :count]
+    omega = np.sign(values) * np.sqrt(np.abs(values))
+    damping = plant.damping_matrix()[pick]
+    modal = np.einsum('im,ij,jm->m', vectors, damping, vectors)
+    # Below a millionth of a hertz a mode is a rigid motion.
+    omega[np.abs(omega) < 1e-3] = 0.0
+    ratio = np.divide(modal, 2.0 * omega, out=np.zeros(count), where=omega > 0.0)
+    shape = np.zeros((count, mechanism.size))
+    shape[:, index] = vectors.T
+    return Modes(omega / (2.0 * np.pi), ratio, shape)

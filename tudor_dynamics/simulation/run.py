@@ -1,0 +1,229 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whole runs: drive a plant through given torques and keep what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from pathlib import Path
+import tempfile
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.simulation.outputs import Observer
+from tudor_dynamics.simulation.plant import Plant
+
+FloatArray = NDArray[np.float64]
+Motion = tuple[FloatArray, FloatArray, FloatArray]
+Integrator = Literal['generalised-alpha', 'radau', 'bdf']
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """
+    Recorded signals of a run.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n_samples,)
+        [s]
+    q, dq, ddq, effort : ndarray of shape (n_samples, n_joints)
+        Joint motion and effort of each drive [rad or m, N m or N].
+    position, velocity, acceleration : ndarray of shape (n_samples, points, 3)
+        Of all nodes in the base frame.
+    force, moment : ndarray of shape (n_samples, n_sections, 3)
+        Internal loads, see ``Observation``.
+    strain, gauge_moment : ndarray of shape (n_samples, n_gauges)
+        In the unit of each gauge, and [N m].
+    energy : ndarray of shape (n_samples, 3)
+        Kinetic, elastic, gravitational [J].
+
+    """
+
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    effort: FloatArray
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    strain: FloatArray
+    gauge_moment: FloatArray
+    energy: FloatArray
+
+    def save(self, path: Path, **more: NDArray) -> None:
+        """
+        Write all arrays to one ``.npz``, under a temporary name first.
+
+        Parameters
+        ----------
+        path : Path
+            File to write.
+        **more : ndarray
+            Arrays to add, such as names.
+
+        """
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.npz', delete=False) as file:
+            np.savez_compressed(file, **arrays)
+        Path(file.name).replace(path)
+
+
+def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
+    joints, points = len(plant.mechanism.joints), plant.mechanism.points
+    sections, gauges = len(observer.sections), len(observer.gauge_names)
+    return Run(np.zeros(samples), *(np.zeros((samples, joints)) for _ in range(4)),
+               *(np.zeros((samples, points, 3)) for _ in range(3)),
+               *(np.zeros((samples, sections, 3)) for _ in range(2)),
+               np.zeros((samples, gauges)), np.zeros((samples, gauges)), np.zeros((samples, 3)))
+
+
+def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
+    state, seen, energy = plant.state, observer.observe(), plant.energy()
+    run.t[row] = state.t
+    run.q[row], run.dq[row], run.ddq[row] = state.q, state.dq, state.ddq
+    run.effort[row] = state.effort
+    run.position[row], run.velocity[row] = seen.position, seen.velocity
+    run.acceleration[row] = seen.acceleration
+    run.force[row], run.moment[row] = seen.force, seen.moment
+    run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
+    run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
+
+
+def simulate(
+    plant: Plant, observer: Observer, torque: FloatArray, *, every: int = 1,
+    motion: Motion | None = None, progress: Callable[[int], None] | None = None,
+) -> Run:
+    """
+    Step a plant through given torques from its present state.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant, after ``reset``.
+    observer : Observer
+        What to look at.
+    torque : ndarray of shape (n_steps + 1, n_joints)
+        At the steps, the first at the start [N m or N].
+    every : int
+        Steps between two records.
+    motion : tuple of 3 ndarray of shape (n_steps + 1, n_joints), optional
+        Motion of the joints driven by motion.
+    progress : callable, optional
+        Told the number of steps done since its last call, now and then.
+
+    Returns
+    -------
+    Run
+        Records at the start and every ``every`` steps.
+
+    Raises
+    ------
+    SimulationError
+        If the run diverges.
+
+    """
+    steps = torque.shape[0] - 1
+    run = _empty(plant, observer, steps // every + 1)
+    _record(run, 0, plant, observer)
+    told = 0
+    for k in range(1, steps + 1):
+        if motion is None:
+            plant.step(torque[k])
+        else:
+            plant.step(torque[k], motion=(motion[0][k], motion[1][k], motion[2][k]))
+        if k % every == 0:
+            _record(run, k // every, plant, observer)
+        if progress is not None and (k - told >= 200 or k == steps):
+            progress(k - told)
+            told = k
+    return run
+
+
+def simulate_with_scipy(
+    plant: Plant, observer: Observer, torque: FloatArray, *, every: int = 1,
+    method: Integrator = 'radau', rtol: float = 1e-6,
+    progress: Callable[[int], None] | None = None,
+) -> Run:
+    """
+    Do the same with a solver of scipy, as a check of the integrator: slow, error controlled.
+
+    Parameters
+    ----------
+    plant, observer, torque, every, progress
+        As in ``simulate``; joints that are not driven by a torque are held.
+    method : {'radau', 'bdf'}
+        Solver.
+    rtol : float
+        Relative tolerance.
+
+    Returns
+    -------
+    Run
+        Records on the same times.
+
+    Raises
+    ------
+    SimulationError
+        If the solver gives up.
+
+    """
+    names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
+    n, dt = plant.mechanism.size, plant.dt
+    steps = torque.shape[0] - 1
+    times = np.arange(steps + 1) * dt
+    free = ~plant.prescribed
+    z, dz = plant.coordinates.copy(), plant.rates.copy()
+    count = int(free.sum())
+    q_index = plant.mechanism.q_index
+
+    def unpack(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        place, rate = z.copy(), np.zeros(n)
+        place[free], rate[free] = y[:count], y[count:]
+        return place, rate
+
+    def right_side(t: float, y: FloatArray) -> FloatArray:
+        place, rate = unpack(y)
+        k = min(int(t / dt), steps - 1)
+        share = t / dt - k
+        now = (1.0 - share) * torque[k] + share * torque[k + 1]
+        return np.concatenate([y[count:], plant.solve_accelerations(place, rate, now)[free]])
+
+    scale = np.where(np.isin(np.flatnonzero(free), q_index), 1.0, 0.01)
+    atol = rtol * np.concatenate([scale, 10.0 * scale])
+    wanted = times[::every]
+    result = solve_ivp(right_side, (0.0, times[-1]), np.concatenate([z[free], dz[free]]),
+                       method=names[method], t_eval=wanted, rtol=rtol, atol=atol,
+                       max_step=max(20.0 * dt, 1e-3))
+    if not result.success:
+        reached = result.t[-1] if result.t.size else 0.0
+        msg = f'{method} gave up at t = {reached:g} s: {result.message}'
+        raise SimulationError(msg)
+    run = _empty(plant, observer, wanted.size)
+    for row, t in enumerate(wanted):
+        place, rate = unpack(result.y[:, row])
+        plant.set_state(float(t), place, rate, torque[row * every])
+        _record(run, row, plant, observer)
+        if progress is not None:
+            progress(every if row else 0)
+    return run
