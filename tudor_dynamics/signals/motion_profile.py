@@ -38,8 +38,8 @@ from tudor_dynamics.errors import SignalError
 FloatArray = NDArray[np.float64]
 
 # Columns of the plan of one joint: where it began, then segments.
-TARGET, CLOCK, Q, DQ, DDQ = range(5)
-FIRST = 5  # duration, speed at the start, acceleration, kind of each segment
+TARGET, CLOCK, Q = range(3)
+FIRST = 3  # duration, speed at the start, acceleration, kind of each segment
 SEGMENTS = 4
 PLAN = FIRST + 4 * SEGMENTS
 
@@ -75,34 +75,9 @@ def _two_pulses(v: float, peak: float, a_max: float) -> float:
 
 
 @compiled
-def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v_max: float,
-                a_max: float) -> None:
-    """
-    Plan from a state of motion to rest at a target.
-
-    Parameters
-    ----------
-    plan : ndarray of shape (PLAN,)
-        Result.
-    q, dq, ddq : float
-        Present reference [rad, rad/s, rad/s^2].
-    target : float
-        [rad]
-    v_max, a_max : float
-        Limits [rad/s, rad/s^2].
-
-    """
-    plan[TARGET], plan[CLOCK], plan[Q], plan[DQ], plan[DDQ] = target, 0.0, q, dq, ddq
-    for i in range(4 * SEGMENTS):
-        plan[FIRST + i] = 0.0
-    # Fade the acceleration out: as fast as a full pulse does, sooner where the speed limit is near.
-    fade = math.pi * 0.25 * v_max / a_max * min(abs(ddq) / a_max, 1.0)
-    if ddq * dq > 0.0 and abs(ddq) * fade > 2.0 * (v_max - abs(dq)):
-        fade = 2.0 * max(v_max - abs(dq), 0.0) / abs(ddq)
-    fade = max(fade, 1e-9) if ddq != 0.0 else 0.0
-    plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = fade, dq, ddq, FADE
-    moved, speed, _ = _segment(FADE, ddq, dq, fade, fade)
-    distance = target - q - moved
+def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: float, a_max: float,
+              ) -> None:
+    """Fill the three segments from ``at`` on: from a speed without acceleration to rest."""
     # In the direction in which the arm still has to go once it has braked.
     stop = 0.5 * speed * _pulse_time(abs(speed), a_max)
     sign = 1.0 if distance >= stop else -1.0
@@ -124,9 +99,76 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     rows = ((up, v, 2.0 * (peak - v) / max(up, 1e-12)), (cruise, peak, 0.0),
             (down, peak, -2.0 * peak / max(down, 1e-12)))
     for i in range(3):
-        k = FIRST + 4 * (i + 1)
+        k = FIRST + 4 * (at + i)
         plan[k], plan[k + 1], plan[k + 2] = rows[i][0], sign * rows[i][1], sign * rows[i][2]
         plan[k + 3] = PULSE
+
+
+@compiled
+def _lasts(plan: NDArray) -> float:
+    """Give the time to the end of a plan."""
+    total = -plan[CLOCK]
+    for i in range(SEGMENTS):
+        total += plan[FIRST + 4 * i]
+    return total
+
+
+@compiled
+def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v_max: float,
+                a_max: float) -> None:
+    """
+    Plan from the present state of motion to rest at a target.
+
+    The acceleration either fades out first, with the jerk of the present pulse, or the pulse goes
+    on to its end, whatever leads to the target sooner: an arm that brakes already does not start
+    to brake again.
+
+    Parameters
+    ----------
+    plan : ndarray of shape (PLAN,)
+        Plan that is followed now, and result.
+    q, dq, ddq : float
+        Present reference [rad, rad/s, rad/s^2].
+    target : float
+        [rad]
+    v_max, a_max : float
+        Limits [rad/s, rad/s^2].
+
+    """
+    inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE
+    for i in range(SEGMENTS):
+        k = FIRST + 4 * i
+        if begun < plan[k]:
+            inside = True
+            length, first, push, kind = plan[k], plan[k + 1], plan[k + 2], plan[k + 3]
+            break
+        begun -= plan[k]
+    fade = 0.0
+    if ddq != 0.0:
+        fade = math.pi * 0.25 * v_max / a_max * min(abs(ddq) / a_max, 1.0)
+        if inside and push != 0.0:
+            fade = (0.5 if kind == PULSE else 1.0) * length * abs(ddq / push)
+        if ddq * dq > 0.0 and abs(ddq) * fade > 2.0 * (v_max - abs(dq)):
+            fade = 2.0 * max(v_max - abs(dq), 0.0) / abs(ddq)
+        fade = max(fade, 1e-9)
+    for i in range(PLAN):
+        plan[i] = 0.0
+    plan[TARGET], plan[Q] = target, q
+    plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = fade, dq, ddq, FADE
+    moved, speed, _ = _segment(FADE, ddq, dq, fade, fade)
+    _approach(plan, 1, target - q - moved, speed, v_max, a_max)
+    if not inside or push == 0.0:
+        return
+    soonest = _lasts(plan)
+    kept = plan.copy()
+    moved, _, _ = _segment(kind, push, first, length, begun)
+    whole, speed, _ = _segment(kind, push, first, length, length)
+    plan[CLOCK], plan[Q] = begun, q - moved
+    plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = length, first, push, kind
+    _approach(plan, 1, target - q + moved - whole, speed, v_max, a_max)
+    if _lasts(plan) > soonest:
+        for i in range(PLAN):
+            plan[i] = kept[i]
 
 
 @compiled
