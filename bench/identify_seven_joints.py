@@ -25,20 +25,20 @@ installed; a plain loop with one dense regressor matrix and LAPACK is timed in a
 
 from __future__ import annotations
 
+import argparse
+from importlib.util import find_spec
+import json
+from math import pi
 import os
+from pathlib import Path
+import resource
+import statistics
+import subprocess
+import sys
+import time
 
 for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
-    os.environ.setdefault(_name, '1')
-
-import argparse  # noqa: E402
-import json  # noqa: E402
-from math import pi  # noqa: E402
-from pathlib import Path  # noqa: E402
-import resource  # noqa: E402
-import statistics  # noqa: E402
-import subprocess  # noqa: E402
-import sys  # noqa: E402
-import time  # noqa: E402
+    os.environ.setdefault(_name, '1')  # before numpy loads
 
 import numpy as np  # noqa: E402
 
@@ -104,7 +104,36 @@ def plain(motion, tau):
     return len(kept), float((y - base @ x).std())
 
 
+def figaroh(motion, tau):
+    """Fit by FIGAROH: its regressor, column elimination, double QR; WLS by joint variance."""
+    from types import SimpleNamespace
+
+    from figaroh.tools.qrdecomposition import QRDecomposer
+    from figaroh.tools.regressor import (
+        build_regressor_basic, build_regressor_reduced, get_index_eliminate)
+    model = seven_joint_arm().model
+    for inertia in list(model.inertias)[1:]:
+        inertia.mass = 1.0
+    robot = SimpleNamespace(model=model, data=model.createData())
+    config = {'has_friction': True, 'has_actuator_inertia': True, 'has_joint_offset': True,
+              'is_joint_torques': True, 'act_idxv': list(range(7))}
+    w = build_regressor_basic(robot, motion[:, :7], motion[:, 7:14], motion[:, 14:], config)
+    names = {f'p{i}': 0.0 for i in range(w.shape[1])}
+    index, kept = get_index_eliminate(w, names)
+    reduced = build_regressor_reduced(w, index)
+    y = tau.T.reshape(-1)  # joint by joint, as FIGAROH stacks them
+    result = QRDecomposer().double_decomposition(y, reduced, kept)
+    base = result[0]
+    x = np.linalg.lstsq(base, y, rcond=None)[0]
+    # its weighted_least_squares builds a dense matrix of (7 n)^2 weights; the same by rows
+    sigma = np.repeat((y - base @ x).reshape(7, -1).std(axis=1), len(tau))
+    x = np.linalg.lstsq(base / sigma[:, None], y / sigma, rcond=None)[0]
+    return base.shape[1], float((y - base @ x).std())
+
+
 METHODS = {'this package': ours, 'plain dense': plain}
+if find_spec('figaroh'):
+    METHODS['figaroh'] = figaroh
 
 
 def measure(method, n):

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """
 Reading a bag as arrays against rosbags' own decoding, message by message.
 
@@ -30,6 +31,7 @@ from time import perf_counter
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.bags.joint_states import load_joint_states

@@ -26,7 +26,7 @@ import pinocchio as pin
 import pytest
 
 from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
-from tudor_dynamics.arm.kinematics import joint_axis, model_from_dh, model_from_urdf
+from tudor_dynamics.arm.kinematics import joint_axis, model_from_dh, model_from_urdf, read_urdf
 from tudor_dynamics.errors import ArmError
 
 # D-H rows of the UR10 as its maker publishes them (universal-robots.com, "DH parameters for
@@ -39,6 +39,11 @@ UR10 = [
     [0.0, -math.pi / 2, 0.1157, 0.0],
     [0.0, 0.0, 0.0922, 0.0],
 ]
+
+
+def urdf_model(path: Path) -> pin.Model:
+    """Read a URDF file into a model."""
+    return model_from_urdf(read_urdf(path), str(path))
 
 
 def dh_matrix(a: float, alpha: float, d: float, theta: float) -> NDArray[np.float64]:
@@ -132,10 +137,10 @@ def test_continuous_is_one_angle(tmp_path: Path) -> None:
     models = []
     for kind in ('revolute', 'continuous'):
         (tmp_path / f'{kind}.urdf').write_text(URDF.format(kind=kind))
-        models.append(model_from_urdf(tmp_path / f'{kind}.urdf'))
+        models.append(urdf_model(tmp_path / f'{kind}.urdf'))
     (tmp_path / 'free.urdf').write_text(URDF.format(kind='continuous').replace(
         '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>\n', '</joint>\n'))
-    models.append(model_from_urdf(tmp_path / 'free.urdf'))
+    models.append(urdf_model(tmp_path / 'free.urdf'))
     poses = []
     for model in models:
         assert (model.nq, model.nv) == (2, 2)
@@ -149,7 +154,7 @@ def test_continuous_is_one_angle(tmp_path: Path) -> None:
 def test_axis_of_any_joint(tmp_path: Path) -> None:
     """A slanted axis is normalised; a slider's axis is its direction of travel."""
     (tmp_path / 'r.urdf').write_text(URDF.format(kind='revolute'))
-    model = model_from_urdf(tmp_path / 'r.urdf')
+    model = urdf_model(tmp_path / 'r.urdf')
     np.testing.assert_allclose(joint_axis(model, 'turn'), [0, 0.5**0.5, 0.5**0.5], atol=1e-12)
     np.testing.assert_allclose(joint_axis(model, 'slide'), [1, 0, 0], atol=1e-12)
 
@@ -165,5 +170,5 @@ def test_urdf_mistakes(tmp_path: Path, text: str, expected: str) -> None:
     """A URDF that cannot be used is refused with its name and the reason."""
     (tmp_path / 'r.urdf').write_text(text)
     with pytest.raises(ArmError, match=expected) as caught:
-        model_from_urdf(tmp_path / 'r.urdf')
+        urdf_model(tmp_path / 'r.urdf')
     assert 'r.urdf' in str(caught.value)

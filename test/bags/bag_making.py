@@ -11,11 +11,13 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Synthetic motions, arms and bags for the tests of this folder."""
 
 from pathlib import Path
 
 import numpy as np
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, write_bag
 

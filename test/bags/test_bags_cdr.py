@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Bulk decoding and encoding of CDR against rosbags, message by message."""
 
 from bag_making import joint_states, times
@@ -18,10 +19,11 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
+
 from tudor_dynamics.bags import WrenchSeries
 from tudor_dynamics.bags.cdr import decode
 from tudor_dynamics.bags.cdr_layout import (
-    FIELDS, JOINT_STATE, joint_state_layout, WRENCH_STAMPED, wrench_layout)
+    FIELDS, JOINT_STATE, joint_state_layout, wrench_layout, WRENCH_STAMPED)
 from tudor_dynamics.errors import BagError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """From a bag to a Recording: names, fields, stamps, gaps, and what is refused."""
 
 from bag_making import (
@@ -18,8 +19,11 @@ from bag_making import (
     times)
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
 from tudor_dynamics.bags import (
-    JointStateSeries, read_recording, read_wrenches, recording_series, write_bag, WrenchSeries)
+    JointStateSeries, read_recording, read_wrenches, recording_series, WrenchSeries, write_bag)
 from tudor_dynamics.errors import BagError, TudorWarning
 
 
@@ -63,8 +67,6 @@ def test_joints_are_found_by_name(tmp_path):
 
 def write_raw(path, log_time, data, topic='/joint_states'):
     """Write encoded JointState messages with log times of their own."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import get_typestore, Stores
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection(topic, 'sensor_msgs/msg/JointState',
                                            typestore=get_typestore(Stores.ROS2_JAZZY))
@@ -238,7 +240,6 @@ def test_channel_of_nan_is_refused(tmp_path, field):
 @pytest.mark.parametrize('field', ['position', 'velocity', 'effort'])
 def test_arrays_of_another_length_than_names_are_refused(tmp_path, field, extra):
     """Topic, message and both lengths are named."""
-    from rosbags.typesys import get_typestore, Stores
     store, kind = get_typestore(Stores.ROS2_JAZZY), 'sensor_msgs/msg/JointState'
     data = joint_states().encode()
     for index in range(120, 300):
@@ -269,10 +270,10 @@ def test_degrees_without_velocity_are_refused(tmp_path):
 
 
 def test_small_degrees_show_against_the_limits(tmp_path):
-    """Nine degrees are no turn, but far beyond limits of one radian."""
+    """Nine degrees are no turn: a warning for the speed; far beyond limits of one radian."""
     q, dq = motion(times())
     bag = make_bag(tmp_path / 'b', joint_states(position=9 * q, velocity=9 * dq))
-    read_recording(bag, plain_arm())
+    read_warned(bag, plain_arm(), 'in rad, not in degrees')
     with pytest.raises(BagError, match='shoulder goes to .* beyond 4 rad'):
         read_recording(bag, plain_arm(limits={'lower': -1.0, 'upper': 1.0}))
 

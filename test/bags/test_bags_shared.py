@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """The damaged and unusual bags beside the checkout, each with what must come of it."""
 
 import os
@@ -19,6 +20,7 @@ import warnings
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording, read_wrenches
 from tudor_dynamics.bags.info import describe

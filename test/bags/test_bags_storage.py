@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Opening bags of every kind, and refusing what is none."""
 
 import hashlib
@@ -24,10 +25,11 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
+
 from tudor_dynamics.bags import open_bag, read_recording
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.mcap_scan import scan_mcap, Unusual
+from tudor_dynamics.bags.mcap_scan import Damaged, scan_mcap
 from tudor_dynamics.errors import BagError, TudorWarning
 
 STORAGES = ('mcap', 'sqlite3')
@@ -124,7 +126,7 @@ def test_checksums_of_chunks_are_checked(tmp_path):
         content[chunk + 9 + 24:chunk + 9 + 28] = crc.to_bytes(4, 'little')
         file.write_bytes(content)
         if error:
-            with pytest.raises(Unusual, match='checksum'):
+            with pytest.raises(Damaged, match='checksum'):
                 scan_mcap(file, ['/joint_states'])
             with pytest.raises(BagError, match='checksum'):
                 read_recording(file, plain_arm())
@@ -139,7 +141,8 @@ def test_bare_file_is_read(tmp_path, storage):
     np.testing.assert_array_equal(read_recording(file, plain_arm()).stamp, times())
 
 
-@pytest.mark.parametrize('content', [None, 'rosbag2_bagfile_information: [unclosed', '', '\x00\xff'])
+@pytest.mark.parametrize(
+    'content', [None, 'rosbag2_bagfile_information: [unclosed', '', '\x00\xff'])
 def test_files_are_read_without_usable_metadata(tmp_path, content):
     """Missing and garbled metadata give the data and a warning."""
     bag = make_bag(tmp_path / 'b')
@@ -256,3 +259,11 @@ def test_any_damage_gives_a_recording_or_a_bag_error(small_files, storage, data)
                 use()
             except BagError as err:
                 assert str(file.name) in str(err)
+
+
+def test_topic_that_would_steer_a_terminal_is_refused(tmp_path):
+    """Topic names come from the bag and go into messages: control characters are no names."""
+    file = storage_file(make_bag(tmp_path / 'b', joint_states(topic='/joint_statEs')))
+    file.write_bytes(file.read_bytes().replace(b'/joint_statEs', b'/joint_stat\x1bs'))
+    with pytest.raises(BagError, match='impossible topic entry'):
+        open_bag(file)

@@ -11,12 +11,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """``tudor import-merit`` on synthetic files of the same shape."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.cli.main import main

@@ -11,12 +11,14 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """``tudor info``: text, JSON, exit codes."""
 
 import json
 
 import numpy as np
 import pytest
+
 from tudor_dynamics.bags import JointStateSeries, write_bag
 from tudor_dynamics.cli.main import main
 

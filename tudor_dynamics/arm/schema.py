@@ -137,7 +137,7 @@ class GaugeSpec(Spec):
 class PreprocessingSpec(Spec):
     """How positions become velocities and accelerations, and how often samples are used."""
 
-    filter: Literal['causal', 'zero_phase'] = 'causal'
+    filter: Literal['causal', 'zero_phase'] = 'causal'  # noqa: A003
     """The papers' causal filters, or zero-phase ones (offline only)."""
     velocity_cutoff: Positive = 80.0
     """First-order low-pass behind the first difference quotient, causal [Hz]."""

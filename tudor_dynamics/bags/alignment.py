@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Stamps: order, gaps, segments, and the alignment of streams of different rates."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """What is in a bag, what it can be used for, and what is odd about it."""
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import gap_limit, increasing, split_at_gaps
 from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE
+from tudor_dynamics.bags.guess import guess_plan
 from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
@@ -33,9 +35,6 @@ from tudor_dynamics.bags.plan import Plan, plan_from_arm
 from tudor_dynamics.bags.reader import assemble
 from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import BagError
-
-STRAIN_WORDS = ('strain', 'gauge')
-"""A topic of JointState whose name has one of these carries strains, where no arm is given."""
 
 
 @dataclass(frozen=True)
@@ -206,50 +205,6 @@ def _topic_report(name: str, msgtype: str, states: JointStates) -> TopicReport:
     times = _times(states.log_time if unset else states.stamp, 'log' if unset else 'stamp')
     return TopicReport(name, msgtype, len(states.stamp), names=names, fields=fields,
                        channels=_channels(states, names), **times)
-
-
-def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
-    """
-    Guess what an arm description would say, from the topics alone.
-
-    Parameters
-    ----------
-    topics : dict of str to JointStates
-        Decoded topics.
-
-    Returns
-    -------
-    Plan or None
-        Joints are those of the topic that ends with ``joint_states``, or else of the topic with
-        the most positions; None where no topic has positions.
-
-    """
-    def with_field(what: str) -> dict[str, list[str]]:
-        found = {}
-        for name, states in topics.items():
-            blocks = [block for block in states.blocks if block.layout.fields[what][1]]
-            if blocks:
-                largest = max(blocks, key=lambda block: len(block.index))
-                found[name] = list(largest.layout.names)
-        return found
-
-    def is_strain(name: str) -> bool:
-        return any(word in name.lower() for word in STRAIN_WORDS)
-
-    positions, efforts = with_field('position'), with_field('effort')
-    candidates = [name for name in positions if not is_strain(name)]
-    if not candidates:
-        return None
-    topic = max(candidates, key=lambda name: (name.endswith('joint_states'),
-                                              len(topics[name].stamp)))
-    joints = tuple(dict.fromkeys(positions[topic]))
-    sources = [name for name in (topic, *sorted(efforts))
-               if set(joints) <= set(efforts.get(name, ()))]
-    strains = {gauge: name for name, gauges in positions.items() if is_strain(name)
-               for gauge in gauges}
-    return Plan(topic, joints, (False,) * len(joints), (4 * np.pi,) * len(joints),
-                (sources[0] if sources else topic,) * len(joints),
-                tuple(strains), tuple(strains.values()))
 
 
 def _verdict(

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """JointState topics of a bag as arrays, and whether their messages keep their contract."""
 
 from __future__ import annotations

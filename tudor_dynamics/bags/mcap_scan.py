@@ -52,6 +52,10 @@ class Unusual(Exception):
     """A file that this scan does not understand or does not trust."""
 
 
+class Damaged(Exception):
+    """A file that contradicts its own checksum."""
+
+
 @dataclass
 class Scan:
     """
@@ -112,8 +116,10 @@ def _unpack_chunk(record: bytes) -> bytes:
     if offset + packed != len(record) or size > MAX_CHUNK_BYTES:
         raise Unusual('a chunk does not fill its record')
     raw = _decompress(record[offset:], compression, size)
-    if len(raw) != size or (crc and zlib.crc32(raw) != crc):
-        raise Unusual('a chunk differs from its size or checksum')
+    if len(raw) != size:
+        raise Unusual('a chunk differs from its size')
+    if crc and zlib.crc32(raw) != crc:
+        raise Damaged('a chunk does not have its checksum')
     return raw
 
 
@@ -204,6 +210,8 @@ def scan_mcap(path: Path, topics: Collection[str], *, with_data: bool = True) ->
     ------
     Unusual
         If anything about the file is not as expected.
+    Damaged
+        If a checksum is wrong, which not every version of rosbags looks at.
 
     """
     found = {topic: Scan() for topic in topics}

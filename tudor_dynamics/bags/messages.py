@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """
 Bulk encoding of JointState and WrenchStamped: the inverse of ``cdr``.
 
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.cdr_layout import (
-    FIELDS, HEADER, JOINT_STATE, joint_state_layout, Layout, WRENCH_STAMPED, wrench_layout)
+    FIELDS, HEADER, JOINT_STATE, joint_state_layout, Layout, wrench_layout, WRENCH_STAMPED)
 from tudor_dynamics.errors import BagError
 
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'

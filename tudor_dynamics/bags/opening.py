@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Open any rosbag2: directories with and without metadata, bare files, split bags."""
 
 from __future__ import annotations
@@ -38,7 +39,8 @@ def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
                  for item in reader.connections]
         packed = bool(reader.compression_mode)
         for item in found:
-            if not (isinstance(item.name, str) and isinstance(item.msgtype, str)
+            if not (isinstance(item.name, str) and item.name.isprintable()
+                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()
                     and isinstance(item.count, int) and item.count >= 0):
                 raise ValueError(f'impossible topic entry {item}')
     return found, packed

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """What to look for in a bag: topics, names, and what is plausible, from an arm description."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Do positions and velocities make sense: units, signs, and whether anything moves."""
 
 from __future__ import annotations
@@ -36,6 +37,8 @@ MIN_DISPLACEMENT = 2e-3
 MIN_WINDOWS = 5
 UNIT_TOLERANCE = 0.2
 MAX_SPREAD = 0.3
+FAST = 10.0
+"""Joints of arms seldom turn faster, but ten degrees a second are common [rad/s]."""
 FASTEST = 60.0
 """No joint of an arm turns this fast, ten turns a second [rad/s]."""
 STILL = {False: 1e-3, True: 1e-4}
@@ -136,6 +139,9 @@ def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
         speed = _speed(recording, column)
         if not slides and speed > FASTEST:
             suspects.append(f'{name} turns at {speed:.4g} rad/s')
+        elif not slides and speed > FAST:
+            notes.add(f'{name} turns at {speed:.4g} rad/s, which is fast for an arm; make sure '
+                      'that positions are in rad, not in degrees')
         if recording.dq is not None:
             suspects += _check_velocity(recording, column, name, slides, notes)
     if suspects:

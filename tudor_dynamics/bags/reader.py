@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """A bag becomes a Recording: found by name, ordered, aligned, split at gaps, checked."""
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import increasing
 from tudor_dynamics.bags.assembly import Assembly
 from tudor_dynamics.bags.cdr import decode, FloatArray
-from tudor_dynamics.bags.cdr_layout import WRENCH_STAMPED, wrench_layout
+from tudor_dynamics.bags.cdr_layout import wrench_layout, WRENCH_STAMPED
 from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag

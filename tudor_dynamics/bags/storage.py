@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 
-from tudor_dynamics.bags.mcap_scan import scan_mcap, Unusual
+from tudor_dynamics.bags.mcap_scan import Damaged, scan_mcap, Unusual
 from tudor_dynamics.errors import BagError
 
 REMEDIES = {
@@ -145,6 +145,9 @@ class Bag:
             scans = [scan_mcap(file, tuple(times), with_data=with_data) for file in self.files]
         except Unusual:
             return False
+        except Damaged as err:
+            msg = f'{self.path}: damaged ({err}); {REMEDIES[".mcap"]}'
+            raise BagError(msg) from None
         for name in times:
             count = sum(len(scan[name].log_time) for scan in scans)
             if count != (self.topics[name].count if name in self.topics else 0):
@@ -228,12 +231,20 @@ def _read_with_rosbags(
         connections = [item for item in reader.connections if item.topic in times]
         if not connections:
             return
+        sinks = {item.topic: (times[item.topic].append, data[item.topic].append)
+                 for item in connections}
+        if not with_data:
+            for connection, log_time, _ in reader.messages(connections):
+                sinks[connection.topic][0](log_time)
+            return
         for connection, log_time, message in reader.messages(connections):
-            times[connection.topic].append(log_time)
-            if with_data:
+            add_time, add_data = sinks[connection.topic]
+            add_time(log_time)
+            add_data(message)
+        for topic in sinks:
+            for message in data[topic]:
                 # sqlite3 can hand out text or numbers where a blob should be
                 if not isinstance(message, bytes):
-                    msg = (f'{source}: topic {connection.topic} holds a '
-                           f'{type(message).__name__} in place of a message; {REMEDIES[".db3"]}')
+                    msg = (f'{source}: topic {topic} holds a {type(message).__name__} in place '
+                           f'of a message; {REMEDIES[".db3"]}')
                     raise BagError(msg)
-                data[connection.topic].append(message)

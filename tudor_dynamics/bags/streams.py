@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Streams: the values of chosen names in a topic, with stamps, before they are aligned."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """Arrays become a rosbag2: the same arrays, the same bytes; all of the bag or nothing."""
 
 from __future__ import annotations

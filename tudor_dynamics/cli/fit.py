@@ -31,7 +31,7 @@ from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
-from tudor_dynamics.identification.report import write_report
+from tudor_dynamics.identification.report import render
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
@@ -55,6 +55,21 @@ input.
 """
 
 
+class Clock:
+    """What took how long, for the JSON."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = self._begun = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """End a stage."""
+        now = time.perf_counter()
+        self.seconds[name] = round(now - self._last, 3)
+        self.seconds['total'] = round(now - self._begun, 3)
+        self._last = now
+
+
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
     parser.add_argument('bags', nargs='+', metavar='BAG',
@@ -72,7 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     signals = parser.add_argument_group('signals (defaults: arm description)')
     signals.add_argument('--filter', choices=('causal', 'zero_phase'),
-                         help='the papers\' causal filters, or zero-phase ones')
+                         help="the papers' causal filters, or zero-phase ones")
     signals.add_argument('--rate', metavar='HZ', help='decimate to this rate; "full" for none')
     signals.add_argument('--cutoff', type=float, metavar='HZ', help='zero-phase cut-off')
     signals.add_argument('--output-cutoff', type=float, metavar='HZ',
@@ -81,12 +96,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     models.add_argument('--estimator', choices=ESTIMATORS, default='wls',
                         help='of the analytical model (default: wls)')
     models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
-                        help='bending moment at the gauge, or the joint\'s as in the paper')
+                        help="bending moment at the gauge, or the joint's as in the paper")
     models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
     models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
     models.add_argument('--elm-seed', type=int, default=0, metavar='N')
     models.add_argument('--random-split', action='store_true',
-                        help='also report the papers\' random 50/50 split (optimistic)')
+                        help="also report the papers' random 50/50 split (optimistic)")
 
 
 def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpec:
@@ -115,7 +130,7 @@ def _check_choices(training: list[BagChoice], test: list[BagChoice]) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save, report."""
-    begun = time.perf_counter()
+    clock = Clock()
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
     arm = load_arm(args.arm)
@@ -129,15 +144,17 @@ def run(args: argparse.Namespace) -> int:
         random_split=args.random_split)
     total = len(training) + len(test) + 2 * len(settings.kinds) + 1
     with steps(total) as step:
-        result = _fit(arm, training, test, preprocessing, settings, step)
+        result = _fit(arm, training, test, preprocessing, settings, step, clock)
+        clock.lap('fit and validate')
         step('report')
-        save_bundle(bundle_of(result), out, overwrite=args.overwrite)
-        report = out / 'report.html'
-        write_report(result, report)
+        save_bundle(bundle_of(result), out, overwrite=args.overwrite,
+                    extra={'report.html': render(result).encode()})
+    clock.lap('save and report')
+    report = out / 'report.html'
     levels = [item.verdict.level for item in result.fitted]
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),
-                           'seconds': round(time.perf_counter() - begun, 2),
+                           'seconds': clock.seconds,
                            **figures(result)}))
     else:
         _print(result, report)
@@ -153,6 +170,7 @@ def _fit(
     preprocessing: PreprocessingSpec,
     settings: FitSettings,
     step: Steps,
+    clock: Clock,
 ) -> FitResult:
     def read(choice: BagChoice, *, learn: bool) -> BagData:
         step(f'read {choice}')
@@ -160,14 +178,20 @@ def _fit(
 
     training_data = [read(choice, learn=True) for choice in training]
     test_data = [read(choice, learn=False) for choice in test]
+    clock.lap('read and filter')
     alone = len(training) == 1 and not test
     holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None
     return fit_models(arm, training_data, test_data, holdout, preprocessing, settings, step)
 
 
 def _print(result: FitResult, report: Path) -> None:
-    rows = [(item.output, item.kind, item.validation.score,
-             output_units(result.arm, item.output)) for item in result.fitted]
+    rows = []
+    for item in result.fitted:
+        units = output_units(result.arm, item.output)
+        rows.append((item.output, item.kind, item.validation.score, units))
+        if item.random is not None:
+            rows.append((item.output, f'{item.kind}, random half (optimistic)',
+                         item.random.score, units))
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
     for item in result.fitted:
         print(f'{item.output} {item.kind}: {item.verdict}')

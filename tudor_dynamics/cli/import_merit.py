@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """``tudor import-merit``: a bag of a CSV file of the public TUDOR recordings."""
 
 from __future__ import annotations

@@ -11,6 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
+
 """``tudor info``: what is in a bag, what it can be used for, what is odd about it."""
 
 from __future__ import annotations

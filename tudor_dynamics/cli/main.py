@@ -15,8 +15,8 @@
 """
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
-A subcommand is a module of this package with ``HELP``, ``configure(parser)`` and
-``run(args, console) -> int``. It is imported only when it is called, so that ``tudor --help``
+A subcommand is a module of this package with ``EXAMPLES``, ``configure(parser)`` and
+``run(args) -> int``. It is imported only when it is called, so that ``tudor --help``
 answers at once.
 """
 
@@ -109,13 +109,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.showwarning = _show_warning  # type: ignore[assignment]
         warnings.simplefilter('always', TudorWarning)
         try:
-            return int(module.run(args))
+            code = int(module.run(args))
+            sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
+            return code
         except TudorError as err:
             print(f'tudor {args.command}: {" ".join(str(err).split())}', file=sys.stderr)
             return WRONG_INPUT
         except BrokenPipeError:
-            sys.stderr.close()
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return OK
+        except OSError as err:
+            place = f'{err.filename}: ' if err.filename else ''
+            print(f'tudor {args.command}: {place}{err.strerror or err}', file=sys.stderr)
+            return WRONG_INPUT
         except KeyboardInterrupt:
             print(f'tudor {args.command}: interrupted', file=sys.stderr)
             return 130

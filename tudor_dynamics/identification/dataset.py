@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.analytical import Blocks, TrainingBlock
+from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
 
 FloatArray = NDArray[np.float64]
@@ -136,6 +135,11 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     Recording
         The part, its segments counted anew.
 
+    Raises
+    ------
+    UsageError
+        If the part lies in a gap.
+
     """
     if (choice.begin, choice.end) == (0.0, 1.0):
         return recording
@@ -148,6 +152,10 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
         begin, end = max(part.start, int(first)), min(part.stop, int(last))
         if end > begin:
             segments.append(slice(begin - int(first), end - int(first)))
+    if not segments:
+        msg = (f'{choice}: nothing was recorded in this part of {t[-1]:.3g} s; name a part that '
+               'has samples')
+        raise UsageError(msg)
 
     def take(x: FloatArray | None) -> FloatArray | None:
         return None if x is None else x[first:last]

@@ -142,28 +142,8 @@ class FitResult:
     warnings: tuple[str, ...] = field(default=())
 
 
-def new_regressor(arm: Arm, output: str, strain_form: str) -> Regressor:
-    """
-    Build the regressor of an output.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm.
-    output : {'effort', 'strain'}
-        Output.
-    strain_form : {'exact', 'paper'}
-        Where the bending moment is taken.
-
-    Returns
-    -------
-    Regressor
-        Rows of the output.
-
-    """
-    if output == 'effort':
-        return EffortRegressor(arm)
-    return StrainRegressor(arm, strain_form)
+def _regressor(arm: Arm, output: str, strain_form: str) -> Regressor:
+    return EffortRegressor(arm) if output == 'effort' else StrainRegressor(arm, strain_form)
 
 
 def new_model(
@@ -190,7 +170,7 @@ def new_model(
 
     """
     if kind == 'analytical':
-        return AnalyticalModel(new_regressor(arm, output, settings.strain_form),
+        return AnalyticalModel(_regressor(arm, output, settings.strain_form),
                                len(arm.active_joints), estimator=settings.estimator)
     channels = arm.active_joints if output == 'effort' else arm.gauge_names
     return ExtremeLearningMachine(channels, hidden=settings.elm_hidden,

@@ -88,11 +88,11 @@ class Score:
         return asdict(self)
 
 
-def _ratio(error: float, reference: float) -> float:
-    """Error relative to a reference; a constant signal has no reference of its own."""
-    if reference > 0.0:
+def _ratio(error: float, reference: float, size: float = 0.0) -> float:
+    """Error relative to a reference; that of a constant signal of some size is only rounding."""
+    if reference > 1e-12 * size:
         return error / reference
-    return 0.0 if error == 0.0 else float('inf')
+    return 0.0 if error <= 1e-12 * size else float('inf')
 
 
 def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> Score:
@@ -124,19 +124,20 @@ def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> 
     error = measured - predicted
     mean = measured.mean(axis=0)
     norm = np.linalg.norm
+    sizes = norm(measured, axis=0)
     channels = {
         name: ChannelScore(
             rmse=float(np.sqrt(np.mean(error[:, i] ** 2))),
             fit=100.0 * (1.0 - _ratio(float(norm(error[:, i])),
-                                      float(norm(measured[:, i] - mean[i])))),
-            relative_error=_ratio(float(norm(error[:, i])), float(norm(measured[:, i]))))
+                                      float(norm(measured[:, i] - mean[i])), float(sizes[i]))),
+            relative_error=_ratio(float(norm(error[:, i])), float(sizes[i])))
         for i, name in enumerate(names)}
-    total = float(norm(error))
+    total, size = float(norm(error)), float(norm(measured))
     return Score(
         samples=len(measured),
         rmse=float(np.sqrt(np.mean(error ** 2))),
         sigma_e=float(np.std(norm(error, axis=1))),
-        fit=100.0 * (1.0 - _ratio(total, float(norm(measured - mean)))),
-        fit_printed=100.0 * (1.0 - _ratio(total, float(norm(predicted - mean)))),
-        relative_error=_ratio(total, float(norm(measured))),
+        fit=100.0 * (1.0 - _ratio(total, float(norm(measured - mean)), size)),
+        fit_printed=100.0 * (1.0 - _ratio(total, float(norm(predicted - mean)), size)),
+        relative_error=_ratio(total, size),
         channels=channels)

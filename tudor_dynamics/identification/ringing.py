@@ -120,7 +120,8 @@ def find_ringing(
         peak = float(frequency[above][np.argmax(power[above])])
         band = above & (np.abs(frequency - peak) <= HALF_WIDTH * peak)
         total = float(power[above].sum())
-        rms, share = float(np.sqrt(power[band].sum())), float(power[band].sum() / max(total, 1e-300))
+        inside_band = float(power[band].sum())
+        rms, share = float(np.sqrt(inside_band)), inside_band / max(total, 1e-300)
         inside = LOWEST * 1.5 < peak < 0.8 * frequency[-1]
         if inside and share > SMALLEST_SHARE and rms > SMALLEST_AMPLITUDE * deviation[i]:
             found.append(Ringing(channel, peak, rms, share))

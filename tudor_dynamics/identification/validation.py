@@ -205,16 +205,16 @@ def random_split(
 
     """
     generator = np.random.default_rng(seed)
-    motions, values, halves, times = [], [], [], []
+    motions, values, halves, times, stamps = [], [], [], [], []
     for bag in data:
         for s in bag.stretches:
             motions.append(s.motion[s.decimation.keep])
             values.append(s.decimation(getattr(s, output)))
             halves.append(generator.permutation(s.n_kept) < s.n_kept // 2)
-            times.append(np.column_stack([s.t[s.decimation.keep], s.stamp[s.decimation.keep]]))
+            times.append(s.t[s.decimation.keep])
+            stamps.append(s.stamp[s.decimation.keep])
     motion, value, train = np.vstack(motions), np.vstack(values), np.concatenate(halves)
     model = fit(motion[train], value[train])
-    rest = np.vstack(times)[~train]
-    item = Trace('random half', rest[:, 0], rest[:, 1].astype(np.int64), value[~train],
-                 model.predict(motion[~train]))
+    item = Trace('random half', np.concatenate(times)[~train], np.concatenate(stamps)[~train],
+                 value[~train], model.predict(motion[~train]))
     return _summary([item], model.channels, 'random half of the samples (optimistic)')

@@ -22,7 +22,7 @@ scikit-learn's: ``fit`` returns self, learned attributes end in an underscore, a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 import warnings
 
@@ -32,52 +32,16 @@ from numpy.typing import NDArray
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_motion
 from tudor_dynamics.models.estimators import (
-    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve)
+    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
+from tudor_dynamics.models.products import Products
 from tudor_dynamics.models.regressor import Regressor
-from tudor_dynamics.signals.preprocessing import Decimation
+from tudor_dynamics.models.training import block_of, Blocks, check_block, check_motion
 
 FloatArray = NDArray[np.float64]
 
-ROWS_AT_A_TIME = 512
-"""Samples for which rows are held in memory at once: 2.8 MB at 7 joints and 98 columns."""
+ROWS_AT_A_TIME = 1024
+"""Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 HUBER_PASSES = 20
-
-
-@dataclass(frozen=True, eq=False)
-class TrainingBlock:
-    """
-    Motion and the outputs that belong to it.
-
-    Attributes
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
-    output : ndarray of shape (n_kept, n_channels)
-        Measured outputs after decimation.
-    decimation : Decimation or None
-        Brings rows of ``motion`` to rows of ``output``; None where they belong together as is.
-
-    """
-
-    motion: FloatArray
-    output: FloatArray
-    decimation: Decimation | None = None
-
-
-Blocks = Callable[[], Iterable[TrainingBlock]]
-
-
-def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
-    """Wrap two arrays as training data of one block, after a check of their shapes."""
-    motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
-    if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
-        msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '
-               '(n_samples, 3 n_joints) and (n_samples, n_channels)')
-        raise FitError(msg)
-    if not (np.all(np.isfinite(motion)) and np.all(np.isfinite(output))):
-        msg = 'motion or output has values that are not finite; leave such samples out'
-        raise FitError(msg)
-    return lambda: [TrainingBlock(motion, output)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,10 +139,11 @@ class AnalyticalModel:
             msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
             raise FitError(msg)
         self.fit_products(self.products(blocks))
-        if any(g.estimate.condition > LARGEST_GRAM_CONDITION for g in self.groups_):
+        triangular = any(g.estimate.condition > LARGEST_GRAM_CONDITION for g in self.groups_)
+        if triangular:
             self.fit_products(self.products(blocks, triangular=True))
         if self.estimator == 'huber':
-            self._fit_huber(blocks)
+            self._fit_huber(blocks, triangular=triangular)
         return self
 
     def products(
@@ -266,9 +231,13 @@ class AnalyticalModel:
         ------
         NotFittedError
             If the model has no parameters yet.
+        FitError
+            If the motion is that of another number of joints.
 
         """
         coefficients = self.coefficients()
+        motion = np.asarray(motion, dtype=float)
+        check_motion(motion, 3 * self.n_joints)
         output = np.empty((len(motion), len(self.channels)))
         for first in range(0, len(motion), ROWS_AT_A_TIME):
             part = slice(first, first + ROWS_AT_A_TIME)
@@ -290,6 +259,7 @@ class AnalyticalModel:
         """Give decimated rows with their outputs, few samples at a time; use before the next."""
         buffer: FloatArray | None = None
         for block in blocks():
+            check_block(block, 3 * self.n_joints, self.channels)
             if block.decimation is not None and block.decimation.sos is not None:
                 yield block.decimation(self.regressor.rows(block.motion)), block.output
                 continue
@@ -305,20 +275,20 @@ class AnalyticalModel:
                     yield (self.regressor.rows(piece, out=buffer[:len(piece)]),
                            block.output[part])
 
-    def _fit_huber(self, blocks: Blocks) -> None:
+    def _fit_huber(self, blocks: Blocks, *, triangular: bool) -> None:
         before = self.coefficients()
         for _ in range(HUBER_PASSES):
             residuals = np.vstack([
                 output - np.einsum('kcp,cp->kc', rows, before)
                 for rows, output in self._rows(blocks)])
             weights = np.column_stack([huber_weights(column) for column in residuals.T])
-            self.fit_products(self.products(blocks, weights=weights))
+            self.fit_products(self.products(blocks, triangular=triangular, weights=weights))
             after = self.coefficients()
             change = float(np.linalg.norm(after - before)
                            / max(float(np.linalg.norm(after)), 1e-300))
             before = after
             if change < 1e-6:
                 return
-        msg = (f'Huber\'s estimator has not settled after {HUBER_PASSES} passes '
+        msg = (f"Huber's estimator has not settled after {HUBER_PASSES} passes "
                f'(last change {change:.1e}); its result is used as it is')
         warnings.warn(msg, TudorWarning, stacklevel=3)

@@ -74,12 +74,17 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``, uniform within +-pi, +-2, +-5 [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        ``[q, dq, ddq]``, within +-pi, +-2, +-5 [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; every
+        second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike (or
+        nothing) at speed.
 
     """
     generator = np.random.default_rng(seed)
     scale = np.repeat([np.pi, 2.0, 5.0], n_joints)
-    return np.asarray(generator.uniform(-1.0, 1.0, (n_samples, 3 * n_joints)) * scale)
+    motion = generator.uniform(-1.0, 1.0, (n_samples, 3 * n_joints)) * scale
+    slow = generator.uniform(-4.0, 0.0, (n_samples, n_joints))
+    motion[::2, n_joints:2 * n_joints] *= 10.0 ** slow[::2]
+    return np.asarray(motion)
 
 
 def independent_columns(
@@ -151,7 +156,8 @@ def preference(columns: tuple[str, ...]) -> list[int]:
 
 def _name(columns: list[str], row: FloatArray, own: int) -> str:
     terms = [columns[own]]
-    others = [i for i in np.argsort(-np.abs(row), kind='stable') if row[i] != 0.0 and i != own]
+    size_order = np.argsort(-np.round(np.abs(row), 7), kind='stable')  # ties are not rounding's
+    others = [i for i in size_order if row[i] != 0.0 and i != own]
     for i in others[:SHOWN_TERMS - 1]:
         size = f'{abs(row[i]):.4g} ' if abs(abs(row[i]) - 1.0) > 1e-6 else ''
         terms.append(f'{"-" if row[i] < 0 else "+"} {size}{columns[i]}')

@@ -24,24 +24,19 @@ that a reader never sees half of one.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-import hashlib
-import io
-import os
 from pathlib import Path
-import shutil
-import tempfile
 from typing import Any
-import zipfile
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
-import yaml
 
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
 from tudor_dynamics.errors import ArmError, ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle_files import (
+    dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.serialise import (
     analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
@@ -51,8 +46,6 @@ Model = AnalyticalModel | ExtremeLearningMachine
 
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
-MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
-             'elm.npz': 200_000_000}
 MARK = 'checksum: '
 
 
@@ -81,28 +74,13 @@ class ModelBundle:
     facts: dict[str, Any] = field(default_factory=dict)
 
 
-class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
-    """The fast safe loader where it is compiled in."""
-
-
-class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
-    """The fast safe dumper, without references between equal lists."""
-
-    def ignore_aliases(self, data: object) -> bool:
-        return True
-
-
-def _dump(content: Any) -> str:
-    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=99,
-                          allow_unicode=True, default_flow_style=None)
-    return text
-
-
-def _sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = False) -> None:
+def save_bundle(
+    bundle: ModelBundle,
+    path: str | Path,
+    *,
+    overwrite: bool = False,
+    extra: dict[str, bytes] | None = None,
+) -> None:
     """
     Write a bundle, whole or not at all.
 
@@ -114,11 +92,15 @@ def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = Fals
         Directory to be made.
     overwrite : bool, default=False
         Replace a bundle that stands there. Anything else is never replaced.
+    extra : dict of str to bytes, optional
+        Files for people, such as a report, that no program reads back.
 
     Raises
     ------
     ModelError
-        If something stands there already.
+        If something stands there already, or nothing can be written there.
+    NotFittedError
+        If a model has learned nothing yet.
 
     """
     path = Path(path)
@@ -135,25 +117,16 @@ def save_bundle(bundle: ModelBundle, path: str | Path, *, overwrite: bool = Fals
                 outputs[output][kind], more = elm_to_arrays(model, f'{output}_{kind}')
                 arrays.update(more)
     if arrays:
-        files['elm.npz'] = _npz(arrays)
+        files['elm.npz'] = dump_npz(arrays)
     head = {
         'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
-        'files': {name: _sha256(data) for name, data in files.items()},
+        'files': {name: sha256(data) for name, data in files.items()},
         'preprocessing': bundle.preprocessing.model_dump(mode='json'),
         'outputs': outputs, 'facts': bundle.facts}
-    body = _dump(head)
-    files['model.yaml'] = f'{body}{MARK}{_sha256(body.encode())}\n'.encode()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
-    try:
-        temporary.chmod(0o755)
-        for name, data in files.items():
-            (temporary / name).write_bytes(data)
-        _replace(temporary, path)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+    body = dump_yaml(head)
+    files['model.yaml'] = f'{body}{MARK}{sha256(body.encode())}\n'.encode()
+    write_directory({**(extra or {}), **files}, path)
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:
@@ -173,7 +146,7 @@ def check_target(path: Path, *, overwrite: bool) -> None:
         If something stands there that may not be replaced.
 
     """
-    if not path.exists():
+    if not path.exists() and not path.is_symlink():
         return
     if not overwrite:
         msg = f'{path} exists already; choose another --out, or add --overwrite'
@@ -183,42 +156,13 @@ def check_target(path: Path, *, overwrite: bool) -> None:
         raise ModelError(msg)
 
 
-def _replace(new: Path, path: Path) -> None:
-    if not path.exists():
-        os.rename(new, path)
-        return
-    old = Path(tempfile.mkdtemp(prefix=f'.{path.name}.old.', dir=path.parent)) / 'bundle'
-    os.rename(path, old)
-    os.rename(new, path)
-    shutil.rmtree(old.parent, ignore_errors=True)
-
-
 def _arm_files(arm: Arm) -> dict[str, bytes]:
     content = arm.spec.model_dump(mode='json', exclude_defaults=True)
     files = {}
     if arm.urdf is not None:
         content['kinematics'] = {'urdf': 'arm.urdf'}
         files['arm.urdf'] = arm.urdf.encode()
-    return {'arm.yaml': _dump(content).encode(), **files}
-
-
-def _npz(arrays: dict[str, FloatArray]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
-
-
-def _read(path: Path, name: str) -> bytes:
-    file = path / name
-    try:
-        size = file.stat().st_size
-        if size > MAX_BYTES[name]:
-            msg = f'{file}: {size} bytes, more than the {MAX_BYTES[name]} a model can have'
-            raise ModelError(msg)
-        return file.read_bytes()
-    except OSError as err:
-        msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
-        raise ModelError(msg) from None
+    return {'arm.yaml': dump_yaml(content).encode(), **files}
 
 
 def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
@@ -245,18 +189,17 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
     """
     path = Path(path)
     head = _read_head(path)
-    files = {name: _read(path, name) for name in head['files'] if name in MAX_BYTES}
+    files = {name: read_file(path, name) for name in head['files'] if name in MAX_BYTES}
     for name, checksum in head['files'].items():
         if name not in files:
             msg = f'{path}: names a file {name!r} that no bundle has'
             raise ModelError(msg)
-        if _sha256(files[name]) != checksum:
+        if sha256(files[name]) != checksum:
             msg = f'{path / name}: altered or cut short (checksum differs); fit the model again'
             raise ModelError(msg)
     try:
-        own = arm_from_dict(yaml.load(files['arm.yaml'], Loader=_Loader), base=path,
-                            source=str(path / 'arm.yaml'))
-    except (KeyError, yaml.YAMLError, ArmError) as err:
+        own = _arm(load_yaml(files['arm.yaml'], path / 'arm.yaml'), files, path)
+    except (KeyError, ArmError) as err:
         msg = f'{path}: its arm description cannot be used ({err})'
         raise ModelError(msg) from None
     if own.digest != head['arm'].get('digest'):
@@ -269,11 +212,12 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         raise ModelError(msg)
     try:
         preprocessing = PreprocessingSpec.model_validate(head['preprocessing'])
-        arrays = _load_npz(files['elm.npz'], path) if 'elm.npz' in files else {}
+        arrays = load_npz(files['elm.npz'], path / 'elm.npz') if 'elm.npz' in files else {}
         models = {output: {kind: _model(own, output, kind, content, arrays)
                            for kind, content in kinds.items()}
                   for output, kinds in head['outputs'].items()}
-    except (KeyError, TypeError, ValueError, AttributeError, ValidationError) as err:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError,
+            ValidationError) as err:
         if isinstance(err, ModelError):
             raise
         msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
@@ -282,22 +226,28 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
     return ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {})
 
 
+def _arm(content: Any, files: dict[str, bytes], path: Path) -> Arm:
+    kinematics = content.get('kinematics') if isinstance(content, dict) else None
+    urdf = kinematics.get('urdf') if isinstance(kinematics, dict) else None
+    if urdf is not None and (urdf != 'arm.urdf' or urdf not in files):
+        msg = f'{path}: its arm has the URDF {urdf!r}; expected arm.urdf, with a checksum'
+        raise ModelError(msg)
+    return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))
+
+
 def _read_head(path: Path) -> dict[str, Any]:
     file = path / 'model.yaml'
     try:
-        text = _read(path, 'model.yaml').decode()
+        text = read_file(path, 'model.yaml').decode()
     except UnicodeDecodeError:
         msg = f'{file}: no text; expected a model bundle of tudor fit'
         raise ModelError(msg) from None
     body, mark, checksum = text.rpartition(MARK)
-    if not mark or _sha256(body.encode()) != checksum.strip():
+    if not mark or checksum != f'{sha256(body.encode())}\n':
         msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
                'editing it')
         raise ModelError(msg)
-    try:
-        head = yaml.load(body, Loader=_Loader)
-    except (yaml.YAMLError, RecursionError, ValueError):
-        head = None
+    head = load_yaml(body, file)
     if not isinstance(head, dict) or head.get('format') != FORMAT:
         msg = f'{file}: not in the format {FORMAT!r}'
         raise ModelError(msg)
@@ -310,19 +260,6 @@ def _read_head(path: Path) -> dict[str, Any]:
             msg = f'{file}: the part {key!r} is missing; fit the model again'
             raise ModelError(msg)
     return head
-
-
-def _load_npz(data: bytes, path: Path) -> dict[str, FloatArray]:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            if sum(item.file_size for item in archive.infolist()) > MAX_BYTES['elm.npz']:
-                msg = f'{path / "elm.npz"}: unpacks to more than a model can have'
-                raise ModelError(msg)
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name], dtype=float) for name in archive.files}
-    except (zipfile.BadZipFile, OSError) as err:
-        msg = f'{path / "elm.npz"}: no array archive ({err}); fit the model again'
-        raise ModelError(msg) from None
 
 
 def _model(

@@ -28,7 +28,8 @@ from scipy import linalg
 from scipy.special import expit
 
 from tudor_dynamics.errors import FitError, NotFittedError
-from tudor_dynamics.models.analytical import block_of, Blocks, TrainingBlock
+from tudor_dynamics.models.training import (
+    block_of, Blocks, check_block, check_motion, TrainingBlock)
 
 FloatArray = NDArray[np.float64]
 
@@ -131,7 +132,9 @@ class ExtremeLearningMachine:
         lows: list[FloatArray] = []
         highs: list[FloatArray] = []
         for block in blocks():
-            kept = block.motion if block.decimation is None else block.motion[block.decimation.keep]
+            check_block(block, None, self.channels)
+            kept = (block.motion if block.decimation is None
+                    else block.motion[block.decimation.keep])
             both = [kept, block.output]
             lows.append(np.concatenate([x.min(axis=0) for x in both]))
             highs.append(np.concatenate([x.max(axis=0) for x in both]))
@@ -140,6 +143,7 @@ class ExtremeLearningMachine:
             raise FitError(msg)
         limits = np.stack([np.min(lows, axis=0), np.max(highs, axis=0)])
         n_inputs = limits.shape[1] - len(self.channels)
+        self.output_weights_ = None  # what was learned before goes with the ranges before
         self.input_range_, self.output_range_ = limits[:, :n_inputs], limits[:, n_inputs:]
         generator = np.random.default_rng(self.seed)
         self.input_weights_ = generator.uniform(-1.0, 1.0, (n_inputs, self.hidden))
@@ -176,11 +180,15 @@ class ExtremeLearningMachine:
         ------
         NotFittedError
             If the model has learned nothing yet.
+        FitError
+            If the motion is that of another number of joints.
 
         """
         if self.output_weights_ is None:
             msg = 'the ELM has no weights yet: call fit, or load a bundle'
             raise NotFittedError(msg)
+        motion = np.asarray(motion, dtype=float)
+        check_motion(motion, self.input_range_.shape[1])
         output = np.empty((len(motion), len(self.channels)))
         low, high = self.output_range_
         for first in range(0, len(motion), ROWS_AT_A_TIME):

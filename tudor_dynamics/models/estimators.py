@@ -12,14 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Least squares from accumulated products: memory independent of the length of the recordings.
-
-Per channel the Gram matrix of ``[rows, output]`` is summed up in chunks. Weighting channels,
-leaving out a bag, ridge, covariance and condition number then cost microseconds. Where the scaled
-Gram matrix is too ill-conditioned for that (it squares the condition number), triangular factors
-are accumulated instead (tall-skinny QR).
-"""
+"""Least squares from accumulated products: plain, weighted by channel, Huber's weights."""
 
 from __future__ import annotations
 
@@ -30,6 +23,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from tudor_dynamics.errors import FitError
+from tudor_dynamics.models.products import Products, squared_residuals, triangle
 
 FloatArray = NDArray[np.float64]
 
@@ -38,92 +32,8 @@ HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Rob
 LARGEST_GRAM_CONDITION = 1e6
 """Condition number of the scaled columns above which triangular factors take over."""
 UNEXCITED_CONDITION = 1e10
-
-
-def _triangle(matrix: FloatArray) -> FloatArray:
-    return np.asarray(linalg.qr(matrix, mode='r', check_finite=False)[0][:matrix.shape[1]])
-
-
-@dataclass(eq=False)
-class Products:
-    """
-    Accumulated products of one channel.
-
-    Attributes
-    ----------
-    gram : ndarray of shape (n_parameters + 1, n_parameters + 1)
-        Gram matrix of ``[rows, output]``.
-    n : int
-        Number of rows.
-    triangle : ndarray or None
-        Upper triangular factor of ``[rows, output]`` where it is accumulated too.
-
-    """
-
-    gram: FloatArray
-    n: int = 0
-    triangle: FloatArray | None = None
-
-    @classmethod
-    def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
-        """Start with nothing for ``n_parameters`` columns."""
-        size = n_parameters + 1
-        return cls(np.zeros((size, size)), 0, np.zeros((0, size)) if triangular else None)
-
-    def add(self, rows: FloatArray, output: FloatArray, weight: FloatArray | None = None) -> None:
-        """
-        Add rows.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (n_rows, n_parameters)
-            Regressor rows.
-        output : ndarray of shape (n_rows,)
-            Measured output.
-        weight : ndarray of shape (n_rows,), optional
-            Weight of each squared residual.
-
-        """
-        both = np.column_stack([rows, output])
-        if weight is not None:
-            both *= np.sqrt(weight)[:, None]
-        self.gram += both.T @ both
-        self.n += len(output)
-        if self.triangle is not None:
-            self.triangle = _triangle(np.vstack([self.triangle, both]))
-
-    def spread(self, places: NDArray[np.intp], n_parameters: int) -> Products:
-        """
-        Give the products on more parameters, which these rows do not depend on.
-
-        Parameters
-        ----------
-        places : ndarray of int, shape (n_own,)
-            Where the own parameters stand among all.
-        n_parameters : int
-            Number of all parameters.
-
-        Returns
-        -------
-        Products
-            The same data, with zero columns.
-
-        """
-        index = np.append(places, n_parameters)
-        wide = Products.empty(n_parameters)
-        wide.gram[np.ix_(index, index)] = self.gram
-        wide.n = self.n
-        if self.triangle is not None:
-            wide.triangle = np.zeros((len(self.triangle), n_parameters + 1))
-            wide.triangle[:, index] = self.triangle
-        return wide
-
-    def __add__(self, other: Products) -> Products:
-        """Join the rows of two sets of data."""
-        triangle = None
-        if self.triangle is not None and other.triangle is not None:
-            triangle = _triangle(np.vstack([self.triangle, other.triangle]))
-        return Products(self.gram + other.gram, self.n + other.n, triangle)
+NEGLIGIBLE = 1e-3
+"""The prior is left out where it would move a direction by less than this part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +46,8 @@ class Estimate:
     parameters : ndarray of shape (n_parameters,)
         Least-squares solution.
     standard_errors : ndarray of shape (n_parameters,)
-        Standard deviations of the parameters, from the residual variance.
+        Standard deviations of the parameters, from the residual variance; infinite for those that
+        the motion does not show.
     condition : float
         Condition number of the weighted rows, columns scaled to unit length.
     unexcited : tuple of int
@@ -155,20 +66,20 @@ class Estimate:
 
 def _factor(products: list[Products], weights: FloatArray) -> FloatArray:
     """Square-root information matrix of the weighted, stacked channels, ``[R, Q'y]``."""
-    triangles = [p.triangle for p in products]
-    if all(triangle is not None for triangle in triangles):
-        stacked = np.vstack([np.sqrt(w) * t for w, t in zip(weights, triangles, strict=True)
+    factors = [p.triangle for p in products]
+    if all(factor is not None for factor in factors):
+        stacked = np.vstack([np.sqrt(w) * t for w, t in zip(weights, factors, strict=True)
                              if t is not None])
-        return _triangle(stacked)
+        return triangle(stacked)
     gram = sum(w * p.gram for w, p in zip(weights, products, strict=True))
     return np.asarray(gram)
 
 
-def _solve(products: list[Products], weights: FloatArray) -> tuple[
+def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) -> tuple[
         FloatArray, FloatArray, float, tuple[int, ...]]:
     """Solve once for given channel weights: parameters, inverse information, condition, unseen."""
     factor = _factor(products, weights)
-    triangular = products[0].triangle is not None
+    triangular = all(product.triangle is not None for product in products)
     p = factor.shape[1] - 1
     left, right = factor[:, :p], factor[:, p]
     scale = np.linalg.norm(left, axis=0) if triangular else np.sqrt(np.diag(left)[:p])
@@ -188,9 +99,11 @@ def _solve(products: list[Products], weights: FloatArray) -> tuple[
     largest = float(np.max(values, initial=0.0))
     floor = largest / (UNEXCITED_CONDITION if triangular else LARGEST_GRAM_CONDITION * 10.0)
     good = values > max(floor, 1e-300)
-    inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
-    parameters = vectors @ (inverse * projected) / safe
-    covariance = (vectors * inverse ** 2) @ vectors.T / np.outer(safe, safe)
+    information = np.where(good, values, 1.0) ** 2
+    information = information + np.where(prior > NEGLIGIBLE * information, prior, 0.0)
+    parameters = vectors @ (np.where(good, values / information, 0.0) * projected) / safe
+    covariance = (vectors * np.where(good, 1.0 / information, 0.0)) @ vectors.T
+    covariance = covariance / np.outer(safe, safe)
     # columns without any signal are reported, but say nothing about the others' conditioning
     rest = np.sort(values)[int(np.sum(~seen)):]
     condition = float(largest / rest[0]) if len(rest) and rest[0] > 0 else np.inf
@@ -201,27 +114,28 @@ def _solve(products: list[Products], weights: FloatArray) -> tuple[
     return parameters, covariance, condition, unexcited
 
 
-def squared_residuals(product: Products, parameters: FloatArray) -> float:
+def _prior(products: list[Products], weights: FloatArray, noise: float) -> float:
     """
-    Give the residual sum of squares of a channel from its products.
+    Give the information of a weak prior on each column's contribution to the outputs.
 
-    Parameters
-    ----------
-    product : Products
-        Accumulated products.
-    parameters : ndarray of shape (n_parameters,)
-        Parameters.
-
-    Returns
-    -------
-    float
-        Sum of squares, never negative.
-
+    No parameter is expected to contribute more than the outputs' own size. Where the motion says
+    anything, this says nothing beside it; directions that short or poor recordings show only by
+    their noise are drawn to zero, instead of to values that cancel in training and nowhere else.
     """
-    vector = np.append(-parameters, 1.0)
-    if product.triangle is not None:
-        return float(np.sum((product.triangle @ vector) ** 2))
-    return max(0.0, float(vector @ product.gram @ vector))
+    power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
+    return noise / power if power > 0.0 else 0.0
+
+
+def _variance_floors(products: list[Products]) -> FloatArray:
+    """
+    Bound each channel's residual variance from below by what its products can resolve.
+
+    A channel that is fitted to rounding (or that is constant zero) would otherwise be given an
+    endless weight, against which the other channels vanish.
+    """
+    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
+    largest = float(np.max(squares, initial=0.0))
+    return np.maximum(1e-14 * np.maximum(squares, 1e-6 * largest), 1e-300)
 
 
 def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
@@ -249,6 +163,7 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     """
     p = products[0].gram.shape[0] - 1
     rows = sum(product.n for product in products)
+    floors = _variance_floors(products)
     if rows <= p:
         msg = f'{rows} samples for {p} parameters; record longer or decimate less'
         raise FitError(msg)
@@ -259,18 +174,26 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
         parameters, inverse, condition, unexcited = _solve(products, weights)
         # each channel pays for its share of the parameters
         freedom = 1.0 - p / rows
-        variances = np.array([
-            max(squared_residuals(product, parameters) / (max(product.n, 1) * freedom), 1e-300)
+        noise = np.array([
+            squared_residuals(product, parameters) / (max(product.n, 1) * freedom)
             for product in products])
+        variances = np.maximum(noise, floors)
         if weighted:
             weights = 1.0 / variances
     if weighted:
-        parameters, inverse, condition, unexcited = _solve(products, 1.0 / variances)
-        spread = 1.0
+        weights = 1.0 / variances
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise / variances))))
+        covariance = inverse
     else:
-        total = sum(squared_residuals(product, parameters) for product in products)
-        spread = total / (rows - p)
-    errors = np.sqrt(np.maximum(np.diag(inverse) * spread, 0.0))
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise))))
+        # equal weights, but each channel brings in noise of its own size
+        spread = sum(v * product.gram[:p, :p] for v, product in zip(
+            variances, products, strict=True))
+        covariance = inverse @ spread @ inverse
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    errors[list(unexcited)] = np.inf  # their share of the pseudo-inverse says nothing about them
     return Estimate(parameters, errors, condition, unexcited, variances)
 
 

@@ -153,7 +153,7 @@ class StrainRegressor:
                    else tuple(gauge.joint for gauge in arm.gauges))
         missing = [name for name in outputs if not model.existJointName(name)]
         if missing:
-            msg = (f'{arm.source}: the paper\'s strain form needs the joint before each gauge to '
+            msg = (f"{arm.source}: the paper's strain form needs the joint before each gauge to "
                    f'be active; {missing} are not: use --strain-form exact')
             raise ArmError(msg)
         self._model = model
@@ -210,7 +210,8 @@ def torque_rows(
     index : ndarray of int, shape (n_rows,)
         Rows wanted.
     motion : ndarray of shape (3, n_samples, model.nv)
-        Positions, velocities, accelerations in the model's order [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        Positions, velocities, accelerations in the model's order
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     out : ndarray of shape (n_samples, n_rows, 10 n_bodies)
         Filled in place.
 

@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import ModelError
+from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import Estimate
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
-from tudor_dynamics.models.units import output_units, parameter_unit
+from tudor_dynamics.models.units import column_unit, output_units
 
 FloatArray = NDArray[np.float64]
 
@@ -55,27 +55,19 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
         Estimator, form, and for each group of channels its coefficients.
 
     """
+    model.coefficients()  # raises if there are none
     units = output_units(arm, output)
-    kinds = {joint.name: joint for joint in arm.joints}
     groups = []
     for group in model.groups_:
-        names = [model.channels[i] for i in group.base.channels]
-        first = kinds.get(names[0])
-        unit = units[names[0]]
-        constant = first.effort.torque_constant if first is not None else None
-        scaled = output == 'strain' or (unit == 'A' and constant is None)
-        if constant is not None:
-            unit = 'N m'
-        prismatic = first is not None and arm.is_prismatic(first.name)
+        names = tuple(model.channels[i] for i in group.base.channels)
         groups.append({
-            'channels': names,
+            'channels': list(names),
             'condition': float(group.estimate.condition),
             'residual_std': [float(np.sqrt(v)) for v in group.estimate.variances],
             'coefficients': [
                 {'name': name, 'column': model.regressor.columns[column],
                  'value': float(value), 'standard_error': float(error),
-                 'unit': parameter_unit(model.regressor.columns[column], unit, scaled=scaled,
-                                        prismatic=prismatic),
+                 'unit': column_unit(arm, output, names, model.regressor.columns[column]),
                  'excited': k not in group.estimate.unexcited}
                 for k, (name, column, value, error) in enumerate(zip(
                     group.base.names, group.base.kept, group.estimate.parameters,
@@ -123,7 +115,7 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
             raise ModelError(msg)
         values = np.array([float(row['value']) for row in rows])
         errors = np.array([float(row['standard_error']) for row in rows])
-        if not (np.all(np.isfinite(values)) and np.all(np.isfinite(errors))):
+        if not np.all(np.isfinite(values)) or np.any(np.isnan(errors)):
             msg = f'a coefficient of {item["channels"]} is not finite'
             raise ModelError(msg)
         base = BaseSet(channels, np.array([index[row['column']] for row in rows], dtype=np.intp),
@@ -164,6 +156,9 @@ def elm_to_arrays(
         Weights and ranges.
 
     """
+    if model.output_weights_ is None:
+        msg = f'the ELM {prefix} has no weights yet: call fit before saving it'
+        raise NotFittedError(msg)
     settings = {'hidden': model.hidden, 'ridge': model.ridge, 'seed': model.seed,
                 'clip': model.clip, 'channels': list(model.channels)}
     arrays = {f'{prefix}_{name}': np.asarray(getattr(model, f'{name}_')) for name in ELM_ARRAYS}

@@ -76,3 +76,38 @@ def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> 
     else:
         body = _BODY.get(kind, 'kg m^2')
     return f'{body} ({unit})/({force})' if scaled else body
+
+
+def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -> str:
+    """
+    Give the unit of a parameter of an arm's model.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+    output : {'effort', 'strain'}
+        Output.
+    channels : tuple of str
+        Channels that share the parameter.
+    column : str
+        Name of the regressor column; friction belongs to its own joint.
+
+    Returns
+    -------
+    str
+        Unit.
+
+    """
+    if output == 'strain':
+        unit = output_units(arm, output)[channels[0]]
+        return unit if column == 'offset' else parameter_unit(
+            column, unit, scaled=unit != 'N m', prismatic=False)
+    owner = column.partition('(')[2][:-1]
+    name = owner if owner in channels else channels[0]
+    effort = {joint.name: joint for joint in arm.joints}[name].effort
+    prismatic = arm.is_prismatic(name)
+    if effort.torque_constant is not None:
+        return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
+                              prismatic=prismatic)
+    return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)

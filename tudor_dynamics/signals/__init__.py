@@ -15,7 +15,8 @@
 
 """Signals: differentiation filters, decimation, preprocessing of recordings."""
 
-from tudor_dynamics.signals.filters import CausalDifferentiator, FilteredStates, zero_phase
+from tudor_dynamics.signals.filters import CausalDifferentiator, FilteredStates
+from tudor_dynamics.signals.offline import zero_phase
 from tudor_dynamics.signals.preprocessing import Block, Decimation, prepare, Stretch
 
 __all__ = ['Block', 'CausalDifferentiator', 'Decimation', 'FilteredStates', 'Stretch', 'prepare',

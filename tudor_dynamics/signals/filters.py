@@ -14,10 +14,10 @@
 
 
 """
-Differentiation filters: the papers' causal ones, and a zero-phase alternative for recordings.
+The papers' causal differentiation filters.
 
-The causal filter is one object for all uses: fed sample by sample next to the robot, or with a
-whole record offline, it gives the same numbers.
+The filter is one object for all uses: fed sample by sample next to the robot, or with a whole
+record offline, it gives the same numbers.
 """
 
 from __future__ import annotations
@@ -190,17 +190,19 @@ class CausalDifferentiator:
         if not len(q):
             return FilteredStates(q, q.copy(), q.copy())
         first = self._q is None
-        if first:
-            self._q = q[0].copy()
-            self._dq = np.zeros(q.shape[1]) if measured is None else measured[0].copy()
-            self._ddq = np.zeros(q.shape[1])
         begin = 1 if first else 0
         step = dt[begin:]
-        if np.any(~(step > 0)):
+        if np.any(~(step > 0)):  # before anything is remembered: a refused record leaves no trace
             at = begin + int(np.flatnonzero(~(step > 0))[0])
             msg = f'sample time {dt[at]} s at sample {at}; stamps must increase'
             raise SignalError(msg)
-        assert self._q is not None
+        if self._q is None:
+            self._q = q[0].copy()
+            self._dq = np.zeros(q.shape[1]) if measured is None else measured[0].copy()
+            self._ddq = np.zeros(q.shape[1])
+        if q.shape[1:] != self._q.shape:
+            msg = f'{q.shape[1]} joints after samples of {len(self._q)}; reset the filter between'
+            raise SignalError(msg)
         dq, ddq = np.empty_like(q), np.empty_like(q)
         if first:
             dq[0], ddq[0] = self._dq, 0.0
@@ -244,7 +246,7 @@ class CausalDifferentiator:
             self._q = q.copy()
             self._dq = np.zeros(len(q)) if measured is None else measured.copy()
             self._ddq = np.zeros(len(q))
-            return FilteredStates(q, self._dq, self._ddq)
+            return FilteredStates(q, self._dq.copy(), self._ddq.copy())
         if not dt > 0:
             msg = f'sample time {dt} s; stamps must increase'
             raise SignalError(msg)
@@ -256,68 +258,5 @@ class CausalDifferentiator:
         gain = low_pass_gain(self.acceleration_cutoff, dt)
         ddq = self._ddq + gain * ((dq - self._dq) / dt - self._ddq)
         self._q, self._dq, self._ddq = q.copy(), dq, ddq
-        return FilteredStates(q, dq, ddq)
-
-
-def zero_phase(
-    t: FloatArray,
-    q: FloatArray,
-    cutoff: float,
-    measured: FloatArray | None = None,
-) -> FilteredStates:
-    """
-    Differentiate a record without phase lag: Butterworth forward and backward, then central.
-
-    Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps
-    with jitter are brought to a uniform grid and back.
-
-    Parameters
-    ----------
-    t : ndarray of shape (n_samples,)
-        Stamps, increasing [s].
-    q : ndarray of shape (n_samples, n_joints)
-        Positions [rad or m].
-    cutoff : float
-        Corner frequency [Hz], below half the sample rate.
-    measured : ndarray of shape (n_samples, n_joints), optional
-        Velocities of the driver, filtered in place of the derivative of the positions.
-
-    Returns
-    -------
-    FilteredStates
-        States on the same stamps.
-
-    Raises
-    ------
-    SignalError
-        If the record is too short or the cut-off too high.
-
-    """
-    n = len(t)
-    if n < 32:
-        msg = f'{n} samples are too few for a zero-phase filter; expected 32 or more'
-        raise SignalError(msg)
-    dt = float(t[-1] - t[0]) / (n - 1)
-    if not 0 < cutoff < 0.5 / dt:
-        msg = f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, {0.5 / dt:.4g} Hz'
-        raise SignalError(msg)
-    sos = signal.butter(4, cutoff, fs=1.0 / dt, output='sos')
-    grid = t[0] + dt * np.arange(n)
-    uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
-
-    def smooth(x: FloatArray) -> FloatArray:
-        even = x if uniform else _interpolate(grid, t, x)
-        pad = min(n - 1, max(27, int(3.0 / (cutoff * dt))))
-        return np.asarray(signal.sosfiltfilt(sos, even, axis=0, padlen=pad))
-
-    def back(x: FloatArray) -> FloatArray:
-        return x if uniform else _interpolate(t, grid, x)
-
-    smooth_q = smooth(q)
-    dq = np.gradient(smooth_q, dt, axis=0) if measured is None else smooth(measured)
-    ddq = np.gradient(dq, dt, axis=0)
-    return FilteredStates(back(smooth_q), back(dq), back(ddq))
-
-
-def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
-    return np.stack([np.interp(new, old, x[:, i]) for i in range(x.shape[1])], axis=1)
+        # copies: what the caller does with its states must not reach the filter's own
+        return FilteredStates(q, dq.copy(), ddq.copy())

@@ -1,0 +1,69 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What subcommands print: JSON that every reader takes, tables that are whole, no stray bars."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
+from tudor_dynamics.identification.metrics import ChannelScore, Score
+
+SCORE = Score(1580, 12.5, 11.25, 93.456, 93.2, 0.0654,
+              {'hub': ChannelScore(15.0, 92.345, 0.07), 'mid': ChannelScore(9.0, 95.0, 0.05)})
+
+
+def test_json(capsys: pytest.CaptureFixture[str]) -> None:
+    """Numbers that JSON does not know become null; anything else stays."""
+    content = {'fit': float('-inf'), 'list': [1, float('nan'), (2.5, float('inf'))], 'name': 'a'}
+    print_json(finite(content))
+    assert json.loads(capsys.readouterr().out) == {
+        'fit': None, 'list': [1, None, [2.5, None]], 'name': 'a'}
+    with pytest.raises(ValueError, match='JSON'):
+        print_json(content)
+
+
+@pytest.mark.parametrize(('units', 'shown'), [
+    ({'hub': 'um/m', 'mid': 'um/m'}, 'um/m'), ({'hub': 'um/m', 'mid': 'V'}, 'mixed')])
+def test_table(
+    units: dict[str, str], shown: str, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each figure stands in the row of its channel, whole, also where no terminal is."""
+    print_table(score_table('run 4', [('strain', 'analytical', SCORE, units)]))
+    text = capsys.readouterr().out
+    total = next(line for line in text.splitlines() if ' all ' in line)
+    for figure in ('analytical', '12.5', shown, '11.25', '93.46', '93.20', '6.54'):
+        assert figure in total
+    hub = next(line for line in text.splitlines() if ' hub ' in line)
+    assert '92.3' in hub and '7.00' in hub and '15' in hub
+    assert '…' not in text
+
+
+def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps show on a terminal, and nothing anywhere else."""
+    with steps(2) as step:
+        step('read run4')
+    assert capsys.readouterr() == ('', '')
+    screen = io.StringIO()
+    monkeypatch.setattr('tudor_dynamics.cli.console.Console',
+                        lambda **_: Console(file=screen, force_terminal=True, width=100))
+    with steps(2) as step:
+        step('read run4')
+        step('compare')
+    assert 'compare' in screen.getvalue()

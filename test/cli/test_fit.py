@@ -1,0 +1,231 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor fit`` and ``tudor evaluate`` from end to end, on the sample bags and on odd input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shutil
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.cli.main import main
+
+
+@pytest.fixture(scope='module')
+def fitted(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Fit the sample bags once."""
+    out = tmp_path_factory.mktemp('fit') / 'model'
+    assert main(['fit', str(root / 'bags/two_blade_train_1'), str(root / 'bags/two_blade_train_2'),
+                 '--test', str(root / 'bags/two_blade_test'),
+                 '--arm', str(root / 'config/two_blade_arm.yaml'), '--out', str(out)]) == 0
+    return out
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *words: object, code: int = 0) -> dict:
+    """Run the command and read its JSON."""
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def one_line(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """Run the command on wrong input and give the one line that it answers."""
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 2
+    captured = capsys.readouterr()
+    lines = [line for line in captured.err.splitlines() if not line.startswith('warning: ')]
+    assert len(lines) == 1 and 'Traceback' not in captured.err
+    return lines[0]
+
+
+def test_evaluate_gives_the_contract_s_json(
+    fitted: Path, root: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Keys as design has them; the fit that the sample bags allow."""
+    found = run_json(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--json')
+    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain'}
+    assert found['samples'] == pytest.approx(24 * 20 - 10, abs=3)
+    for output in ('effort', 'strain'):
+        for kind in ('analytical', 'elm'):
+            figures = found[output][kind]
+            assert set(figures) == {'rmse', 'sigma_e', 'fit', 'fit_printed', 'relative_error',
+                                    'channels'}
+    assert set(found['effort']['elm']['channels']) == {'joint2', 'joint3'}
+    assert set(found['strain']['elm']['channels']['link2_hub']) == {'rmse', 'fit',
+                                                                    'relative_error'}
+    assert found['strain']['analytical']['fit'] > 91.5
+    assert found['effort']['analytical']['fit'] > 87.0
+
+
+def test_fit_says_the_same_as_evaluate(
+    fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Validation during the fit and evaluation of the saved model agree."""
+    bags = [root / 'bags' / f'two_blade_{name}' for name in ('train_1', 'train_2', 'test')]
+    said = run_json(capsys, 'fit', bags[0], bags[1], '--test', bags[2], '--arm',
+                    root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'again', '--json')
+    found = run_json(capsys, 'evaluate', '--model', fitted, bags[2], '--json')
+    for output in ('effort', 'strain'):
+        for kind in ('analytical', 'elm'):
+            first = said[output][kind]['validation']['fit']
+            assert first == pytest.approx(found[output][kind]['fit'], rel=1e-5)
+
+
+def test_report_and_bundle_are_there(fitted: Path) -> None:
+    """One directory holds model, arm, arrays and report."""
+    assert sorted(item.name for item in fitted.iterdir()) == [
+        'arm.yaml', 'elm.npz', 'model.yaml', 'report.html']
+    assert '</html>' in (fitted / 'report.html').read_text()
+
+
+def test_model_of_another_arm_is_refused(
+    fitted: Path, root: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """An arm given to evaluate must be the one that was fitted."""
+    line = one_line(capsys, 'evaluate', '--model', fitted, '--arm', root / 'config/tudor.yaml',
+                    root / 'bags/two_blade_test')
+    assert 'two_blade_arm' in line and 'tudor' in line
+
+
+def test_altered_model_is_refused(
+    fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A coefficient changed by hand, or a file cut short, is found out."""
+    for name, change in (('model.yaml', lambda b: b.replace(b'1', b'2', 1)),
+                         ('model.yaml', lambda b: b[:-40]),
+                         ('elm.npz', lambda b: b[:-1]),
+                         ('arm.yaml', lambda b: b + b' ')):
+        copy = tmp_path / 'copy'
+        shutil.copytree(fitted, copy)
+        (copy / name).write_bytes(change((copy / name).read_bytes()))
+        line = one_line(capsys, 'evaluate', '--model', copy, root / 'bags/two_blade_test')
+        assert str(copy / name) in line and 'fit the model again' in line
+        shutil.rmtree(copy)
+
+
+def test_nothing_is_written_over(
+    fitted: Path, root: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A bundle is replaced only on request, anything else never."""
+    words = ['fit', root / 'bags/two_blade_train_1', '--arm', root / 'config/two_blade_arm.yaml']
+    before = (fitted / 'model.yaml').read_bytes()
+    assert '--overwrite' in one_line(capsys, *words, '--out', fitted)
+    assert (fitted / 'model.yaml').read_bytes() == before
+    line = one_line(capsys, *words, '--out', root / 'config', '--overwrite')
+    assert 'no model bundle' in line and (root / 'config/tudor.yaml').is_file()
+
+
+def test_overlapping_parts_are_refused(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The same samples in training and test would flatter the model."""
+    bag = root / 'bags/two_blade_train_1'
+    line = one_line(capsys, 'fit', f'{bag}@0-60%', '--test', f'{bag}@50-100%', '--arm',
+                    root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'm')
+    assert 'overlap' in line
+    assert not (tmp_path / 'm').exists()
+
+
+@pytest.mark.parametrize(('words', 'expected'), [
+    (['--rate', '-5'], 'rate'),
+    (['--elm-hidden', '0'], 'neuron'),
+    (['--filter', 'zero_phase', '--cutoff', '70'], 'half the sample rate'),
+])
+def test_impossible_options(
+    words: list[str], expected: str, root: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """An impossible setting is answered by one line that names it."""
+    line = one_line(capsys, 'fit', root / 'bags/two_blade_train_1', '--arm',
+                    root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'm', *words)
+    assert expected in line
+
+
+def test_missing_bag_and_arm(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Paths that do not exist are named."""
+    arm = root / 'config/two_blade_arm.yaml'
+    assert 'nowhere' in one_line(capsys, 'fit', tmp_path / 'nowhere', '--arm', arm, '--out',
+                                 tmp_path / 'm')
+    assert 'noarm.yaml' in one_line(capsys, 'fit', root / 'bags/two_blade_train_1', '--arm',
+                                    tmp_path / 'noarm.yaml', '--out', tmp_path / 'm')
+    assert 'nomodel' in one_line(capsys, 'evaluate', '--model', tmp_path / 'nomodel',
+                                 root / 'bags/two_blade_test')
+
+
+def test_a_model_of_noise_is_not_good_enough(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Outputs that have nothing to do with the motion give exit code 1, or 0 if forced."""
+    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.bags.reader import read_recording
+    from tudor_dynamics.bags.recording import Recording
+    from tudor_dynamics.bags.writer import recording_series, write_bag
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    real = read_recording(root / 'bags/two_blade_train_1', arm)
+    noise = np.random.default_rng(0).normal(size=real.q.shape)
+    fake = Recording(real.path, real.stamp, real.q, None, noise, 100 * noise, real.segments,
+                     real.dt)
+    write_bag(tmp_path / 'noise', recording_series(fake, arm))
+    words = ['fit', tmp_path / 'noise', '--arm', root / 'config/two_blade_arm.yaml', '--json']
+    found = run_json(capsys, *words, '--out', tmp_path / 'm1', code=1)
+    assert found['strain']['analytical']['verdict'] == 'do not use'
+    run_json(capsys, *words, '--out', tmp_path / 'm2', '--force', code=0)
+
+
+@pytest.mark.shared
+def test_reference_recordings(
+    root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Analytical fits on the 80 s recordings; floors as the package promises them."""
+    bags = shared_data / 'bags'
+    config = root / 'config'
+    run_json(capsys, 'fit', *(bags / f'arm_200g_free_{i}' for i in (1, 2, 3)), '--test',
+             bags / 'arm_200g_free_4', '--arm', config / 'two_blade_arm.yaml', '--out',
+             tmp_path / 'arm', '--json')
+    found = run_json(capsys, 'evaluate', '--model', tmp_path / 'arm', bags / 'arm_200g_free_4',
+                     '--json')
+    assert found['strain']['analytical']['fit'] >= 92.5
+    assert found['effort']['analytical']['fit'] >= 88.5
+    run_json(capsys, 'fit', bags / 'emps_estimation', '--test', bags / 'emps_validation', '--arm',
+             config / 'emps.yaml', '--out', tmp_path / 'emps', '--json')
+    found = run_json(capsys, 'evaluate', '--model', tmp_path / 'emps', bags / 'emps_validation',
+                     '--json')
+    assert found['effort']['analytical']['relative_error'] <= 0.034
+    bag = bags / 'ur10_exciting'
+    run_json(capsys, 'fit', f'{bag}@0-60%', '--test', f'{bag}@60-100%', '--arm',
+             config / 'ur10.yaml', '--models', 'analytical', '--out', tmp_path / 'ur10', '--json')
+    found = run_json(capsys, 'evaluate', '--model', tmp_path / 'ur10', f'{bag}@60-100%', '--json')
+    assert found['effort']['analytical']['relative_error'] <= 0.078
+
+
+@pytest.mark.shared
+def test_real_arm_rings(
+    root: Path, shared_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The undamped TUDOR arm: strain fit of 78 %, and the report says how it rings."""
+    assert main(['import-merit', str(shared_data / 'merit_exp1.csv'), '--out',
+                 str(tmp_path / 'bag')]) == 0
+    run_json(capsys, 'fit', f'{tmp_path}/bag@0-50%', '--test', f'{tmp_path}/bag@50-100%', '--arm',
+             root / 'config/tudor.yaml', '--out', tmp_path / 'm', '--json')
+    found = run_json(capsys, 'evaluate', '--model', tmp_path / 'm', f'{tmp_path}/bag@50-100%',
+                     '--json')
+    assert found['strain']['analytical']['fit'] >= 78.0
+    report = (tmp_path / 'm' / 'report.html').read_text()
+    assert 'rings' in report and 'Hz' in report

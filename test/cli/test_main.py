@@ -1,0 +1,153 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Entry point of the command: exit codes, one line for a user's mistake, help."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+from typing import Any
+import warnings
+
+import pytest
+
+from tudor_dynamics import __version__
+from tudor_dynamics.cli import main as entry
+from tudor_dynamics.errors import BagError, TudorError, TudorWarning
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Put a subcommand in place of ``evaluate``; its run does what the test says."""
+    module = SimpleNamespace(
+        EXAMPLES='examples:\n  tudor evaluate bag',
+        configure=lambda parser: parser.add_argument('bags', nargs='*'), run=lambda args: 0)
+    monkeypatch.setattr(entry, 'import_module', lambda name: module)
+    return module
+
+
+@pytest.mark.parametrize('code', [0, 1, 2])
+def test_exit_code_of_the_subcommand(command: Any, code: int) -> None:
+    """What the subcommand returns is the exit code."""
+    command.run = lambda args: code
+    assert entry.main(['evaluate', 'bag']) == code
+
+
+def _raise(err: BaseException) -> Any:
+    def run(args: Any) -> int:
+        raise err
+    return run
+
+
+@pytest.mark.parametrize(('err', 'code', 'line'), [
+    (BagError('run1: no such bag'), 2, 'tudor evaluate: run1: no such bag'),
+    (TudorError('two\n   lines'), 2, 'tudor evaluate: two lines'),
+    (PermissionError(13, 'Permission denied', '/x/y'), 2,
+     'tudor evaluate: /x/y: Permission denied'),
+    (OSError('odd'), 2, 'tudor evaluate: odd'),
+    (KeyboardInterrupt(), 130, 'tudor evaluate: interrupted')])
+def test_errors_are_one_line(
+    command: Any, capsys: pytest.CaptureFixture[str], err: BaseException, code: int, line: str,
+) -> None:
+    """A user's mistake is one line on standard error and nothing on standard output."""
+    command.run = _raise(err)
+    assert entry.main(['evaluate']) == code
+    assert capsys.readouterr() == ('', f'{line}\n')
+
+
+def test_mistakes_of_ours_are_not_hidden(command: Any) -> None:
+    """An error that nobody raised on purpose keeps its traceback."""
+    command.run = _raise(ZeroDivisionError())
+    with pytest.raises(ZeroDivisionError):
+        entry.main(['evaluate'])
+
+
+def test_warnings_are_lines(command: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    """Warnings about data come as lines without a place in the code, each time."""
+    def run(args: Any) -> int:
+        for _ in range(2):
+            warnings.warn('run1: 3 samples dropped', TudorWarning, stacklevel=1)
+        return 0
+    command.run = run
+    assert entry.main(['evaluate']) == 0
+    assert capsys.readouterr().err == 'warning: run1: 3 samples dropped\n' * 2
+
+
+def test_help_lists_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    """The help names every command with what it does, and the exit codes."""
+    with pytest.raises(SystemExit) as caught:
+        entry.main(['--help'])
+    assert caught.value.code == 0
+    shown = ' '.join(capsys.readouterr().out.split())
+    for name, summary in entry.SUBCOMMANDS.items():
+        assert f'{name} {summary}' in shown
+    assert 'exit codes: 0 done, 1 data or model not good enough, 2 wrong input' in shown
+
+
+def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    """The help of a command has examples."""
+    with pytest.raises(SystemExit) as caught:
+        entry.main(['evaluate', '--help'])
+    assert caught.value.code == 0
+    assert 'examples:\n  tudor evaluate --model model run4' in capsys.readouterr().out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    """The version is the package's."""
+    with pytest.raises(SystemExit):
+        entry.main(['--version'])
+    assert capsys.readouterr().out == f'tudor_dynamics {__version__}\n'
+
+
+@pytest.mark.parametrize('arguments', [
+    [], ['dance'], ['evaluate', '--model', 'm', 'bag', '--jsn'], ['evaluate', 'bag']])
+def test_wrong_arguments(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """An unknown command or option, or a missing one, ends with exit code 2 and the usage."""
+    with pytest.raises(SystemExit) as caught:
+        entry.main(arguments)
+    assert caught.value.code == 2
+    assert 'usage: tudor' in capsys.readouterr().err
+
+
+def test_missing_model(capsys: pytest.CaptureFixture[str]) -> None:
+    """A model that is not there is named on one line."""
+    assert entry.main(['evaluate', '--model', 'no/where', 'bag']) == 2
+    err = capsys.readouterr().err
+    assert err.startswith('tudor evaluate: no/where/model.yaml: cannot be read')
+    assert err.count('\n') == 1
+
+
+def test_reader_that_has_gone() -> None:
+    """``tudor ... | head`` ends quietly, be the output short or long."""
+    buffered = {key: value for key, value in os.environ.items() if key != 'PYTHONUNBUFFERED'}
+    for size in (10, 1_000_000):
+        code = (
+            'import sys, types, tudor_dynamics.cli.main as m\n'
+            'sys.stdin.read()\n'  # until the reader has gone
+            'm.import_module = lambda name: types.SimpleNamespace(EXAMPLES="",\n'
+            f'    configure=lambda p: None, run=lambda a: print("x" * {size}) or 0)\n'
+            'sys.exit(m.main(["evaluate"]))\n')
+        process = subprocess.Popen([sys.executable, '-c', code], stdin=subprocess.PIPE,
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                   env=buffered)
+        assert process.stdout is not None and process.stdin is not None
+        process.stdout.close()
+        process.stdin.close()
+        assert process.stderr is not None
+        assert process.stderr.read() == b''
+        process.stderr.close()
+        assert process.wait(30) == 0

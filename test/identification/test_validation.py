@@ -1,0 +1,111 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Validation on motion that was not learned from, and the verdict's raw material."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+from sample_arms import multisine, recording_of
+
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.validation import (
+    leave_one_bag_out, random_split, trace, validate)
+from tudor_dynamics.signals import prepare
+
+FloatArray = NDArray[np.float64]
+SPEC = PreprocessingSpec(rate=20.0)
+
+
+class Constant:
+    """Predicts the mean of what it was fitted to."""
+
+    channels = ('a', 'b')
+
+    def __init__(self, level: FloatArray) -> None:
+        self.level = level
+
+    def predict(self, motion: FloatArray) -> FloatArray:
+        """Give the mean for each sample."""
+        return np.tile(self.level, (len(motion), 1))
+
+
+def _bag(level: float, spec: PreprocessingSpec = SPEC) -> BagData:
+    q = multisine(np.arange(600) * 0.01, 2)[:, :2]
+    recording = recording_of(q, 100.0, strain=np.full((600, 2), level), gaps=(300,),
+                             path=f'bag{level:g}')
+    return BagData(BagChoice(recording.path), recording, tuple(prepare(recording, spec)))
+
+
+def test_no_bag_is_judged_by_what_it_taught() -> None:
+    """Each bag is predicted by a model of the others alone."""
+    bags = [_bag(level) for level in (1.0, 10.0, 100.0)]
+    fitted: list[set[str]] = []
+
+    def fit(some: Sequence[BagData]) -> Constant:
+        fitted.append({str(bag.choice) for bag in some})
+        return Constant(np.mean([bag.recording.strain[0] for bag in some], axis=0))
+
+    found = leave_one_bag_out(fit, bags, 'strain')
+    assert found.method == 'leave one bag out, 3 bags'
+    for item, names in zip(found.traces, fitted, strict=True):
+        assert item.bag not in names and len(names) == 2
+    expected = [[55.0, 50.5, 5.5]] * 2
+    assert np.allclose([[t.predicted[0, i] for t in found.traces] for i in range(2)], expected)
+    assert found.score.samples == sum(bag.samples for bag in bags)
+
+
+@pytest.mark.parametrize('kind', ['causal', 'zero_phase'])
+def test_traces_carry_time(kind: str) -> None:
+    """A trace has the stamps of the samples used, over all stretches of a bag."""
+    bag = _bag(3.0, PreprocessingSpec(filter=kind, rate=20.0))
+    found = trace(Constant(np.array([3.0, 4.0])), bag, 'strain')
+    assert len(found.t) == len(found.stamp) == len(found.measured) == bag.samples
+    assert np.all(np.diff(found.stamp) > 0)
+    assert np.allclose((found.stamp - bag.recording.stamp[0]) * 1e-9, found.t)
+    assert np.max(np.diff(found.t)) > 2.0  # the gap
+    assert np.allclose(found.measured, 3.0) and np.allclose(found.predicted[:, 1], 4.0)
+
+
+def test_validate() -> None:
+    """Figures are over all samples of all bags."""
+    found = validate(Constant(np.zeros(2)), [_bag(3.0), _bag(4.0)], 'strain', 'two bags')
+    assert found.method == 'two bags'
+    assert found.score.rmse == pytest.approx(np.sqrt((9 + 16) / 2))
+    assert found.channels == ('a', 'b')
+
+
+def test_random_split_is_called_optimistic() -> None:
+    """Half of the samples, each once, the other half judged, stamps kept to the nanosecond."""
+    bags = [_bag(1.0), _bag(2.0)]
+    taught: list[int] = []
+
+    def fit(motion: FloatArray, output: FloatArray) -> Constant:
+        taught.append(len(motion))
+        return Constant(output.mean(axis=0))
+
+    found = random_split(fit, bags, 'strain', seed=1)
+    assert 'optimistic' in found.method
+    total = sum(bag.samples for bag in bags)
+    assert abs(taught[0] - total / 2) <= 2
+    assert found.score.samples == total - taught[0]
+    stamps = {int(s) for bag in bags for p in bag.stretches for s in p.stamp[p.decimation.keep]}
+    assert {int(s) for s in found.traces[0].stamp} <= stamps
+    again = random_split(fit, bags, 'strain', seed=1)
+    assert np.array_equal(again.traces[0].t, found.traces[0].t)

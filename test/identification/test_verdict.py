@@ -1,0 +1,64 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The verdict in words: levels, reasons, doubts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tudor_dynamics.identification.metrics import ChannelScore, Score
+from tudor_dynamics.identification.validation import Validation
+from tudor_dynamics.identification.verdict import judge, Level
+
+
+def _validation(fit: float, *channels: float) -> Validation:
+    each = {f'c{i}': ChannelScore(1.0, value, 0.1) for i, value in enumerate(channels or (fit,))}
+    return Validation('test bag x', Score(10, 1.0, 1.0, fit, fit, 0.1, each), (), tuple(each))
+
+
+@pytest.mark.parametrize(('fit', 'level', 'text'), [
+    (99.0, Level.GOOD, 'fit 99.0 % (>= 85) on test bag x'),
+    (85.0, Level.GOOD, 'fit 85.0 % (>= 85)'),
+    (84.99, Level.USABLE, 'fit 84.9 % (60 to 85)'),
+    (60.0, Level.USABLE, '60.0 %'),
+    (59.99, Level.DO_NOT_USE, 'fit 59.9 % (< 60)'),
+    (float('-inf'), Level.DO_NOT_USE, '(< 60)')])
+def test_levels(fit: float, level: Level, text: str) -> None:
+    """The fit on unseen motion decides; it is never rounded up over a bound."""
+    verdict = judge(_validation(fit), training_fit=fit)
+    assert verdict.level is level
+    assert text in str(verdict)
+    assert str(verdict).startswith(f'{level.value}: ')
+
+
+@pytest.mark.parametrize(('more', 'text'), [
+    ({'unexcited': ['a', 'b', 'c', 'd']}, 'does not excite a, b, c ...: trust it on similar'),
+    ({'condition': 2e4}, 'condition number 20000: richer motion'),
+    ({'training_fit': 99.5}, '10 points worse than in training')])
+def test_doubts(more: dict[str, Any], text: str) -> None:
+    """A good figure with a doubt is usable; the doubt is named."""
+    verdict = judge(_validation(89.2), **{'training_fit': 90.0, **more})
+    assert verdict.level is Level.USABLE
+    assert text in str(verdict)
+    poor = judge(_validation(20.0), **{'training_fit': 25.0, **more})
+    assert poor.level is Level.DO_NOT_USE
+
+
+def test_weak_channel() -> None:
+    """A channel that is poor where the whole is not is named."""
+    assert 'channel c1 alone has 12.0 %' in str(judge(_validation(90.0, 95.0, 12.0), 90.0))
+    assert 'alone' not in str(judge(_validation(90.0, 95.0, 70.0), 90.0))

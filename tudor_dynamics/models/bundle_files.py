@@ -1,0 +1,264 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Files of a model bundle: bytes in, checked values out, and back.
+
+Bundles are untrusted: reads are bounded and of regular files only, nothing is unpickled, YAML is
+read without references (of which a few lines can stand for gigabytes).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from pathlib import Path
+import shutil
+import tempfile
+from typing import Any
+import zipfile
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+import yaml
+
+from tudor_dynamics.errors import ModelError
+
+FloatArray = NDArray[np.float64]
+
+MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
+             'elm.npz': 200_000_000}
+MAX_DEPTH = 50
+"""Levels of YAML: the compiled loader follows any number of them until the stack ends."""
+
+
+class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
+    """The fast safe loader where it is compiled in."""
+
+
+class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
+    """The fast safe dumper, without references between equal lists."""
+
+    def ignore_aliases(self, data: object) -> bool:
+        return True
+
+
+def dump_yaml(content: Any) -> str:
+    """
+    Write plain values as YAML, without references.
+
+    Parameters
+    ----------
+    content : dict
+        Plain values.
+
+    Returns
+    -------
+    str
+        Text.
+
+    """
+    text: str = yaml.dump(content, Dumper=_Dumper, sort_keys=False, width=99,
+                          allow_unicode=True, default_flow_style=None)
+    return text
+
+
+def load_yaml(text: str | bytes, file: Path) -> Any:
+    """
+    Read YAML as `dump_yaml` writes it.
+
+    Parameters
+    ----------
+    text : str or bytes
+        Text.
+    file : Path
+        Where it came from, for messages.
+
+    Returns
+    -------
+    object
+        Plain values.
+
+    Raises
+    ------
+    ModelError
+        If it is no YAML, or has references.
+
+    """
+    try:
+        if not _plain(text):
+            msg = (f'{file}: has YAML references or more than {MAX_DEPTH} levels, which no bundle '
+                   'has; fit the model again')
+            raise ModelError(msg)
+        return yaml.load(text, Loader=_Loader)
+    except ModelError:
+        raise
+    except (yaml.YAMLError, RecursionError, ValueError) as err:
+        what = ' '.join(str(err).split())[:200]
+        msg = f'{file}: no valid YAML ({what}); fit the model again'
+        raise ModelError(msg) from None
+
+
+def _plain(text: str | bytes) -> bool:
+    depth = 0
+    for token in yaml.scan(text, Loader=_Loader):
+        if isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken,
+                              yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)):
+            depth += 1
+        elif isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken,
+                                yaml.BlockEndToken)):
+            depth -= 1
+        if depth > MAX_DEPTH or isinstance(token, yaml.AliasToken):
+            return False
+    return True
+
+
+def sha256(data: bytes) -> str:
+    """Give the SHA-256 of bytes in hexadecimal digits."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def dump_npz(arrays: dict[str, FloatArray]) -> bytes:
+    """Write arrays as an npz archive."""
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
+    """
+    Read arrays from an npz archive.
+
+    Parameters
+    ----------
+    data : bytes
+        Archive.
+    file : Path
+        Where it came from, for messages.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Arrays.
+
+    Raises
+    ------
+    ModelError
+        If it is no archive, unpacks to too much, or holds anything but numbers.
+
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            if sum(item.file_size for item in archive.infolist()) > MAX_BYTES['elm.npz']:
+                msg = f'{file}: unpacks to more than a model can have'
+                raise ModelError(msg)
+        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+            return {name: np.asarray(archive[name], dtype=float) for name in archive.files}
+    except ModelError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
+            TypeError, ValueError) as err:
+        msg = f'{file}: no archive of numbers ({err}); fit the model again'
+        raise ModelError(msg) from None
+
+
+def read_file(path: Path, name: str) -> bytes:
+    """
+    Read one file of a bundle.
+
+    Parameters
+    ----------
+    path : Path
+        Bundle.
+    name : str
+        File in it, of `MAX_BYTES`.
+
+    Returns
+    -------
+    bytes
+        Content.
+
+    Raises
+    ------
+    ModelError
+        If it cannot be read, is larger than it may be, or is no file.
+
+    """
+    file = path / name
+    limit = MAX_BYTES[name]
+    try:
+        if not file.is_file() and file.exists():  # a pipe or device may never end
+            msg = f'{file}: no regular file; expected a model bundle of tudor fit'
+            raise ModelError(msg)
+        with file.open('rb') as stream:
+            data = stream.read(limit + 1)
+    except OSError as err:
+        msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
+        raise ModelError(msg) from None
+    if len(data) > limit:
+        msg = f'{file}: more than the {limit} bytes that a model can have'
+        raise ModelError(msg)
+    return data
+
+
+def write_directory(files: dict[str, bytes], path: Path) -> None:
+    """
+    Write a directory of files, whole or not at all, in place of one that may stand there.
+
+    Parameters
+    ----------
+    files : dict of str to bytes
+        Names and contents.
+    path : Path
+        Directory.
+
+    Raises
+    ------
+    ModelError
+        If it cannot be written; what stood there still stands then.
+
+    """
+    temporary = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+        temporary.chmod(0o755)
+        for name, data in files.items():
+            (temporary / name).write_bytes(data)
+        _replace(temporary, path)
+    except OSError as err:
+        msg = f'{path}: cannot be written ({err.strerror or err}); choose another place'
+        raise ModelError(msg) from None
+    finally:
+        if temporary is not None:  # gone already where all went well
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _replace(new: Path, path: Path) -> None:
+    if not path.exists():
+        os.rename(new, path)
+        return
+    aside = Path(tempfile.mkdtemp(prefix=f'.{path.name}.old.', dir=path.parent))
+    old = aside / 'bundle'
+    try:
+        os.rename(path, old)
+        os.rename(new, path)
+    except BaseException:
+        if old.exists():
+            os.rename(old, path)
+        aside.rmdir()
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
