@@ -37,8 +37,8 @@ from tudor_dynamics.cli.console import print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.excitation_report import best_seed
 from tudor_dynamics.simulation.campaign import (
-    record_stimulus, stimulus_motion, stimulus_seeds, StimulusResult, StimulusSpec,
-    steps_per_message)
+    record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
+    StimulusSpec)
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
 

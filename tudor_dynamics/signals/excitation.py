@@ -152,7 +152,9 @@ def aprbs(
         raise SignalError(msg)
     joints = len(bounds.lower)
     generators = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(joints)]
-    start, times, values = np.zeros(joints), [], []
+    start = np.zeros(joints)
+    times: list[FloatArray] = []
+    values: list[FloatArray] = []
     for j, rng in enumerate(generators):
         clocks = int((duration - rest) / clock)
         bits = binary_sequence(clocks, register, rng)
@@ -164,7 +166,7 @@ def aprbs(
         start[j] = levels[0]
         # Joints do not start together: the clock of each has a phase of its own.
         phase = rng.uniform(0.0, 0.5 * clock)
-        times.append(rest + phase + begins * clock)
+        times.append(np.asarray(rest + phase + begins * clock, dtype=np.float64))
         values.append(levels[1:])
     return Targets(start, tuple(times), tuple(values))
 
@@ -238,7 +240,7 @@ def fourier_motion(
                f'at least one harmonic and {3.0 * ramp:g} s')
         raise SignalError(msg)
     rng = np.random.default_rng(seed)
-    t = np.arange(int(round(duration / dt))) * dt
+    t = np.asarray(np.arange(int(round(duration / dt))) * dt, dtype=np.float64)
     w = 2.0 * np.pi * base * np.arange(1, harmonics + 1)[:, None]
     window = _window(t, duration, ramp)
     q, dq, ddq = (np.zeros((len(t), len(bounds.lower))) for _ in range(3))
@@ -255,7 +257,8 @@ def fourier_motion(
         # Where the range is not used up, the centre may lie anywhere in what is left.
         left = half - scale * np.abs(parts[0]).max()
         centre = 0.5 * (bounds.upper[j] + bounds.lower[j]) + rng.uniform(-left, left)
-        q[:, j], dq[:, j], ddq[:, j] = centre + scale * parts[0], scale * parts[1], scale * parts[2]
+        q[:, j] = centre + scale * parts[0]
+        dq[:, j], ddq[:, j] = scale * parts[1], scale * parts[2]
     return Reference(dt, q, dq, ddq)
 
 

@@ -16,10 +16,10 @@
 Online planner of sin^2 motions: a new target at any time, no step in the acceleration.
 
 Each change of speed is one pulse of acceleration a sin^2(pi t/T), so that the jerk is bounded and
-little of the motion lies at the eigenfrequencies of an elastic link. A move from rest has the
-pulses of Malzahn, Reinhart and Bertram (2/T of speed, rest in between at full speed). A target that
-arrives inside a pulse first lets the acceleration fade out along a quarter of a cosine squared;
-then at most two pulses with a stretch of constant speed between them lead to the new target.
+little of the motion lies at the eigenfrequencies of an elastic link: two pulses and a stretch of
+constant speed between them make a move. A target that arrives inside a pulse either lets it go on
+to its end or lets the acceleration fade out along a cosine squared first, whatever is sooner
+there.
 """
 
 from __future__ import annotations

@@ -207,7 +207,7 @@ def random_pushes(
         across = np.cross(axis, rng.standard_normal(3))
         force = across / np.linalg.norm(across) * rng.uniform(*PUSH_FORCE)
         place = float(rng.uniform(0.2, 1.0)) * link_length(mechanism, joint)
-        fx, fy, fz = (round(float(value), 4) for value in force)
+        fx, fy, fz = (round(float(value), 4) + 0.0 for value in force)
         result.append(Push(round(float(begin), 3), round(duration, 3), joint, round(place, 4),
                            (fx, fy, fz)))
     return tuple(result)

@@ -48,7 +48,7 @@ FloatArray = NDArray[np.float64]
 CHUNK = 2000
 """Steps between two looks from outside."""
 AT_REST = 1e4
-"""Accelerations below a ten-thousandth of its root count as rest for the integrator's tolerance."""
+"""Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance."""
 FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
 
 
@@ -225,7 +225,7 @@ class ClosedLoop:
         plant, state = self.plant, self._sensors.drive_state
         wanted = np.broadcast_to(np.asarray(q, dtype=float), len(self._joints))
         stiffness, play = self._drive[:, dr.STIFFNESS], self._drive[:, dr.PLAY]
-        index = self._plant.index
+        index = self._plant.driven
         place = plant.mechanism.initial[plant.mechanism.q_index].copy()
         place[self._joints] = wanted
         zero = np.zeros(plant.mechanism.size)
@@ -355,4 +355,5 @@ class ClosedLoop:
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
         cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
-        return Signals(t, *np.split(out, cuts, axis=1))
+        parts = [np.asarray(part) for part in np.split(out, cuts, axis=1)]
+        return Signals(np.asarray(t, dtype=np.float64), *parts)

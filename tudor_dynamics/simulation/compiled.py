@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one way in which this room compiles its inner loops: that of the whole package."""
+"""The way in which this room compiles its inner loops: that of the whole package."""
 
 from __future__ import annotations
 

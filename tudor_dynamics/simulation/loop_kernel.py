@@ -54,7 +54,7 @@ class PlantTables(NamedTuple):
     body_float: NDArray
     coordinate: NDArray
     force: NDArray
-    index: NDArray
+    driven: NDArray
     external: NDArray
 
 
@@ -94,7 +94,9 @@ NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
 
 
 @compiled
-def sense(plant: PlantTables, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool) -> None:
+def sense(
+    plant: PlantTables, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
+) -> None:
     """Read all sensors at the present state."""
     v = plant.vectors
     inverse_dynamics(
@@ -103,11 +105,11 @@ def sense(plant: PlantTables, sensors: SensorTables, noise: NDArray, dt: float, 
     section_loads(
         v[gen.Z], v[gen.DZ], v[gen.DDZ], plant.wrench, plant.body_int, plant.body_float,
         plant.moving, sensors.bodies, sensors.places, sensors.loads)
-    joints = plant.index.shape[0]
+    joints = plant.driven.shape[0]
     for j in range(joints):
         row = sensors.sensor[j]
         angle = sn.encoder_reading(
-            row, sensors.drive_state[j, dr.ANGLE], v[gen.Z, plant.index[j]])
+            row, sensors.drive_state[j, dr.ANGLE], v[gen.Z, plant.driven[j]])
         quotient = (angle - sensors.angle[j]) / dt
         sensors.speed[j] += sensors.velocity_share * (quotient - sensors.speed[j])
         sensors.angle[j] = angle
@@ -156,8 +158,8 @@ def advance(
     acting = put_pushes(
         pushes, t, plant.body_int, plant.body_float, plant.moving, plant.wrench) or loaded
     v = plant.vectors
-    for j in range(plant.index.shape[0]):
-        i = plant.index[j]
+    for j in range(plant.driven.shape[0]):
+        i = plant.driven[j]
         plant.torque[i] = dr.gear_push(
             sensors.drive[j], sensors.drive_state[j], dt, v[gen.Z, i], v[gen.DZ, i])
     status = gen.step(
@@ -165,8 +167,8 @@ def advance(
         plant.motion, plant.base, plant.wrench, acting, plant.columns, plant.owner,
         plant.inertias, plant.moving, plant.reaction, plant.body_int, plant.body_float,
         plant.coordinate)
-    for j in range(plant.index.shape[0]):
-        i = plant.index[j]
+    for j in range(plant.driven.shape[0]):
+        i = plant.driven[j]
         row = sensors.drive[j]
         sensors.drive_state[j, dr.GEAR] = (
             plant.torque[i] - row[dr.STIFFNESS] * v[gen.Z, i] - row[dr.DAMPING] * v[gen.DZ, i])
@@ -209,7 +211,7 @@ def run_loop(
         Steps that were done, status of the last one, whether forces act.
 
     """
-    joints, gauges = plant.index.shape[0], sensors.gauge.shape[0]
+    joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
     record = 0
     for k in range(q_ref.shape[0]):
         sense(plant, sensors, noise[k], dt, acting)
@@ -220,7 +222,7 @@ def run_loop(
                 row[2 * joints + j] = sensors.current[j]
                 row[3 * joints + gauges + j] = q_ref[k, j]
                 row[4 * joints + gauges + j] = dq_ref[k, j]
-                row[5 * joints + gauges + j] = plant.vectors[gen.Z, plant.index[j]]
+                row[5 * joints + gauges + j] = plant.vectors[gen.Z, plant.driven[j]]
             for g in range(gauges):
                 row[3 * joints + g] = sensors.strain[g]
             record += 1

@@ -15,8 +15,8 @@
 """
 What sensors make of the truth: counts, gain, offset, noise and resolution.
 
-Noise is drawn outside of compiled code, one row a step over all channels, whether a channel's noise
-is switched on or not: one seed gives each channel its own noise whatever the others do.
+Noise is drawn outside of compiled code, one row a step over all channels, whether a channel's
+noise is switched on or not: one seed gives each channel its own noise whatever the others do.
 """
 
 from __future__ import annotations
