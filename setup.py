@@ -20,7 +20,8 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'tudor_dynamics'
 NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
-         'bag_player', 'bag_recorder')
+         'oscillation_damper', 'reference_generator', 'arm_simulator', 'bag_player',
+         'bag_recorder')
 
 setup(
     # Not in setup.cfg: setuptools makes an object of it there, which colcon cannot read.

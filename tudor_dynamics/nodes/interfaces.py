@@ -32,6 +32,8 @@ COLLISION_EVENT = 'collision_event'
 JOINT_REFERENCE = 'joint_reference'
 VELOCITY_COMMANDS = 'velocity_commands'
 JOINT_TRAJECTORY = 'joint_trajectory'
+EXTERNAL_WRENCH = 'external_wrench'
+APPLIED_WRENCH = 'applied_wrench'
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
@@ -135,11 +137,51 @@ RECORDER = (
     Param('topics', (), 'topics to record; all by default'),
     Param('storage', 'mcap', 'storage format', choices=('mcap', 'sqlite3')))
 
+ARM = Param('arm', '', 'arm description (YAML)')
+DAMP = (
+    ARM,
+    Param('autostart', True, 'configure and activate at the start'),
+    Param('damping', 1.0, "part of the damper's gains", '', 0.0, 10.0, dynamic=True),
+    Param('position_gain', 0.0, 'speed per position error, 0 for that of the arm', '1/s', 0.0,
+          100.0, dynamic=True))
+REFERENCE = (
+    ARM,
+    Param('rate', 500.0, 'rate of the reference', 'Hz', 1.0, 2000.0),
+    Param('mode', 'goals', 'goals from joint_trajectory, or an APRBS', choices=('goals', 'aprbs')),
+    Param('seed', 0, 'seed of the APRBS', '', 0, 2**31 - 1),
+    Param('reaction', 'retreat', 'what to do at a collision', dynamic=True,
+          choices=('none', 'hold', 'retreat', 'comply')),
+    Param('retreat_time', 1.0, 'part of the path that retreat drives back', 's', 0.0, 10.0,
+          dynamic=True),
+    Param('comply_gain', 1000.0, 'speed of complying per strain of the contact', 'rad/s per m/m',
+          0.0, 1e5, dynamic=True),
+    Param('resume', False, 'take goals again when the collision is over, not only on ~/reset',
+          dynamic=True))
+SIMULATE = (
+    ARM,
+    Param('rate', 500.0, 'rate of the messages', 'Hz', 1.0, 2000.0),
+    Param('factor', 1.0, 'speed of simulated time, 1 for real time', '', 0.01, 100.0),
+    Param('clock', False, 'publish /clock with the simulated time'),
+    Param('payload', 0.0, 'mass at the tip', 'kg', 0.0, 1e3),
+    Param('damping', 0.0, "part of the built-in damper's gains; 0 leaves damping to a node", '',
+          0.0, 10.0),
+    Param('imperfections', True, 'friction, backlash, noise and resolution'),
+    Param('seed', 0, 'seed of the noise', '', 0, 2**31 - 1),
+    Param('command_timeout', 0.1, 'the joints stop where no command came for so long', 's', 0.001,
+          60.0, dynamic=True),
+    Param('obstacle', False, 'an elastic floor below the tip', dynamic=True),
+    Param('obstacle_height', 0.0, 'height of the floor in the base frame', 'm', -100.0, 100.0,
+          dynamic=True),
+    Param('obstacle_stiffness', 500.0, 'stiffness of the floor', 'N/m', 0.0, 1e5, dynamic=True))
+
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
     'dynamics_predictor': (*PREDICT, *COMMON),
     'collision_detector': (MODEL, KIND, *DETECT, *COMMON),
     'monitor': (MODEL, KIND, GAP, *DETECT, *COMMON),
+    'oscillation_damper': (*DAMP, *COMMON),
+    'reference_generator': (*REFERENCE, *COMMON),
+    'arm_simulator': (*SIMULATE, *COMMON),
     'bag_player': (*PLAYER, *COMMON),
     'bag_recorder': (*RECORDER, *COMMON),
 }

@@ -263,7 +263,9 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         t = t_all[part]
         if len(t) < FEWEST or t[-1] - t[0] <= 2.0 * spec.settle:
             continue
-        dt = np.diff(t, prepend=t[0])
+        stamp = recording.stamp[part]
+        # from the stamps, as the running robot has it: differences of t are off by rounding
+        dt = np.diff(stamp, prepend=stamp[0]) * 1e-9
         dq = None if recording.dq is None else recording.dq[part]
         states = _filtered(spec, t, dt, recording.q[part], dq)
         decimation, margin = _decimation(spec, t)

@@ -1,0 +1,196 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node arm_simulator: an elastic arm in place of a real one, with the topics of its drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+from threading import Event, Lock, Thread
+import time
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.errors import SimulationError, TudorError
+from tudor_dynamics.nodes.base import OK, TudorNode, WARN
+from tudor_dynamics.nodes.interfaces import (
+    APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
+from tudor_dynamics.nodes.messages import joint_state, time_message
+from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.simulation.arm_process import ArmProcess, Floor
+
+BEHIND = 0.2
+"""A process that is so late gives up real time instead of hurrying [s]."""
+
+
+class ArmSimulatorNode(TudorNode):
+    """Simulator node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('arm_simulator', **kwargs)
+        self.arm: ArmProcess | None = None
+        self._robot = ''
+        self._stop = Event()
+        self._lock = Lock()
+        self._thread: Thread | None = None
+        self._late = 0
+        try:
+            if not self.value('arm'):
+                msg = 'no arm: set the parameter arm to a description with links and motors'
+                raise SimulationError(msg)
+            description = load_arm(self.value('arm'))
+            self.arm = ArmProcess(
+                description, rate=self.value('rate'), payload=self.value('payload'),
+                damping=self.value('damping'), imperfect=self.value('imperfections'),
+                seed=self.value('seed'))
+        except TudorError as err:
+            self.fault = str(err)
+            self.get_logger().error(self.fault)
+            return
+        self._robot = description.name
+        self._connect(description)
+        self.apply()
+        self._thread = Thread(target=self._live, daemon=True)
+        self._thread.start()
+
+    def _connect(self, arm: Any) -> None:
+        self._names = list(arm.active_joints)
+        self._gauges = list(arm.gauge_names)
+        self._joints = self.publish_on(JointState, arm.spec.joint_topic)
+        efforts = {joint.effort.topic for joint in arm.joints} - {arm.spec.joint_topic}
+        self._efforts = [self.publish_on(JointState, topic) for topic in sorted(efforts)]
+        self._strains = [self.publish_on(JointState, topic)
+                         for topic in sorted({gauge.topic for gauge in arm.gauges})]
+        self._wrench = self.publish_on(WrenchStamped, APPLIED_WRENCH)
+        self._ticks = self.create_publisher(Clock, CLOCK, 10) if self.value('clock') else None
+        self._inputs = [
+            self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, self._on_command),
+            self.subscribe(WrenchStamped, EXTERNAL_WRENCH, self._on_wrench)]
+        self.serve(RESET, self._reset)
+
+    def apply(self) -> None:
+        """Take a changed floor into use."""
+        if self.arm is None:
+            return
+        floor = (Floor(self.value('obstacle_height'), self.value('obstacle_stiffness'))
+                 if self.value('obstacle') else None)
+        with self._lock:
+            self.arm.floor = floor
+            self.arm.command_timeout = self.value('command_timeout')
+
+    def _reset(self) -> str:
+        assert self.arm is not None
+        with self._lock:
+            self.arm.reset()
+        return 'the arm rests at its initial pose'
+
+    def _on_command(self, message: Float64MultiArray) -> None:
+        begun = self.meter.begin()
+        command = np.array(message.data)
+        if len(command) != len(self._names) or not np.isfinite(command).all():
+            self.drops['impossible_command'] += 1
+            return
+        assert self.arm is not None
+        with self._lock:
+            self.arm.command(command)
+        self.meter.end(begun)
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        force = message.wrench.force
+        values = np.array([force.x, force.y, force.z])
+        if not np.isfinite(values).all():
+            self.drops['impossible_wrench'] += 1
+            return
+        assert self.arm is not None
+        with self._lock:
+            self.arm.force = values
+
+    def _live(self) -> None:
+        """Run the arm against the wall clock; the executor serves the topics meanwhile."""
+        arm = self.arm
+        assert arm is not None
+        period = 1.0 / self.value('rate') / self.value('factor')
+        simulated = bool(self.value('clock'))
+        origin = self.get_clock().now().nanoseconds if not simulated else 1_000_000_000
+        due = time.perf_counter()
+        while not self._stop.is_set():
+            try:
+                with self._lock:
+                    sample = arm.step()
+            except TudorError as err:
+                self.fault = str(err)
+                return
+            self._publish(sample, origin)
+            due += period
+            wait = due - time.perf_counter()
+            if wait > 0.0:
+                self._stop.wait(wait)
+            elif wait < -BEHIND:
+                self._late += 1
+                due = time.perf_counter()
+
+    def _publish(self, sample: Any, origin: int) -> None:
+        stamp = time_message(origin + round(sample.t * 1e9))
+        if self._ticks is not None:
+            self._ticks.publish(Clock(clock=stamp))
+        effort = {} if self._efforts else {'effort': sample.current}
+        for publisher in self._efforts:
+            publisher.publish(joint_state(stamp, self._names, effort=sample.current))
+        for publisher in self._strains:
+            publisher.publish(joint_state(stamp, self._gauges, position=sample.strain))
+        self._joints.publish(joint_state(stamp, self._names, position=sample.q,
+                                         velocity=sample.dq, **effort))
+        if self._wrench.get_subscription_count():
+            message = WrenchStamped()
+            message.header.stamp, message.header.frame_id = stamp, 'base'
+            force = message.wrench.force
+            force.x, force.y, force.z = (float(x) for x in sample.force)
+            self._wrench.publish(message)
+
+    def hardware(self) -> str:
+        """Give the name of the robot, by default that of the arm."""
+        return str(self.value('robot')) or self._robot or 'none'
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell whether the simulation keeps up."""
+        level, message, values = super().status()
+        if self.fault or self.arm is None:
+            return level, message, values
+        values['simulated time [s]'] = f'{self.arm.t:.1f}'
+        values['gave up real time'] = str(self._late)
+        if level != OK:
+            return WARN, 'no commands: the joints stand still', values
+        return level, message, values
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(ArmSimulatorNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,165 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The arm in closed loop as a robot: velocity commands in, sensor samples out, in small steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.drive import Imperfections
+from tudor_dynamics.simulation.outputs import Observer
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Floor:
+    """
+    An elastic floor below the tip.
+
+    Attributes
+    ----------
+    height : float
+        In the base frame [m].
+    stiffness : float
+        Force per penetration [N/m].
+
+    """
+
+    height: float
+    stiffness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """
+    What the sensors say.
+
+    Attributes
+    ----------
+    t : float
+        Simulated time [s].
+    q, dq, current : ndarray of shape (n_joints,)
+        As measured [rad, rad/s, A].
+    strain : ndarray of shape (n_gauges,)
+        As measured, in units of the gauges.
+    force : ndarray of shape (3,)
+        Force at the tip, in the base frame [N].
+
+    """
+
+    t: float
+    q: FloatArray
+    dq: FloatArray
+    current: FloatArray
+    strain: FloatArray
+    force: FloatArray
+
+
+class ArmProcess:
+    """
+    An arm whose joints take velocities.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with links, motors, sensors and damper.
+    rate : float
+        Samples per second; a whole part of the damper's rate [Hz].
+    payload : float
+        Mass at the tip [kg].
+    damping : float
+        Part of the built-in damper's gains.
+    imperfect : bool
+        Whether drives and sensors have their imperfections.
+    seed : int
+        Of the noise.
+
+    Attributes
+    ----------
+    force : ndarray of shape (3,)
+        Force from outside at the tip, in the base frame [N].
+    floor : Floor or None
+        Obstacle.
+    command_timeout : float
+        The joints stop where no command came for so long [s].
+
+    """
+
+    def __init__(
+        self, arm: Arm, *, rate: float = 500.0, payload: float = 0.0, damping: float = 0.0,
+        imperfect: bool = True, seed: int = 0,
+    ) -> None:
+        if payload > 0.0:
+            arm = with_payload(arm, payload)
+        chosen = Imperfections() if imperfect else Imperfections.none()
+        self.loop = ClosedLoop(arm, damping=damping, imperfections=chosen, seed=seed,
+                               position_loop=False)
+        steps = 1.0 / (rate * self.loop.dt)
+        self.steps = round(steps)
+        if self.steps < 1 or abs(steps - self.steps) > 1e-6:
+            msg = (f'rate {rate:g} Hz: expected a whole part of the rate at which the arm is '
+                   f'controlled, {1.0 / self.loop.dt:g} Hz (damper.rate)')
+            raise SimulationError(msg)
+        self._observer = Observer(self.loop.plant, [])
+        self.command_timeout = 0.1
+        self.floor: Floor | None = None
+        self.reset()
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self.loop.t + self._before
+
+    def reset(self) -> None:
+        """Put the arm at rest where its description says; time goes on."""
+        self._before = self.t if hasattr(self, '_before') else 0.0
+        self.loop.reset(self.loop._described())
+        count = len(self.loop.arm.active_joints)
+        self._speed = np.zeros(count)
+        self._age = np.inf
+        self.force = np.zeros(3)
+
+    def command(self, speed: FloatArray) -> None:
+        """Take speeds of the joints [rad/s]."""
+        self._speed = np.array(speed, dtype=float)
+        self._age = 0.0
+
+    def tip(self) -> FloatArray:
+        """Give the place of the tip in the base frame [m]."""
+        position = self._observer.observe().position
+        return np.asarray(position[self.loop.plant.mechanism.tip].copy())
+
+    def step(self) -> Sample:
+        """Advance by one sample and give what the sensors say at its start."""
+        force = self.force.copy()
+        if self.floor is not None:
+            depth = self.floor.height - float(self.tip()[2])
+            force[2] += self.floor.stiffness * max(depth, 0.0)
+        self.loop.set_force(force)
+        period = self.steps * self.loop.dt
+        speed = self._speed if self._age < self.command_timeout else np.zeros_like(self._speed)
+        self._age += period
+        t = self.t
+        q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
+        signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
+        return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
+                      force)
