@@ -1,0 +1,166 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Thresholds, onset statistic and detector on signals whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.errors import FitError, ModelError
+from tudor_dynamics.monitoring.detector import CollisionDetector, DetectorSettings, Level
+from tudor_dynamics.monitoring.excess import Excess, ExcessStage, Rates
+from tudor_dynamics.monitoring.features import MotionFeatures
+from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
+from tudor_dynamics.monitoring.onset import learn_taps, OnsetFilter, STEP
+from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.monitoring.threshold_io import thresholds_from_dict, thresholds_to_dict
+
+CHANNELS = ('a', 'b')
+
+
+def ringing(seconds: float, seed: int, rate: float = 100.0) -> FreeMotion:
+    """Residuals of two links that ring at 2.5 Hz, driven by noise, and a motion."""
+    rng = np.random.default_rng(seed)
+    n = int(seconds * rate)
+    t = np.arange(n) / rate
+    pole = np.exp((-0.03 + 1j) * 2 * np.pi * 2.5 / rate)
+    state, out = np.zeros(2, dtype=complex), np.empty((n, 2))
+    for k in range(n):
+        state = pole * state + rng.normal(size=2) * np.sqrt(100.0 / rate)
+        out[k] = state.real + 0.2 * rng.normal(size=2)
+    q = np.stack([np.sin(t), np.cos(0.7 * t)], axis=1)
+    dq = np.stack([np.cos(t), -0.7 * np.sin(0.7 * t)], axis=1)
+    ddq = np.stack([-np.sin(t), -0.49 * np.cos(0.7 * t)], axis=1)
+    stamp = 10**18 + (t * 1e9).round().astype(np.int64)
+    return FreeMotion(stamp, np.hstack([q, dq, ddq]), out)
+
+
+@pytest.fixture(scope='module')
+def learned():
+    """Thresholds of 240 s of ringing."""
+    return learn_thresholds([ringing(120, 1), ringing(120, 2)], CHANNELS)
+
+
+def walk(stage: ExcessStage, record: FreeMotion, push=0.0) -> list[Excess]:
+    """Run samples through a stage, with a push added to the residual."""
+    push = np.broadcast_to(np.asarray(push, dtype=float).reshape(-1, 1), record.residual.shape)
+    return [stage.step(Residual(Motion(int(s), 9.0, 0.01, m), r, r, r))
+            for s, m, r in zip(record.stamp, record.motion, record.residual + push, strict=True)]
+
+
+def test_false_alarms_are_as_rare_as_asked(learned) -> None:
+    """On ten minutes that were not learned from: seldom where 6 per hour are allowed."""
+    for per_hour, most in ((6.0, 6), (600.0, 250)):
+        stage = ExcessStage(learned, Rates(per_hour, max(per_hour, 60.0)))
+        alarms = sum(
+            bool(np.array([x.collision.max() for x in walk(stage, ringing(60, 10 + k))]
+                          ).reshape(-1, 100).max(axis=1).__gt__(1.0).sum())
+            for k in range(10))
+        assert alarms <= most
+    low, high = learned.ratios(600.0), learned.ratios(6.0)
+    assert (low < high).all()
+
+
+def test_onset_is_seen_before_the_residual_leaves_its_ringing(learned) -> None:
+    """A force that rises slowly: the onset statistic exceeds first, well below the ringing."""
+    record = ringing(20, 99)
+    t = record.t
+    force = 45.0 * np.sin(np.pi * np.clip((t - 10.0) / 0.4, 0.0, 1.0)) ** 2
+    stage = ExcessStage(learned, Rates(1.0, 60.0))
+    found = walk(stage, record, force)
+    above = np.array([x.collision.max() > 1.0 for x in found])
+    assert not above[t < 10.0].any()
+    first = t[above][0]
+    plain = np.array([np.abs(x.residual.value).max() for x in found])
+    limit = max(np.abs(ringing(120, s).residual).max() for s in (1, 2))
+    late = t[(plain > limit) & (t > 10.0)]
+    assert first < 10.25
+    assert not len(late) or first < late[0]
+
+
+@pytest.mark.parametrize('rate', [100.0, 437.0, 1000.0])
+def test_onset_by_steps_equals_onset_at_once(rate: float) -> None:
+    """The live statistic equals that of the whole record, at any sample rate."""
+    taps = learn_taps([(ringing(60, 1).t, ringing(60, 1).residual)], STEP)
+    record = ringing(15, 4, rate)
+    whole = OnsetFilter(taps, STEP).process(record.t, record.residual)
+    live = OnsetFilter(taps, STEP)
+    steps = np.array([live.step(int(s), r, k == 0) for k, (s, r) in enumerate(
+        zip(record.stamp, record.residual, strict=True))])
+    assert np.abs(whole).max() > 1.0
+    assert np.abs(whole - steps).max() < 1e-6 * np.abs(whole).max()
+
+
+def test_too_little_motion_is_refused() -> None:
+    """Ten seconds say nothing of what happens once an hour."""
+    with pytest.raises(FitError, match='too little for thresholds'):
+        learn_thresholds([ringing(10, 1)], CHANNELS)
+
+
+def test_round_trip(learned) -> None:
+    """Thresholds survive being written as plain values; damaged ones are refused."""
+    content = thresholds_to_dict(learned)
+    again = thresholds_from_dict(content, CHANNELS, 2)
+    assert np.allclose(again.ratios(1.0), learned.ratios(1.0), rtol=1e-9)
+    assert np.allclose(again.taps, learned.taps, rtol=1e-9)
+    for change in ({'taps': [[1.0]]}, {'channels': ['a']}, {'tails': []}, {'step': -1.0},
+                   {'profile': 'no'}):
+        with pytest.raises(ModelError, match='fit the model again'):
+            thresholds_from_dict({**content, **change}, CHANNELS, 2)
+
+
+def test_reversal_widens_for_a_while() -> None:
+    """The column of a joint is 1 for 150 ms behind a change of its direction."""
+    features = MotionFeatures(1)
+    seen = []
+    for k in range(40):
+        speed = 0.5 if k < 10 else -0.5
+        seen.append(features.step(10**18 + 10_000_000 * k, np.array([0.0, speed, 0.0]))[-1])
+    assert seen == [0.0] * 10 + [1.0] * 16 + [0.0] * 14
+
+
+def excess(stamp: int, collision: float, contact: float = 0.0) -> Excess:
+    """A sample of one channel."""
+    m = Motion(stamp, 9.0, 0.01, np.zeros(3))
+    zero = np.zeros(1)
+    return Excess(Residual(m, zero, zero, np.array([7.0])), zero,
+                  np.array([max(contact, collision)]), np.array([collision]), np.ones(1))
+
+
+def test_debounce_hysteresis_and_rearming() -> None:
+    """One high sample is nothing, two are an event; half a second of quiet arms again."""
+    detector = CollisionDetector(DetectorSettings(0.01, 0.5, 0.5), {'strain': ('g',)},
+                                 {'g': (2, 'link2')})
+    events, levels = [], []
+    ratios = [0.1] * 5 + [1.5] + [0.1] * 5 + [1.2] * 3 + [0.7] * 20 + [0.1] * 60 + [1.3] * 3
+    for k, ratio in enumerate(ratios):
+        event = detector.step('strain', excess(10_000_000 * k, ratio))
+        levels.append(detector.level)
+        if event is not None:
+            events.append((k, event))
+    assert [k for k, _ in events] == [12, 95]
+    assert events[0][1].onset == 11 * 10_000_000 and events[0][1].link == 'link2'
+    assert events[0][1].residuals == {'g': 7.0}
+    assert levels[33] is Level.COLLISION and levels[90] is Level.FREE
+
+
+def test_contact_is_the_more_sensitive_level() -> None:
+    """A touch below the collision threshold is told and is no event."""
+    detector = CollisionDetector(DetectorSettings(0.0, 0.5, 0.1), {'strain': ('g',)},
+                                 {'g': (2, 'link2')})
+    assert detector.step('strain', excess(1, 0.6, 1.4)) is None
+    assert detector.level is Level.CONTACT

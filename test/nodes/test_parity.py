@@ -1,0 +1,120 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The nodes give the numbers of ``tudor evaluate``, sample for sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ros_world import feed, series, World
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bags import read_recording
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
+from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
+from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
+from tudor_dynamics.nodes.monitor import MonitorNode
+
+TOPICS = {'predicted_efforts': ('effort', 'predicted'), 'predicted_strains': ('strain', 'predicted'),
+          'effort_residuals': ('effort', 'residual'), 'strain_residuals': ('strain', 'residual')}
+SENSORS = ('joint_states', 'motor_currents', 'link_strains')
+EXACT = 1e-9
+SETTLING = 50
+"""Samples until the filters have settled: half a second at 100 Hz."""
+
+
+def compare(world: World, reference: Path) -> None:
+    """Every sample of the file, and none else, was heard, to 1e-9."""
+    with np.load(reference) as saved:
+        for topic, (output, what) in TOPICS.items():
+            field = 'position' if output == 'strain' else 'effort'
+            stamp, values = series(world.heard[topic], field)
+            assert stamp.tolist() == saved[f'{output}_analytical_stamp'].tolist(), topic
+            assert np.abs(values - saved[f'{output}_analytical_{what}']).max() < EXACT, topic
+
+
+def start(world: World, chain: str, model: Path) -> Callable[[], int]:
+    """Start the nodes of one way, and listen; gives a count of the samples that are through."""
+    methods = ['strain', 'effort']
+    if chain == 'monitor':
+        first = world.add(MonitorNode, model=str(model), methods=methods)
+        messages = len(SENSORS)
+    else:
+        messages = 1
+        first = world.add(JointStateFilterNode, model=str(model))
+        world.add(DynamicsPredictorNode, model=str(model))
+        world.add(CollisionDetectorNode, model=str(model), methods=methods)
+    for topic in TOPICS:
+        world.listen(topic)
+    world.meet(*SENSORS)
+    assert world.spin(lambda: all(
+        world.probe.count_publishers(topic) for topic in TOPICS))
+    world.rest(0.3)
+    residuals = world.heard['strain_residuals']
+
+    def through() -> int:
+        arrived = first.meter.count // messages
+        return arrived if arrived <= SETTLING else min(arrived, len(residuals) + SETTLING)
+    return through
+
+
+@pytest.mark.parametrize('chain', ['monitor', 'separate'])
+def test_sample_bag(
+    chain: str, world: World, model: Path, root: Path, recording, tmp_path: Path,
+) -> None:
+    """The bag of the package, every sample."""
+    bag = str(root / 'bags/two_blade_test')
+    assert main(['evaluate', '--model', str(model), bag, '--rate', 'full', '--save',
+                 str(tmp_path / 'r.npz'), '--json']) == 0
+    feed(world, recording, start(world, chain, model))
+    world.spin(lambda: len(world.heard['effort_residuals']) >= len(recording.stamp) - SETTLING, 3)
+    compare(world, tmp_path / 'r.npz')
+
+
+@pytest.mark.shared
+def test_reference_recording(world: World, shared_data: Path, root: Path, tmp_path: Path) -> None:
+    """The 80 s recording through monitor, by a model of three others."""
+    bags = shared_data / 'bags'
+    config = root / 'config/two_blade_arm.yaml'
+    assert main(['fit', *(str(bags / f'arm_200g_free_{i}') for i in (1, 2, 3)), '--arm',
+                 str(config), '--models', 'analytical', '--out', str(tmp_path / 'm')]) == 0
+    bag = bags / 'arm_200g_free_4'
+    assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bag), '--rate', 'full', '--save',
+                 str(tmp_path / 'r.npz'), '--json']) == 0
+    through = start(world, 'monitor', tmp_path / 'm')
+    feed(world, read_recording(bag, load_arm(config)), through)
+    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950, 3)
+    compare(world, tmp_path / 'r.npz')
+
+
+@pytest.mark.shared
+def test_real_arm(world: World, shared_data: Path, root: Path, tmp_path: Path) -> None:
+    """The recording of the real arm, with velocities, imported."""
+    bag, out = tmp_path / 'bag', tmp_path / 'm'
+    assert main(['import-merit', str(shared_data / 'merit_exp1.csv'), '--out', str(bag)]) == 0
+    assert main(['fit', f'{bag}@0-50%', '--test', f'{bag}@50-100%', '--models', 'analytical',
+                 '--arm', str(root / 'config/tudor.yaml'), '--out', str(out), '--force']) == 0
+    reference = tmp_path / 'r.npz'
+    assert main(['evaluate', '--model', str(out), str(bag), '--rate', 'full', '--save',
+                 str(reference), '--json']) == 0
+    arm = load_arm(root / 'config/tudor.yaml')
+    through = start(world, 'monitor', out)
+    feed(world, read_recording(bag, arm), through, gauges=list(arm.gauge_names))
+    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950, 3)
+    compare(world, reference)

@@ -1,0 +1,194 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A private ROS context for each test, a model of the sample bags, and a feeder in lock-step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.qos import QoSProfile  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+
+from tudor_dynamics.arm import load_arm  # noqa: E402
+from tudor_dynamics.bags import read_recording, Recording  # noqa: E402
+from tudor_dynamics.cli.main import main  # noqa: E402
+from tudor_dynamics.nodes.messages import floats, nanoseconds, time_message  # noqa: E402
+from tudor_dynamics.nodes.runner import new_executor  # noqa: E402
+
+JOINTS, GAUGES = ['joint2', 'joint3'], ['link2_hub', 'link3_hub']
+
+
+def overrides(**values: Any) -> list[Parameter]:
+    """Parameters of a node."""
+    return [Parameter(name, value=value) for name, value in values.items()]
+
+
+class World:
+    """Nodes on one executor, with publishers of the sensors and ears on any topic."""
+
+    def __init__(self, kind: str = 'events') -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.executor = new_executor(kind, self.context)
+        self.nodes: list[Any] = []
+        self.probe = rclpy.create_node('probe', context=self.context)
+        self.executor.add_node(self.probe)
+        self.heard: dict[str, list[Any]] = {}
+        self.outputs: dict[str, Any] = {}
+        self.listen('/diagnostics', DiagnosticArray)
+
+    def add(self, factory: Callable[..., Any], **values: Any) -> Any:
+        """Start a node."""
+        node = factory(context=self.context, parameter_overrides=overrides(**values))
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def end(self, node: Any) -> None:
+        """End a node as its process would."""
+        self.executor.remove_node(node)
+        self.nodes.remove(node)
+        node.close()
+        node.destroy_node()
+
+    def listen(self, topic: str, kind: Any = JointState, qos: Any = None) -> list[Any]:
+        """Collect the messages of a topic."""
+        sink = self.heard.setdefault(topic, [])
+        self.probe.create_subscription(kind, topic, sink.append, qos or QoSProfile(depth=1000))
+        return sink
+
+    def output(self, topic: str, kind: Any = JointState) -> Any:
+        """Give a publisher of the probe."""
+        if topic not in self.outputs:
+            self.outputs[topic] = self.probe.create_publisher(kind, topic, QoSProfile(depth=1000))
+        return self.outputs[topic]
+
+    def spin(self, until: Callable[[], bool], seconds: float = 20.0) -> bool:
+        """Spin until something is true."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            if until():
+                return True
+            self.executor.spin_once(timeout_sec=0.02)
+        return until()
+
+    def rest(self, seconds: float) -> None:
+        """Spin for a while."""
+        self.spin(lambda: False, seconds)
+
+    def meet(self, *topics: str) -> None:
+        """Wait until somebody hears the probe on these topics."""
+        assert self.spin(lambda: all(
+            self.output(topic).get_subscription_count() for topic in topics))
+        self.rest(0.3)  # a reader that is matched is not yet one that hears
+
+    def status(self, node: str) -> Any:
+        """Wait for the next diagnosis of a node."""
+        heard = self.heard['/diagnostics']
+        heard.clear()
+
+        def found() -> list[Any]:
+            return [s for array in heard for s in array.status if s.name.startswith(f'{node}: /')]
+        assert self.spin(lambda: bool(found())), f'no diagnosis of {node}'
+        return found()[-1]
+
+    def close(self) -> None:
+        """End everything."""
+        for node in list(self.nodes):
+            self.end(node)
+        self.executor.shutdown()
+        self.probe.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def values_of(status: Any) -> dict[str, str]:
+    """Key to value of a diagnosis."""
+    return {item.key: item.value for item in status.values}
+
+
+def joint_message(stamp: int, names: list[str], **fields: np.ndarray) -> JointState:
+    """A JointState."""
+    message = JointState(name=names)
+    message.header.stamp = time_message(stamp)
+    for name, values in fields.items():
+        setattr(message, name, floats(np.asarray(values, dtype=float)))
+    return message
+
+
+def series(messages: list[Any], field: str) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps and values of heard JointStates."""
+    return (np.array([nanoseconds(m.header.stamp) for m in messages]),
+            np.array([list(getattr(m, field)) for m in messages]))
+
+
+def feed(
+    world: World, recording: Recording, progress: Callable[[], int], *, first: int = 0,
+    last: int | None = None, change: Callable[[int, dict[str, JointState]], None] | None = None,
+    batch: int = 4, pace: float = 0.0, gauges: list[str] = GAUGES,  # noqa: B006
+) -> None:
+    """Publish a recording, never more samples ahead of ``progress`` than queues can hold."""
+    last = len(recording.stamp) if last is None else last
+    for k in range(first, last):
+        s = int(recording.stamp[k])
+        messages = {'joint_states': joint_message(s, JOINTS, position=recording.q[k])}
+        if recording.dq is not None:
+            messages['joint_states'].velocity = floats(recording.dq[k])
+        if recording.effort is not None:
+            messages['motor_currents'] = joint_message(s, JOINTS, effort=recording.effort[k])
+        if recording.strain is not None:
+            messages['link_strains'] = joint_message(s, gauges, position=recording.strain[k])
+        if change is not None:
+            change(k, messages)
+        for topic, message in messages.items():
+            world.output(topic).publish(message)
+        if pace:
+            world.rest(pace)
+        elif (k - first) % batch == batch - 1:
+            begun, done = time.monotonic(), k - first + 1
+            world.spin(lambda: progress() >= done, 2.0)  # noqa: B023
+            assert time.monotonic() - begun < 2.0, f'stuck at sample {k}: {progress()} of {done}'
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    """A private world."""
+    made = World()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope='session')
+def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Model of the sample bags."""
+    out = tmp_path_factory.mktemp('nodes') / 'model'
+    assert main(['fit', str(root / 'bags/two_blade_train_1'), str(root / 'bags/two_blade_train_2'),
+                 '--arm', str(root / 'config/two_blade_arm.yaml'), '--out', str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope='session')
+def recording(root: Path) -> Recording:
+    """Sample bag that the model has not seen."""
+    return read_recording(root / 'bags/two_blade_test', load_arm(root / 'config/two_blade_arm.yaml'))
