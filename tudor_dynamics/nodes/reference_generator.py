@@ -54,7 +54,7 @@ class ReferenceGeneratorNode(TudorNode):
         super().__init__('reference_generator', **kwargs)
         self.reference: ReactingReference | None = None
         self._goals: list[tuple[float, Any]] = []
-        self._clock = 0.0
+        self._elapsed = 0.0
         self._last: int | None = None
         self._collision = False
         self._robot = ''
@@ -116,7 +116,7 @@ class ReferenceGeneratorNode(TudorNode):
         for t, j, v in sorted(goals):
             target = np.full(len(self._names), np.nan)
             target[j] = v
-            self._goals.append((self._clock + t, target))
+            self._goals.append((self._elapsed + t, target))
         self._goals.reverse()
 
     def _on_goal(self, message: JointTrajectory) -> None:
@@ -186,8 +186,8 @@ class ReferenceGeneratorNode(TudorNode):
         if last is None or now <= last:
             return
         dt = min((now - last) * 1e-9, LARGEST_STEP)
-        self._clock += dt
-        while self._goals and self._goals[-1][0] <= self._clock:
+        self._elapsed += dt
+        while self._goals and self._goals[-1][0] <= self._elapsed:
             reference.go(self._goals.pop()[1])
         if not self._goals and self.value('mode') == 'aprbs':
             self._plan_aprbs()

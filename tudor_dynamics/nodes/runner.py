@@ -25,11 +25,14 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.base import TudorNode
 
 EXECUTORS = ('events', 'single')
+LOOK = 0.2
+"""Longest time until a signal is noticed [s]."""
 
 
 def new_executor(kind: str, context: Any = None) -> Any:
@@ -96,17 +99,26 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
 
     """
     node: TudorNode | None = None
+    stopping: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        stopping.append(number)
+
     try:
         kind, rest = _take_executor(sys.argv if args is None else args)
-        rclpy.init(args=rest)
+        # Own handlers: rclpy's shut the context down under a running callback, and a damper could
+        # not command standstill any more.
+        rclpy.init(args=rest, signal_handler_options=SignalHandlerOptions.NO)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, stop)
         executor = new_executor(kind)
         node = factory()
         executor.add_node(node)
         gc.collect()
         gc.freeze()  # shortens the pauses of the collector: p99 0.56 instead of 0.81 ms
-        while rclpy.ok():
-            executor.spin_once(timeout_sec=0.5)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        while rclpy.ok() and not stopping:
+            executor.spin_once(timeout_sec=LOOK)
+    except ExternalShutdownException:
         pass
     except TudorError as err:
         print(' '.join(str(err).split()), file=sys.stderr)
@@ -118,9 +130,6 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
         print(f'{type(err).__name__}: {" ".join(str(err).split())}', file=sys.stderr)
         return 2
     finally:
-        # a second signal must not interrupt the clean-up
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         if node is not None:
             node.close()
             node.destroy_node()

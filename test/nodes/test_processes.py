@@ -1,0 +1,197 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Nodes as a user starts them: parameters, files, remapping, namespaces, signals."""
+
+from __future__ import annotations
+
+from functools import partial
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+import yaml
+
+from ros_world import joint_message, JOINTS, World
+from tudor_dynamics.nodes.interfaces import NODES
+
+QOS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
+
+
+def launch(node: str, *args: str, executor: str = 'events') -> subprocess.Popen:
+    """Start a node as its executable does."""
+    code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
+    return subprocess.Popen(
+        [sys.executable, '-c', code, '--executor', executor, '--ros-args', *args],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
+
+
+def finish(process: subprocess.Popen, number: int) -> str:
+    """Send a signal; the exit code must be 0."""
+    process.send_signal(number)
+    try:
+        out, _ = process.communicate(timeout=15)
+    finally:
+        process.kill()
+    assert process.returncode == 0, out
+    assert 'Traceback' not in out, out
+    return out
+
+
+@pytest.mark.parametrize(('executor', 'number'), [
+    ('events', signal.SIGINT), ('events', signal.SIGTERM), ('single', signal.SIGTERM)])
+def test_filter_process(executor: str, number: int, world: World, root: Path) -> None:
+    """Namespace, remapping, parameter file; data flow; exit code 0 on signals."""
+    process = launch('joint_state_filter', '-r', '__ns:=/arm', '-r', 'joint_states:=sensed',
+                     '--params-file', str(root / 'config/nodes.yaml'), '-p',
+                     'velocity_cutoff:=33.0', executor=executor)
+    try:
+        heard = world.listen('/arm/joint_motion', JointTrajectory)
+        world.output('/arm/sensed')
+        assert world.spin(lambda: world.output('/arm/sensed').get_subscription_count() > 0, 30.0)
+        world.rest(0.3)
+        for k in range(20):
+            world.output('/arm/sensed').publish(joint_message(
+                10**18 + 10_000_000 * k, JOINTS, position=[0.1 * k, 0.0]))
+            world.rest(0.01)
+        assert world.spin(lambda: len(heard) >= 15)
+        get = world.probe.create_client(GetParameters, '/arm/joint_state_filter/get_parameters')
+        assert world.spin(get.service_is_ready)
+        future = get.call_async(GetParameters.Request(names=['velocity_cutoff', 'gap']))
+        assert world.spin(future.done)
+        assert [v.double_value for v in future.result().values] == [33.0, 0.0]
+    finally:
+        finish(process, number)
+
+
+def test_wrong_parameter_ends_with_code_2() -> None:
+    """A value that no node can take is one line and exit code 2."""
+    process = launch('dynamics_predictor', '-p', 'kind:=neural')
+    out, _ = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert 'kind' in out and 'analytical' in out and 'Traceback' not in out
+
+
+def test_use_sim_time(world: World) -> None:
+    """With use_sim_time a node starts and stops as well."""
+    process = launch('dynamics_predictor', '-p', 'use_sim_time:=true')
+    try:
+        assert world.spin(lambda: 'dynamics_predictor' in world.probe.get_node_names(), 30.0)
+        time.sleep(0.3)
+    finally:
+        finish(process, signal.SIGINT)
+
+
+def node_class(name: str) -> type:
+    """Give the class of a node."""
+    module = __import__(f'tudor_dynamics.nodes.{name}', fromlist=['x'])
+    return getattr(module, ''.join(part.title() for part in name.split('_')) + 'Node')
+
+
+@pytest.mark.parametrize('name', sorted(NODES))
+def test_parameters_are_those_of_table_and_file(name: str, world: World, root: Path) -> None:
+    """What a node declares stands in nodes.yaml with the same values, and is described."""
+    node = world.add(node_class(name))
+    declared = {p: node.get_parameter(p).value for p in
+                node.list_parameters([], 10).names if not p.startswith(QOS)}
+    content = yaml.safe_load((root / 'config/nodes.yaml').read_text())
+    assert declared == content[f'/**/{name}']['ros__parameters']
+    for param in NODES[name]:
+        descriptor = node.describe_parameter(param.name)
+        assert param.text in descriptor.description
+        assert descriptor.read_only is not param.dynamic
+
+
+def test_parameters_over_services(world: World, model: Path) -> None:
+    """List, describe, get and set as the ros2 command does; refusals give their reason."""
+    node = world.add(node_class('monitor'), model=str(model))
+
+    def call(kind, name, request):
+        client = world.probe.create_client(kind, f'monitor/{name}')
+        assert world.spin(client.service_is_ready)
+        future = client.call_async(request)
+        assert world.spin(future.done)
+        return future.result()
+
+    names = call(ListParameters, 'list_parameters', ListParameters.Request()).result.names
+    assert {param.name for param in NODES['monitor']} <= set(names)
+    found = call(DescribeParameters, 'describe_parameters',
+                 DescribeParameters.Request(names=['debounce'])).descriptors[0]
+    assert '[s]' in found.description and found.floating_point_range[0].to_value == 1.0
+
+    def change(key: str, value: object):
+        message = Parameter(key, value=value).to_parameter_msg()
+        return call(SetParameters, 'set_parameters',
+                    SetParameters.Request(parameters=[message])).results[0]
+    assert change('false_alarms_per_hour', 7.0).successful
+    assert node.watch.settings is not None
+    assert change('debounce', 0.02).successful
+    assert node.watch.detector.settings.debounce == 0.02
+    assert not change('debounce', 5.0).successful
+    assert not change('model', 'other').successful
+    refused = change('contact_alarms_per_hour', 0.5)
+    assert not refused.successful and 'more sensitive' in refused.reason
+
+
+def test_play_and_record(world: World, root: Path, tmp_path: Path) -> None:
+    """A bag that is played and recorded comes out with the same messages, byte for byte."""
+    from tudor_dynamics.bags.live import read_track
+    recorder = world.add(node_class('bag_recorder'), bag=str(tmp_path / 'copy'),
+                         topics=['joint_states', 'link_strains'])
+    player = world.add(node_class('bag_player'), bag=str(root / 'bags/two_blade_test'), rate=2.0,
+                       start_offset=20.0, topics=['joint_states', 'link_strains'],
+                       wait_for_subscribers=1)
+    assert world.spin(lambda: player.finished, 40.0)
+    world.rest(0.5)
+    world.end(recorder)
+    sent = read_track(root / 'bags/two_blade_test', ['joint_states', 'link_strains'])
+    got = read_track(tmp_path / 'copy')
+    assert got.topics == sent.topics
+    for topic in sent.topics:
+        wanted = [d for d, t, at in zip(sent.data, sent.topic, sent.time, strict=True)
+                  if t == topic and at >= sent.time[0] + 20 * 10**9]
+        heard = [d for d, t in zip(got.data, got.topic, strict=True) if t == topic]
+        assert len(heard) >= 350 and heard == wanted
+
+
+def test_kill_and_restart_leaves_others_alone(world: World) -> None:
+    """A process that is killed hard and started again finds the others as they were."""
+    heard = world.listen('joint_motion', JointTrajectory)
+    output = world.output('joint_states', JointState)
+    sent = 0
+
+    def answered(before: int) -> bool:
+        nonlocal sent
+        sent += 1
+        output.publish(joint_message(10**18 + 10_000_000 * sent, JOINTS, position=[0.0, 0.0]))
+        return len(heard) > before + 5
+
+    for _ in range(2):
+        process = launch('joint_state_filter')
+        try:
+            assert world.spin(partial(answered, len(heard)), 40.0)
+        finally:
+            process.kill()
+            process.communicate()
+        world.rest(0.5)
+        heard.clear()
