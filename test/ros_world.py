@@ -128,6 +128,12 @@ def values_of(status: Any) -> dict[str, str]:
     return {item.key: item.value for item in status.values}
 
 
+def node_class(name: str) -> type:
+    """Give the class of a node."""
+    module = __import__(f'tudor_dynamics.nodes.{name}', fromlist=['x'])
+    return getattr(module, ''.join(part.title() for part in name.split('_')) + 'Node')
+
+
 def joint_message(stamp: int, names: list[str], **fields: np.ndarray) -> JointState:
     """A JointState."""
     message = JointState(name=names)

@@ -31,7 +31,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 import yaml
 
-from ros_world import joint_message, JOINTS, World
+from ros_world import joint_message, JOINTS, node_class, World
 from tudor_dynamics.nodes.interfaces import NODES
 
 QOS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
@@ -100,12 +100,6 @@ def test_use_sim_time(world: World) -> None:
         time.sleep(0.3)
     finally:
         finish(process, signal.SIGINT)
-
-
-def node_class(name: str) -> type:
-    """Give the class of a node."""
-    module = __import__(f'tudor_dynamics.nodes.{name}', fromlist=['x'])
-    return getattr(module, ''.join(part.title() for part in name.split('_')) + 'Node')
 
 
 @pytest.mark.parametrize('name', sorted(NODES))
