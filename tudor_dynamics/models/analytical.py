@@ -90,6 +90,8 @@ class AnalyticalModel:
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
         self.groups_: tuple[Group, ...] = ()
+        self._full: FloatArray | None = None
+        self._full_of: tuple[Group, ...] | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -249,10 +251,15 @@ class AnalyticalModel:
         if not self.groups_:
             msg = 'the analytical model has no parameters yet: call fit, or load a bundle'
             raise NotFittedError(msg)
+        if self._full is not None and self._full_of is self.groups_:
+            return self._full
         full = np.zeros((len(self.channels), len(self.regressor.columns)))
         for group in self.groups_:
             for channel in group.base.channels:
                 full[channel, group.base.kept] = group.estimate.parameters
+        # kept: beside a running robot this is asked for at every sample
+        full.flags.writeable = False
+        self._full, self._full_of = full, self.groups_
         return full
 
     def _rows(self, blocks: Blocks) -> Iterable[tuple[FloatArray, FloatArray]]:

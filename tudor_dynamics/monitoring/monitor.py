@@ -321,6 +321,8 @@ class Monitor:
         Newest motion.
     predicted : dict of str to ndarray, or None
         Newest prediction.
+    wanted : set of str
+        Outputs to predict; those that the detector needs by default.
 
     """
 
@@ -333,6 +335,7 @@ class Monitor:
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
         self.predictor = Predictor(bundle, settings.kind)
         self.watch = Watch(bundle, settings, thresholds)
+        self.wanted = set(self.watch.outputs)
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
 
@@ -361,7 +364,7 @@ class Monitor:
         self.predicted = None
         if self.motion is None:
             return Found()
-        self.predicted = self.predictor.step(self.motion)
+        self.predicted = self.predictor.step(self.motion, self.wanted)
         return self.watch.add_motion(self.motion, self.predicted)
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:

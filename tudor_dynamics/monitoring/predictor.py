@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,7 +61,9 @@ class Predictor:
             msg = f'the bundle has no model of the kind {kind!r}, it has {have}: choose one'
             raise ModelError(msg)
 
-    def step(self, motion: Motion) -> dict[str, FloatArray] | None:
+    def step(
+        self, motion: Motion, wanted: Collection[str] = OUTPUTS,
+    ) -> dict[str, FloatArray] | None:
         """
         Predict one sample.
 
@@ -67,6 +71,8 @@ class Predictor:
         ----------
         motion : Motion
             Motion of the active joints.
+        wanted : collection of str
+            Outputs that somebody needs; the others are not computed.
 
         Returns
         -------
@@ -77,4 +83,5 @@ class Predictor:
         if not motion.settled(self.settle):
             return None
         row = motion.row[None]
-        return {output: model.predict(row)[0] for output, model in self.models.items()}
+        return {output: model.predict(row)[0] for output, model in self.models.items()
+                if output in wanted}

@@ -50,9 +50,6 @@ class CollisionDetectorNode(DetectNode):
         self._sensors: list[Any] = []
         self.start()
         self._inputs = [self.subscribe(JointTrajectory, JOINT_MOTION, self._on_motion)]
-        for output, topic in PREDICTED.items():
-            self._inputs.append(self.subscribe(
-                JointState, topic, partial(self._on_predicted, output)))
 
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
@@ -71,6 +68,8 @@ class CollisionDetectorNode(DetectNode):
                                     for output in prepared.outputs}
         if first:
             for output in prepared.outputs:
+                self._sensors.append(self.subscribe(
+                    JointState, PREDICTED[output], partial(self._on_predicted, output)))
                 self._sensors.append(self.subscribe(
                     JointState, topics[output].pop(),
                     partial(self._on_measured, output)))

@@ -62,7 +62,9 @@ class DynamicsPredictorNode(ModelNode):
         motion = self._reader.read(message)
         if motion is None:
             return
-        predicted = self.predictor.step(motion)
+        wanted = [output for output, publisher in self._publishers_of.items()
+                  if publisher.get_subscription_count()]
+        predicted = self.predictor.step(motion, wanted)
         if predicted is None:
             return
         for output, values in predicted.items():

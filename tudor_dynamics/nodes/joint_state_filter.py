@@ -89,12 +89,17 @@ class JointStateFilterNode(TudorNode):
             return
         n = len(self._names)
         stamp = message.header.stamp
-        states = joint_state(stamp, self._names, position=motion.row[:n],
-                             velocity=motion.row[n:2 * n])
+        self._motion.publish(motion_message(stamp, self._names, motion))
         effort = self._reader.read(message, 'effort', optional=True)
         if effort is not None:
-            states.effort = floats(self._effort.step(motion.dt, effort))
-        self._motion.publish(motion_message(stamp, self._names, motion))
+            effort = self._effort.step(motion.dt, effort)
+        if not self._states.get_subscription_count():
+            self.meter.end(begun)
+            return
+        states = joint_state(stamp, self._names, position=motion.row[:n],
+                             velocity=motion.row[n:2 * n])
+        if effort is not None:
+            states.effort = floats(effort)
         self._states.publish(states)
         self.meter.end(begun)
 

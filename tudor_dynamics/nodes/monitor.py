@@ -85,6 +85,9 @@ class MonitorNode(DetectNode):
         if q is None:
             return
         velocity = reader.read(message, 'velocity', optional=True)
+        monitor.wanted = {output for output, publisher in self._predicted.items()
+                          if output in monitor.watch.outputs
+                          or publisher.get_subscription_count()}
         found = monitor.add_joints(nanoseconds(message.header.stamp), q, velocity)
         motion = monitor.motion
         if motion is not None:
