@@ -41,7 +41,7 @@ from sensor_msgs.msg import JointState
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.nodes.messages import joint_state, nanoseconds, time_message
 
-RELAY = '''
+RELAY = """
 import sys, rclpy
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -55,7 +55,7 @@ executor = EventsExecutor()
 executor.add_node(node)
 while rclpy.ok():
     executor.spin_once(timeout_sec=0.5)
-'''
+"""
 
 
 def start(words: Sequence[str]) -> subprocess.Popen:
@@ -198,8 +198,8 @@ def main() -> None:
     parser.add_argument('--seconds', type=float, default=10.0)
     parser.add_argument('--runs', type=int, default=3)
     args = parser.parse_args()
-    plan = [('relay 3 hops', 500.0), ('filter, predictor, detector', 500.0), ('relay 1 hop', 1000.0),
-            ('monitor', 1000.0), ('relay 1 hop', 2000.0), ('monitor', 2000.0)]
+    plan = [('relay 3 hops', 500.0), ('filter, predictor, detector', 500.0),
+            ('relay 1 hop', 1000.0), ('monitor', 1000.0), ('relay 1 hop', 2000.0), ('monitor', 2000.0)]  # noqa: E501
     words = chains(args.model)
     found: dict[tuple[str, float], list[tuple[float, ...]]] = {key: [] for key in plan}
     for _ in range(args.runs):

@@ -26,7 +26,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
@@ -135,7 +135,7 @@ def node_class(name: str) -> type:
 
 
 def joint_message(stamp: int, names: list[str], **fields: np.ndarray) -> JointState:
-    """A JointState."""
+    """Make a JointState."""
     message = JointState(name=names)
     message.header.stamp = time_message(stamp)
     for name, values in fields.items():
@@ -179,7 +179,7 @@ def feed(
 
 @pytest.fixture
 def world() -> Iterator[World]:
-    """A private world."""
+    """Make a private world."""
     made = World()
     yield made
     made.close()
@@ -197,4 +197,5 @@ def model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope='session')
 def recording(root: Path) -> Recording:
     """Sample bag that the model has not seen."""
-    return read_recording(root / 'bags/two_blade_test', load_arm(root / 'config/two_blade_arm.yaml'))
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    return read_recording(root / 'bags/two_blade_test', arm)

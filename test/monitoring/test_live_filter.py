@@ -115,7 +115,7 @@ def test_slow_sources_are_no_gaps() -> None:
 
 
 def motion(stamp: int) -> Motion:
-    """A motion of one joint."""
+    """Make a motion of one joint."""
     return Motion(stamp, 1.0, 0.01, np.zeros(3))
 
 

@@ -33,7 +33,7 @@ CHANNELS = ('a', 'b')
 
 
 def ringing(seconds: float, seed: int, rate: float = 100.0) -> FreeMotion:
-    """Residuals of two links that ring at 2.5 Hz, driven by noise, and a motion."""
+    """Make residuals of two links that ring at 2.5 Hz, driven by noise, and a motion."""
     rng = np.random.default_rng(seed)
     n = int(seconds * rate)
     t = np.arange(n) / rate
@@ -51,7 +51,7 @@ def ringing(seconds: float, seed: int, rate: float = 100.0) -> FreeMotion:
 
 @pytest.fixture(scope='module')
 def learned():
-    """Thresholds of 240 s of ringing."""
+    """Learn thresholds from 240 s of ringing."""
     return learn_thresholds([ringing(120, 1), ringing(120, 2)], CHANNELS)
 
 
@@ -134,7 +134,7 @@ def test_reversal_widens_for_a_while() -> None:
 
 
 def excess(stamp: int, collision: float, contact: float = 0.0) -> Excess:
-    """A sample of one channel."""
+    """Make a sample of one channel."""
     m = Motion(stamp, 9.0, 0.01, np.zeros(3))
     zero = np.zeros(1)
     return Excess(Residual(m, zero, zero, np.array([7.0])), zero,

@@ -31,7 +31,8 @@ from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 
-TOPICS = {'predicted_efforts': ('effort', 'predicted'), 'predicted_strains': ('strain', 'predicted'),
+TOPICS = {'predicted_efforts': ('effort', 'predicted'),
+          'predicted_strains': ('strain', 'predicted'),
           'effort_residuals': ('effort', 'residual'), 'strain_residuals': ('strain', 'residual')}
 SENSORS = ('joint_states', 'motor_currents', 'link_strains')
 EXACT = 1e-9
