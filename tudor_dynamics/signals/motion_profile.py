@@ -40,7 +40,7 @@ FloatArray = NDArray[np.float64]
 # Columns of the plan of one joint: where it began, then segments.
 TARGET, CLOCK, Q = range(3)
 FIRST = 3  # duration, speed at the start, acceleration, kind of each segment
-SEGMENTS = 4
+SEGMENTS = 5
 PLAN = FIRST + 4 * SEGMENTS
 
 PULSE, FADE = 0.0, 1.0
@@ -77,13 +77,21 @@ def _two_pulses(v: float, peak: float, a_max: float) -> float:
 @compiled
 def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: float, a_max: float,
               ) -> None:
-    """Fill the three segments from ``at`` on: from a speed without acceleration to rest."""
+    """Fill the four segments from ``at`` on: from a speed without acceleration to rest."""
     # In the direction in which the arm still has to go once it has braked.
-    stop = 0.5 * speed * _pulse_time(abs(speed), a_max)
+    braking = _pulse_time(abs(speed), a_max)
+    stop = 0.5 * speed * braking
     sign = 1.0 if distance >= stop else -1.0
     d, v = sign * distance, sign * speed
+    k = FIRST + 4 * at
+    plan[k] = 0.0
+    if v < 0.0:
+        # It brakes at once and turns only then: one pulse through both would stop later.
+        plan[k], plan[k + 1], plan[k + 2], plan[k + 3] = (
+            braking, speed, -2.0 * speed / braking, PULSE)
+        d, v = sign * (distance - stop), 0.0
     # Two pulses, v -> peak -> 0; the distance grows with the peak.
-    low, high = max(v, 0.0), max(v_max, v)
+    low, high = v, max(v_max, v)
     cruise = 0.0
     if _two_pulses(v, high, a_max) <= d:
         low = high
@@ -99,7 +107,7 @@ def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: floa
     rows = ((up, v, 2.0 * (peak - v) / max(up, 1e-12)), (cruise, peak, 0.0),
             (down, peak, -2.0 * peak / max(down, 1e-12)))
     for i in range(3):
-        k = FIRST + 4 * (at + i)
+        k += 4
         plan[k], plan[k + 1], plan[k + 2] = rows[i][0], sign * rows[i][1], sign * rows[i][2]
         plan[k + 3] = PULSE
 
@@ -120,8 +128,8 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     Plan from the present state of motion to rest at a target.
 
     The acceleration either fades out first, with the jerk of the present pulse, or the pulse goes
-    on to its end, whatever leads to the target sooner: an arm that brakes already does not start
-    to brake again.
+    on to its end, whatever leads to the target sooner. An arm that brakes and has to turn back
+    goes on to brake: it stops no later than it was to before.
 
     Parameters
     ----------
@@ -166,7 +174,8 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     plan[CLOCK], plan[Q] = begun, q - moved
     plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = length, first, push, kind
     _approach(plan, 1, target - q + moved - whole, speed, v_max, a_max)
-    if _lasts(plan) > soonest:
+    turns = push * dq < 0.0 and (target - q + moved - whole) * dq <= 0.0
+    if _lasts(plan) > soonest and not turns:
         for i in range(PLAN):
             plan[i] = kept[i]
 
@@ -193,13 +202,14 @@ def _follow(
     switches: NDArray, targets: NDArray, v_max: NDArray, a_max: NDArray, dt: float,
     q: NDArray, dq: NDArray, ddq: NDArray,
 ) -> None:
-    """Fill rows 1.. of the reference; each joint follows its own targets."""
+    """Fill the reference from its first row on; each joint follows its own targets."""
     plan = np.zeros(PLAN)
     for j in range(q.shape[1]):
         plan_motion(plan, q[0, j], 0.0, 0.0, q[0, j], v_max[j], a_max[j])
         due = 0
-        for k in range(1, q.shape[0]):
-            q[k, j], dq[k, j], ddq[k, j] = follow_plan(plan, dt)
+        for k in range(q.shape[0]):
+            if k > 0:
+                q[k, j], dq[k, j], ddq[k, j] = follow_plan(plan, dt)
             while due < switches.shape[1] and switches[j, due] <= k * dt + 1e-12:
                 if targets[j, due] != plan[TARGET]:
                     plan_motion(plan, q[k, j], dq[k, j], ddq[k, j], targets[j, due], v_max[j],
