@@ -21,7 +21,6 @@ held. Lengths in the axes of the link's joint frame, which turns with the joint.
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -207,11 +206,6 @@ def six_components(inertia: tuple[float, ...] | float) -> tuple[float, ...]:
     if isinstance(inertia, tuple):
         return inertia
     return (inertia, inertia, inertia, 0.0, 0.0, 0.0)
-
-
-def frequency_damping(alpha: float, beta: float, frequency: float) -> float:
-    """Give the damping ratio of Rayleigh damping at a frequency [Hz]."""
-    return alpha / (4.0 * math.pi * frequency) + math.pi * frequency * beta
 
 
 def check_links(links: tuple[LinkSpec, ...], simulation: SimulationSpec, names: list[str]) -> None:

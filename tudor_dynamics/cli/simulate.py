@@ -74,7 +74,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--hold', metavar='JOINT', nargs='+', default=[],
                         help='joints that are held where they start')
     parser.add_argument('--seconds', type=float, default=5.0, help='length of the run (5)')
-    parser.add_argument('--dt', type=float, default=1e-3, help='step [s] (0.001)')
+    parser.add_argument('--dt', type=float, default=2.5e-4, help='step [s] (0.00025)')
     parser.add_argument('--rate', type=float, default=1000.0, help='records per second (1000)')
     parser.add_argument('--integrator', choices=('generalised-alpha', 'radau', 'bdf'),
                         default='generalised-alpha', help='the two others check the first')

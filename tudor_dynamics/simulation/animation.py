@@ -20,6 +20,7 @@ from pathlib import Path
 import shutil
 
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -83,7 +84,7 @@ def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -
     axes = figure.add_subplot(projection='3d')
     tip = run.position[:, mechanism.tip]
 
-    def draw(frame: int) -> list[object]:
+    def draw(frame: int) -> list[Artist]:
         axes.clear()
         draw_mechanism(axes, mechanism, run.position[frame])
         axes.plot(tip[:frame + 1, 0], tip[:frame + 1, 1], tip[:frame + 1, 2], linewidth=0.7,
@@ -92,6 +93,7 @@ def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -
         axes.set_title(f't = {run.t[frame]:.2f} s')
         return []
 
-    writer = (PillowWriter(fps=rate) if path.suffix.lower() == '.gif'
-              else FFMpegWriter(fps=rate))
+    pictures = max(int(round(rate)), 1)
+    writer = (PillowWriter(fps=pictures) if path.suffix.lower() == '.gif'
+              else FFMpegWriter(fps=pictures))
     FuncAnimation(figure, draw, frames=frames).save(path, writer=writer, dpi=80)

@@ -57,7 +57,7 @@ def put_rotation(row: NDArray, k: int, a: Rotation) -> None:
 @compiled
 def forward(
     z: NDArray, dz: NDArray, ddz: NDArray, base: NDArray,
-    body_int: NDArray, body_float: NDArray, moving: NDArray,
+    body_int: NDArray, body_float: NDArray, moving: NDArray, damped: float,
 ) -> None:
     """
     Follow the chain outwards: each body stands on the displaced node of the one before.
@@ -75,6 +75,9 @@ def forward(
         Mechanism, see ``layout``.
     moving : ndarray of shape (bodies, MOVING)
         Result.
+    damped : float
+        1 to carry Rayleigh's damping by mass, u'' + alpha u' in the place of u'', on to what a
+        node carries; 0 for true accelerations.
 
     """
     for b in range(body_int.shape[0]):
@@ -97,12 +100,15 @@ def forward(
                 turned, jacobian = exponential(theta), left_jacobian(theta)
                 node_at = (node * body_float[parent, at.LENGTH] + z[k], z[k + 1], z[k + 2])
                 moved = vector_at(dz, k)
+                alpha = damped * body_float[parent, at.ALPHA]
+                rise_at = add(vector_at(ddz, k), times(alpha, moved))
+                twist_at = add(vector_at(ddz, k + 3), times(alpha, rate))
                 spin = turn(jacobian, rate)
                 swept = cross(omega, node_at)
                 acceleration = add(add(acceleration, cross(angular, node_at)), add(
-                    cross(omega, add(swept, times(2.0, moved))), vector_at(ddz, k)))
+                    cross(omega, add(swept, times(2.0, moved))), rise_at))
                 velocity = add(velocity, add(swept, moved))
-                angular = add(add(angular, turn(jacobian, vector_at(ddz, k + 3))), add(
+                angular = add(add(angular, turn(jacobian, twist_at)), add(
                     left_jacobian_rate(theta, rate), cross(omega, spin)))
                 omega = add(omega, spin)
         arm = turn(turned, vector_at(floats, at.JOINT_PLACE))

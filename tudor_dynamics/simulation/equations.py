@@ -273,7 +273,7 @@ def inverse_dynamics(
         Result: the torque of each joint, the imbalance of each elastic coordinate.
 
     """
-    forward(z, dz, ddz, base, body_int, body_float, moving)
+    forward(z, dz, ddz, base, body_int, body_float, moving, 1.0)
     for i in range(z.shape[0]):
         force[i] = (coordinate[i, at.HUB] * ddz[i] + coordinate[i, at.DAMPING] * dz[i]
                     + elastic * coordinate[i, at.STIFFNESS] * z[i])

@@ -153,6 +153,9 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     except ValueError:
         columns = head
         text = text.lstrip().split('\n', 1)[1] if '\n' in text.lstrip() else ''
+    if not text.strip():
+        msg = f'{path}: the table has no rows; expected columns t, {", ".join(names)}'
+        raise SimulationError(msg)
     try:
         data = np.loadtxt(StringIO(text), delimiter=',', ndmin=2, comments='#')
     except ValueError as err:
@@ -160,8 +163,8 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
         raise SimulationError(msg) from None
     unknown = [name for name in columns[1:] if name not in names]
     if unknown or columns[0] not in ('t', 'time') or data.shape[1] != len(columns):
-        msg = (f'{path}: found the columns {columns if unknown else data.shape[1]}, expected t and '
-               f'some of the joints {list(names)}')
+        msg = (f'{path}: found the columns {columns if unknown else data.shape[1]}, expected t '
+               f'and some of the joints {list(names)}')
         raise SimulationError(msg)
     if data.shape[0] < 2:
         msg = f'{path}: at least two rows are needed, found {data.shape[0]}'
@@ -245,8 +248,8 @@ def motion_signal(
     """
     times, columns = read_table(path, joints)
     if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
-        msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the run '
-               f'needs 0 to {t[-1]:g} s and at least 6 rows; give --seconds or a longer table')
+        msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the '
+               f'run needs 0 to {t[-1]:g} s and at least 6 rows; give --seconds or a longer table')
         raise SimulationError(msg)
     result = tuple(np.zeros((t.size, len(joints))) for _ in range(3))
     for joint, values in columns.items():

@@ -28,9 +28,11 @@ import math
 from numpy.typing import NDArray
 
 from tudor_dynamics.simulation import layout as at
+from tudor_dynamics.simulation.cholesky import cholesky, factor_norm, solve
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.mass import add_stretch, mass_matrix
+from tudor_dynamics.simulation.mass import mass_matrix
+from tudor_dynamics.simulation.stiffness import add_stretch
 
 # Rows of the array of vectors.
 Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC = range(10)
@@ -45,58 +47,6 @@ SETTINGS = 9
 OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
 MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
 MAX_ITERATIONS = 25
-
-
-@compiled
-def cholesky(a: NDArray) -> bool:
-    """Factorise a symmetric matrix in place (lower triangle); False if it is not definite."""
-    n = a.shape[0]
-    for j in range(n):
-        row = a[j]
-        for k in range(j):
-            other = a[k]
-            total = row[k]
-            for i in range(k):
-                total -= row[i] * other[i]
-            row[k] = total * other[k]
-        total = row[j]
-        for i in range(j):
-            total -= row[i] * row[i]
-        if not total > 0.0:
-            return False
-        row[j] = 1.0 / math.sqrt(total)  # the inverse saves divisions later
-    return True
-
-
-@compiled
-def solve(a: NDArray, b: NDArray) -> None:
-    """Solve with the factors of ``cholesky``, in place."""
-    n = a.shape[0]
-    for j in range(n):
-        total = b[j]
-        row = a[j]
-        for i in range(j):
-            total -= row[i] * b[i]
-        b[j] = total * row[j]
-    for j in range(n - 1, -1, -1):
-        row = a[j]
-        value = b[j] * row[j]
-        b[j] = value
-        for i in range(j):
-            b[i] -= row[i] * value
-
-
-@compiled
-def factor_norm(a: NDArray, v: NDArray) -> float:
-    """Give v^T A v from the factors of A."""
-    n = a.shape[0]
-    total = 0.0
-    for j in range(n):
-        part = v[j] / a[j, j]
-        for i in range(j + 1, n):
-            part += a[i, j] * v[i]
-        total += part * part
-    return total
 
 
 @compiled
@@ -132,7 +82,7 @@ def build_factor(
                                 + place_gain * stiffness[i, j])
     if place_gain > 0.0:
         # Rows of prescribed coordinates are joints: no elastic row is touched that is cut out.
-        add_stretch(vectors[Z], body_int, body_float, place_gain, factor)
+        add_stretch(vectors[Z], body_int, body_float, place_gain, speed_gain, factor)
     for b in range(body_int.shape[0]):
         alpha = body_float[b, at.ALPHA]
         if body_int[b, at.FLEXIBLE] == 1 and alpha > 0.0:
@@ -142,6 +92,37 @@ def build_factor(
                 for j in range(first, i + 1):
                     factor[i, j] += speed_gain * alpha * mass[i, j]
     return cholesky(factor)
+
+
+@compiled
+def report(
+    vectors: NDArray, prescribed: NDArray, torque: NDArray, q_index: NDArray, bodies: NDArray,
+    reaction: NDArray, moving: NDArray, body_int: NDArray, coordinate: NDArray, joints: NDArray,
+) -> None:
+    """
+    Write position, velocity, acceleration and effort of the joints into four rows.
+
+    Parameters
+    ----------
+    vectors, prescribed, torque, reaction, moving, body_int, coordinate
+        As in ``step``.
+    q_index, bodies : ndarray of int, shape (n_joints,)
+        Coordinate of each joint and the body behind it.
+    joints : ndarray of shape (4, n_joints)
+        Result; the effort is the reaction where the motion is given.
+
+    """
+    for number in range(q_index.shape[0]):
+        q, b = q_index[number], bodies[number]
+        speed, rise = vectors[DZ, q], vectors[DDZ, q]
+        joints[0, number], joints[1, number], joints[2, number] = vectors[Z, q], speed, rise
+        effort = torque[q]
+        if prescribed[q]:
+            start = 0 if body_int[b, at.JOINT] == at.PRISMATIC else 3
+            effort = coordinate[q, at.HUB] * rise + coordinate[q, at.DAMPING] * speed
+            for i in range(3):
+                effort += reaction[b, start + i] * moving[b, at.AXIS_AT + i]
+        joints[3, number] = effort
 
 
 @compiled
@@ -194,8 +175,10 @@ def step(
         if not (math.isfinite(torque[i]) and math.isfinite(motion[0, i])
                 and math.isfinite(motion[1, i]) and math.isfinite(motion[2, i])):
             return BAD_INPUT
+        before = old_ddz[i]
         old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
-        # Predict with the old acceleration.
+        # Predict by a straight line through the last two accelerations.
+        ddz[i] += ddz[i] - before
         acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * acc[i]) / (
             1.0 - alpha_m)
         z[i] += dt * (dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
@@ -214,6 +197,9 @@ def step(
                 break
             settings[FACTORED], fresh, since = 1.0, True, 0
             settings[FACTORS] += 1.0
+            settings[LARGEST] = 0.0
+            for i in range(n):
+                settings[LARGEST] += 1.0 / matrices[FACTOR, i, i] ** 2
             contraction = 0.5
         for i in range(n):
             delta[i] = 0.0 if prescribed[i] else torque[i] - force[i]
@@ -239,6 +225,8 @@ def step(
             scale = factor_norm(matrices[FACTOR], ddz)
             settings[PEAK] = max(scale, settings[PEAK])
             target = settings[TOLERANCE] * math.sqrt(max(scale, 1e-8 * settings[PEAK]))
+            # At rest there is no scale: accelerations of 1e-9 m/s^2 or rad/s^2 are none.
+            target = max(target, 1e-9 * math.sqrt(settings[LARGEST]))
         if size == 0.0 or (contraction < 1.0
                            and size * contraction / (1.0 - contraction) <= target):
             status = OK
@@ -248,7 +236,7 @@ def step(
         elif fresh and since > 6 and contraction > 0.9:
             break
     settings[CONTRACTION] = min(max(contraction, 0.02), 0.9)
-    if contraction > 0.1 and not fresh:
+    if contraction > 0.3 and not fresh:
         settings[FACTORED] = 0.0  # a new matrix in the next step
     if status == OK and not _free_elastic(z, body_int):
         status = TOO_BENT
@@ -256,6 +244,23 @@ def step(
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
         settings[FACTORED] = 0.0
+    return status
+
+
+@compiled
+def step_and_report(
+    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
+    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
+    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray, q_index: NDArray,
+    bodies: NDArray, joints: NDArray,
+) -> int:
+    """Do ``step`` and then ``report``, in one call from Python."""
+    status = step(vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
+                  columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
+    if status == OK:
+        report(vectors, prescribed, torque, q_index, bodies, reaction, moving, body_int,
+               coordinate, joints)
     return status
 
 

@@ -15,10 +15,10 @@
 """
 Columns of the arrays in which a mechanism is handed to compiled code.
 
-A body is a link or a rigid part fixed to a node. Its frame stands at the start of its beam, x along
-the beam, y along the section's height; a rigid body uses its joint's frame. Coordinates are, body
-by body, the joint, the spring of the joint, and the nodes 1..n of the beam with three displacements
-and three rotations each, all in the body's frame.
+A body is a link or a rigid part fixed to a node. Its frame stands at the start of its beam, x
+along the beam, y along the section's height; a rigid body uses its joint's frame. Coordinates are,
+body by body, the joint, the spring of the joint, and the nodes 1..n of the beam with three
+displacements and three rotations each, all in the body's frame.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from scipy.linalg import eigh
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.simulation.stiffness import add_stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -64,17 +65,43 @@ def stiffness_about_state(plant: Plant) -> FloatArray:
         Symmetric.
 
     """
-    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
-    # Angles and lengths that change nothing in a double precision sum of kN and mN m.
-    step = 1e-6
-    columns = []
+    mechanism = plant.mechanism
+    z, zero = plant.coordinates.copy(), np.zeros(mechanism.size)
+    elastic = np.tril(plant.stiffness)
+    add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, elastic)
+    # Differences for gravity alone: those of the stiffness would drown in its large numbers.
+    step, columns = 1e-6, []
     for i in range(z.size):
         change = np.zeros_like(z)
         change[i] = step
-        columns.append((plant.imbalance(z + change, zero, zero)
-                        - plant.imbalance(z - change, zero, zero)) / (2.0 * step))
-    matrix = np.array(columns)
-    return 0.5 * (matrix + matrix.T)
+        columns.append((plant.imbalance(z + change, zero, zero, elastic=False)
+                        - plant.imbalance(z - change, zero, zero, elastic=False)) / (2.0 * step))
+    weight = np.array(columns)
+    return np.asarray(elastic + np.tril(elastic, -1).T + 0.5 * (weight + weight.T))
+
+
+def damping_about_state(plant: Plant) -> FloatArray:
+    """
+    Give the tangent damping over all coordinates: Rayleigh's and that of the joints.
+
+    Parameters
+    ----------
+    plant : Plant
+        Plant at the configuration wanted.
+
+    Returns
+    -------
+    ndarray of shape (n, n)
+        Not symmetric where alpha is not zero.
+
+    """
+    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
+    columns = []
+    for i in range(z.size):
+        rate = np.zeros_like(z)
+        rate[i] = 1.0  # what is quadratic in the rates cancels
+        columns.append(0.5 * (plant.imbalance(z, rate, zero) - plant.imbalance(z, -rate, zero)))
+    return np.array(columns).T
 
 
 def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Modes:
@@ -120,7 +147,7 @@ def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Mo
     count = min(count, index.size)
     values, vectors = values[:count], vectors[:, :count]
     omega = np.sign(values) * np.sqrt(np.abs(values))
-    damping = plant.damping_matrix()[pick]
+    damping = damping_about_state(plant)[pick]
     modal = np.einsum('im,ij,jm->m', vectors, damping, vectors)
     # Below a millionth of a hertz a mode is a rigid motion.
     omega[np.abs(omega) < 1e-3] = 0.0

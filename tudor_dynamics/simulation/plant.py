@@ -16,58 +16,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import integrator as gen, layout as at
+from tudor_dynamics.simulation.energy import energy, refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.mass import energy, mass_matrix, refresh, stiffness_matrix
+from tudor_dynamics.simulation.failures import failure_message
+from tudor_dynamics.simulation.mass import mass_matrix
 from tudor_dynamics.simulation.mechanism import Mechanism
+from tudor_dynamics.simulation.plant_state import Counts, Drive, Energy, PlantState
+from tudor_dynamics.simulation.statics import check_step, find_equilibrium
+from tudor_dynamics.simulation.stiffness import stiffness_matrix
+
+__all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
 
 FloatArray = NDArray[np.float64]
-Drive = Literal['torque', 'motion', 'hold']
-
-
-@dataclass(eq=False)
-class PlantState:
-    """
-    State after a step; the arrays are overwritten by the next one.
-
-    Attributes
-    ----------
-    t : float
-        Time [s].
-    q, dq, ddq : ndarray of shape (n_joints,)
-        All joints of the mechanism [rad or m and their rates].
-    effort : ndarray of shape (n_joints,)
-        Effort of each drive: as given where the joint is driven by a torque, the reaction where
-        its motion is given or held [N m or N].
-
-    """
-
-    t: float
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    effort: FloatArray
-
-
-@dataclass(frozen=True)
-class Energy:
-    """Kinetic, elastic and gravitational energy [J]."""
-
-    kinetic: float
-    elastic: float
-    gravity: float
-
-    @property
-    def total(self) -> float:
-        """Sum [J]."""
-        return self.kinetic + self.elastic + self.gravity
 
 
 class Plant:
@@ -95,7 +62,7 @@ class Plant:
 
     def __init__(
         self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9,
-        tolerance: float = 1e-7,
+        tolerance: float = 1e-6,
     ) -> None:
         if not (np.isfinite(dt) and dt > 0.0):
             msg = f'the step must be positive, found {dt} s'
@@ -122,17 +89,16 @@ class Plant:
         self._inertias = np.zeros((bodies + 1, 10))
         self._q = mechanism.q_index
         self._bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
-        self._hub = mechanism.coordinate[self._q, at.HUB]
-        self._friction = mechanism.coordinate[self._q, at.DAMPING]
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
-        self.state = PlantState(0.0, *(np.zeros(self._q.size) for _ in range(4)))
+        self._joints = np.zeros((4, self._q.size))
+        self.state = PlantState(0.0, *self._joints)  # rows are views
         self.dt = dt
         self.reset()
-        self._check_step()
+        check_step(self)
 
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
-        equilibrium: bool | None = None,
+        equilibrium: bool | None = None, external_force: ArrayLike | None = None,
     ) -> PlantState:
         """
         Start anew.
@@ -143,6 +109,8 @@ class Plant:
             Joint positions and velocities; as described, and at rest, by default.
         equilibrium : bool, optional
             Bend the links as they hang at rest at ``q``; as described by default.
+        external_force : array of shape (3,), (6,) or (points, 6), optional
+            Acts at the start, see ``step`` [N, N m].
 
         Returns
         -------
@@ -165,10 +133,12 @@ class Plant:
         for index, drive in zip(self._q, self._drives, strict=True):
             self._prescribed[index] = drive != 'torque'
         self.parameters_changed()
+        if external_force is not None:
+            self._set_force(np.asarray(external_force, dtype=float))
         if equilibrium is None:
             equilibrium = self.mechanism.start == 'equilibrium'
         if equilibrium:
-            self._find_equilibrium()
+            find_equilibrium(self)
         if dq is not None:
             self._vectors[gen.DZ, self._q] = dq
         self._motion[0, self._q] = self._vectors[gen.Z, self._q]
@@ -184,8 +154,6 @@ class Plant:
         mechanism = self.mechanism
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          self._matrices[gen.STIFFNESS], self._matrices[gen.DAMPING])
-        self._hub = mechanism.coordinate[self._q, at.HUB]
-        self._friction = mechanism.coordinate[self._q, at.DAMPING]
         self._base[:] = -mechanism.gravity
         self._settings[gen.FACTORED] = 0.0
 
@@ -216,8 +184,8 @@ class Plant:
         self._prescribed[index] = kind != 'torque'
         if kind == 'hold':
             self._motion[:, index] = self._vectors[gen.Z, index], 0.0, 0.0
-            self._vectors[gen.DZ, index] = self._vectors[gen.DDZ, index] = 0.0
-        self._settings[gen.FACTORED] = 0.0
+            self._vectors[gen.DZ, index] = 0.0
+        self._start_accelerations()
 
     def step(
         self, torque: ArrayLike | None = None, external_force: ArrayLike | None = None,
@@ -257,15 +225,15 @@ class Plant:
         if motion is not None:
             self._set_motion(motion)
         mechanism = self.mechanism
-        status = gen.step(
+        status = gen.step_and_report(
             self._vectors, self._matrices, self._settings, self._prescribed, self._torque,
             self._motion, self._base, self._wrench, self._loaded, self._columns, self._owner,
             self._inertias, self._moving, self._reaction, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate)
+            mechanism.body_float, mechanism.coordinate, self._q, self._bodies, self._joints)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1
-        self._read_state()
+        self.state.t = self._t0 + self._time_steps * self.dt
         return self.state
 
     def start_torque(self, torque: ArrayLike) -> None:
@@ -318,6 +286,11 @@ class Plant:
         return self._vectors[gen.DDZ]
 
     @property
+    def stiffness(self) -> FloatArray:
+        """Elastic stiffness matrix of the straight links; a view."""
+        return self._matrices[gen.STIFFNESS]
+
+    @property
     def prescribed(self) -> NDArray[np.bool_]:
         """Which coordinates follow a given motion; a view."""
         return self._prescribed
@@ -331,6 +304,10 @@ class Plant:
         return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
                               mechanism.coordinate, self._moving))
 
+    def counts(self) -> Counts:
+        """Give the iterations and factorisations since the last reset."""
+        return Counts(int(self._settings[gen.ITERATIONS]), int(self._settings[gen.FACTORS]))
+
     def mass_matrix(self) -> FloatArray:
         """Give the mass matrix over all coordinates at the present state."""
         mechanism = self.mechanism
@@ -340,17 +317,6 @@ class Plant:
                 self._moving)
         mass_matrix(z, mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                     self._moving, self._columns, self._owner, self._inertias, result)
-        return result
-
-    def damping_matrix(self) -> FloatArray:
-        """Give the damping matrix over all coordinates: alpha M + beta K and the joints'."""
-        mechanism = self.mechanism
-        result = self._matrices[gen.DAMPING].copy()
-        mass = self.mass_matrix()
-        for ints, floats in zip(mechanism.body_int, mechanism.body_float, strict=True):
-            if ints[at.FLEXIBLE] and floats[at.ALPHA] > 0.0:
-                columns = slice(ints[at.FIRST], ints[at.FIRST] + 6 * ints[at.ELEMENTS])
-                result[:, columns] += floats[at.ALPHA] * mass[:, columns]
         return result
 
     def imbalance(
@@ -423,43 +389,7 @@ class Plant:
         self._settings[gen.FACTORED] = 0.0
         if not regular:
             self._fail(gen.SINGULAR)
-        self._vectors[gen.ACC] = self._vectors[gen.DDZ]
-
-    def _find_equilibrium(self) -> None:
-        """Newton with the elastic stiffness: gravity hardly changes it."""
-        elastic = self.mechanism.elastic
-        if not elastic.any():
-            return
-        stiffness = self._matrices[gen.STIFFNESS][np.ix_(elastic, elastic)]
-        z = self._vectors[gen.Z]
-        zero = np.zeros_like(z)
-        for _ in range(200):
-            missing = self.imbalance(z, zero, zero)[elastic]
-            change = np.linalg.solve(stiffness, missing)
-            z[elastic] -= change
-            if not np.isfinite(z).all() or np.abs(z[elastic]).max() > 1e3:
-                break
-            if np.abs(change).max() < 1e-12:
-                return
-        msg = (f'{self.mechanism.name}: no static equilibrium was found, the links are too weak '
-               'for their weight; check sections and material, or set simulation.start: '
-               'undeformed')
-        raise SimulationError(msg)
-
-    def _check_step(self) -> None:
-        """Refuse a step that cannot follow the slowest vibration of the links."""
-        elastic = self.mechanism.elastic
-        if not elastic.any():
-            return
-        free = np.flatnonzero(elastic)
-        mass = self.mass_matrix()[np.ix_(free, free)]
-        flexibility = np.linalg.solve(self._matrices[gen.STIFFNESS][np.ix_(free, free)], mass)
-        slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
-        if self.dt * slowest > 1.0 / 8.0:
-            msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large, the slowest '
-                   f'vibration of the links has {slowest:.3g} Hz; take at most '
-                   f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
-            raise SimulationError(msg)
+        self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
 
     def _set_force(self, force: FloatArray) -> None:
         if force.shape == self._wrench.shape:
@@ -483,41 +413,15 @@ class Plant:
                     self._motion[row, self._q[number]] = given[number]
 
     def _read_state(self) -> None:
-        state, vectors = self.state, self._vectors
-        state.t = self._t0 + self._time_steps * self.dt
-        np.take(vectors[gen.Z], self._q, out=state.q)
-        np.take(vectors[gen.DZ], self._q, out=state.dq)
-        np.take(vectors[gen.DDZ], self._q, out=state.ddq)
-        np.take(self._torque, self._q, out=state.effort)
-        for number, drive in enumerate(self._drives):
-            if drive != 'torque':
-                state.effort[number] = self._axis_effort(number)
+        mechanism = self.mechanism
+        self.state.t = self._t0 + self._time_steps * self.dt
+        gen.report(self._vectors, self._prescribed, self._torque, self._q, self._bodies,
+                   self._reaction, self._moving, mechanism.body_int, mechanism.coordinate,
+                   self._joints)
 
-    def _axis_effort(self, number: int) -> float:
-        body = self._bodies[number]
-        wrench, moving = self._reaction[body], self._moving[body]
-        start = 0 if self.mechanism.body_int[body, at.JOINT] == at.PRISMATIC else 3
-        axis = at.AXIS_AT
-        share = sum(wrench[start + i] * moving[axis + i] for i in range(3))
-        return float(share + self._hub[number] * self.state.ddq[number]
-                     + self._friction[number] * self.state.dq[number])
-
-    def _fail(self, status: int) -> None:
-        name, t = self.mechanism.name, self._t0 + self._time_steps * self.dt
-        if status == gen.BAD_INPUT:
-            msg = (f'{name}: a torque, force or motion at t = {t + self.dt:.6g} s is not finite; '
-                   'check the input')
-        elif status == gen.SINGULAR:
-            loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
-                     if not self._prescribed[index]]
-            msg = (f'{name}: the mass matrix is singular: a joint or node moves nothing (joints '
-                   f'free to move: {loose}); give every moving link a mass, or a hub_inertia')
-        elif status == gen.TOO_BENT:
-            msg = (f'{name}: at t = {t + self.dt:.6g} s a link is bent by more than '
-                   f'{gen.MAX_ROTATION} rad, where a linear beam means nothing; energy before: '
-                   f'{self.energy().total:.6g} J; check torques and sections')
-        else:
-            msg = (f'{name}: the run diverged at t = {t + self.dt:.6g} s, energy before: '
-                   f'{self.energy().total:.6g} J; take a smaller step than {self.dt:g} s or check '
-                   'torques and masses')
-        raise SimulationError(msg)
+    def _fail(self, status: int) -> NoReturn:
+        loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
+                 if not self._prescribed[index]]
+        t = self._t0 + (self._time_steps + 1) * self.dt
+        raise SimulationError(failure_message(
+            status, self.mechanism.name, t, self.dt, self.energy().total, loose))

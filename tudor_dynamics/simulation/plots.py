@@ -103,12 +103,13 @@ def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: s
         return Signal(run.moment[:, number], ('torsion', 'about y', 'about z'),
                       f'moment in the middle of the link behind {which}', 'N m')
     if what == 'strain':
-        return Signal(run.strain[:, [gauges.index(which)]], (which,), 'strain', 'unit of the gauge')
+        column = gauges.index(which)
+        return Signal(run.strain[:, [column]], (which,), 'strain', 'unit of the gauge')
     return Signal(np.column_stack([run.energy, run.energy.sum(axis=1)]),
                   ('kinetic', 'elastic', 'gravity', 'total'), 'energy', 'J')
 
 
-def spectrum(values: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
+def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     """
     Give one-sided amplitudes of Hann-windowed signals.
 
@@ -127,10 +128,13 @@ def spectrum(values: FloatArray, dt: float) -> tuple[FloatArray, FloatArray]:
     """
     window = np.hanning(len(values))[:, None]
     content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
-    return np.fft.rfftfreq(len(values), dt), 2.0 * content / window.sum()
+    amplitude: FloatArray = 2.0 * content / window.sum()
+    return np.fft.rfftfreq(len(values), dt), amplitude
 
 
-def plot_signal(path: Path, run: Run, signal: Signal, *, highest: float = 150.0) -> None:
+def plot_signal(
+    path: Path, run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
+) -> None:
     """
     Draw a signal over time and over frequency.
 
@@ -142,6 +146,8 @@ def plot_signal(path: Path, run: Run, signal: Signal, *, highest: float = 150.0)
         Times.
     signal : Signal
         What to draw.
+    title : str, optional
+        Other title than that of the signal.
     highest : float
         Highest frequency shown [Hz].
 
@@ -154,7 +160,8 @@ def plot_signal(path: Path, run: Run, signal: Signal, *, highest: float = 150.0)
         upper.plot(run.t, signal.values[:, column], color=colour, linewidth=0.9, label=label)
         lower.semilogy(frequency[1:], np.maximum(amplitude[1:, column], 1e-30), color=colour,
                        linewidth=0.9, label=label)
-    upper.set(xlabel='t [s]', ylabel=f'[{signal.unit}]', title=signal.title, xlim=(0, run.t[-1]))
+    upper.set(xlabel='t [s]', ylabel=f'[{signal.unit}]', title=title or signal.title,
+              xlim=(0, run.t[-1]))
     top = max(float(amplitude[1:].max()), 1e-12)
     lower.set(xlabel='f [Hz]', ylabel=f'amplitude [{signal.unit}]', ylim=(top * 1e-5, 2.0 * top),
               xlim=(0, min(highest, frequency[-1])))

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+import os
 from pathlib import Path
-import tempfile
 from typing import Literal
 
 import numpy as np
@@ -84,18 +84,23 @@ class Run:
 
         """
         arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix='.npz', delete=False) as file:
-            np.savez_compressed(file, **arrays)
-        Path(file.name).replace(path)
+        scratch = path.with_name(f'.{path.name}.{os.getpid()}')
+        try:
+            with scratch.open('wb') as file:
+                np.savez_compressed(file, **arrays)
+            scratch.replace(path)
+        finally:
+            scratch.unlink(missing_ok=True)
 
 
 def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
-    joints, points = len(plant.mechanism.joints), plant.mechanism.points
-    sections, gauges = len(observer.sections), len(observer.gauge_names)
-    return Run(np.zeros(samples), *(np.zeros((samples, joints)) for _ in range(4)),
-               *(np.zeros((samples, points, 3)) for _ in range(3)),
-               *(np.zeros((samples, sections, 3)) for _ in range(2)),
-               np.zeros((samples, gauges)), np.zeros((samples, gauges)), np.zeros((samples, 3)))
+    shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,)}
+    shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
+    shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
+                            (plant.mechanism.points, 3))
+    shapes |= dict.fromkeys(('force', 'moment'), (len(observer.sections), 3))
+    shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(observer.gauge_names),))
+    return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
 
 
 def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:

@@ -1,0 +1,161 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor simulate`` and ``tudor reproduce`` as a user calls them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+import yaml
+
+from tudor_dynamics.cli.main import main
+
+
+@pytest.fixture
+def description(root):
+    """Content of the L-shaped mechanism."""
+    return yaml.safe_load((root / 'config' / 'l_shape.yaml').read_text())
+
+
+def test_frequencies_are_listed(root, capsys):
+    """``--modes`` gives the table, or JSON."""
+    arm = str(root / 'config' / 'l_shape.yaml')
+    assert main(['simulate', arm, '--modes', '8']) == 0
+    assert '23.892' in capsys.readouterr().out
+    assert main(['simulate', arm, '--modes', '2', '--free', 'motor', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['frequency_hz'][1] == pytest.approx(8.772, abs=2e-3)
+
+
+def test_a_run_leaves_arrays_bag_figures_and_animation(root, tmp_path, capsys):
+    """All files of a short run of an arm with gauges."""
+    out = tmp_path / 'out'
+    code = main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque',
+                 '1+0.5*sin(20*t)', '--seconds', '0.3', '--rate', '100', '--out', str(out),
+                 '--plot', '--signals', 'strain:hub', 'acceleration:tip', '--animate',
+                 str(tmp_path / 'a.gif')])
+    assert code == 0
+    with np.load(out / 'run.npz', allow_pickle=False) as file:
+        assert file['t'].shape == (31,)
+        strain = file['strain']
+        assert file['joints'].tolist() == ['column', 'motor']
+    with AnyReader([out / 'bag']) as reader:
+        topics = {c.topic: c for c in reader.connections}
+        assert set(topics) == {'/joint_states', '/link_strains'}
+        messages = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(
+            [topics['/link_strains']])]
+    assert [m.position[0] for m in messages] == pytest.approx(strain[:, 0].tolist())
+    assert messages[0].name == ['hub']
+    for name in ('initial.png', 'strain_hub.png', 'acceleration_tip.png'):
+        assert (out / name).stat().st_size > 10_000
+    assert (tmp_path / 'a.gif').stat().st_size > 10_000
+    # A second run does not overwrite the bag.
+    assert main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque', '0',
+                 '--out', str(out)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_motion_of_a_table(root, tmp_path, capsys):
+    """A joint follows a table, and the figures say where it ends."""
+    t = np.linspace(0.0, 0.5, 51)
+    table = tmp_path / 'motion.csv'
+    np.savetxt(table, np.column_stack([t, 0.1 * t**2]), delimiter=',', header='t,motor')
+    assert main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--motion',
+                 str(table), '--seconds', '0.4', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['q_end']['motor'] == pytest.approx(0.016, abs=1e-6)
+
+
+def change(content, path, value):
+    """Set a value deep inside a description; None removes the key."""
+    for key in path[:-1]:
+        content = content[key]
+    if value is None:
+        del content[path[-1]]
+    else:
+        content[path[-1]] = value
+
+
+BEAM = ('links', 0, 'flexible')
+
+
+@pytest.mark.parametrize(('path', 'value', 'words'), [
+    ((*BEAM, 'length'), -0.5, 'length'),
+    ((*BEAM, 'section'), None, 'section'),
+    ((*BEAM, 'section', 'height'), None, 'height'),
+    ((*BEAM, 'section', 'width'), -1, 'width'),
+    ((*BEAM, 'material', 'E'), 0, 'links.0.flexible.material.E'),
+    ((*BEAM, 'material', 'nu'), None, 'Poisson'),
+    ((*BEAM, 'elements'), 0, 'elements'),
+    ((*BEAM, 'colour'), 'blue', 'unknown key'),
+    ((*BEAM, 'height_axis'), 'x', 'height_axis'),
+    ((*BEAM, 'lumped'), [{'node': 7, 'mass': 1}], 'node 7'),
+    (('links', 1), None, "nothing is known of the link behind 'corner'"),
+    (('links',), [], 'no links'),
+    (('links', 1, 'joint'), 'knee', 'knee'),
+    (('links', 1, 'rigid'), {'mass': 1}, 'rigid and flexible'),
+    (('kinematics', 'dh'), [[0.5, 0, 0, 0]] * 3, '3 D-H rows for 2 joints'),
+    (('kinematics', 'dh'), [[0.0, 0, 0, 0]] * 2, 'no length'),
+    (('payload',), {'mass': 1, 'inertia': [1, 1, 9, 0, 0, 0]}, 'inertia'),
+    (('simulation', 'initial'), {'elbow': 1}, 'elbow'),
+])
+def test_bad_mechanisms_get_one_line(description, tmp_path, capsys, path, value, words):
+    """Exit code 2 and one line that names the file and the matter."""
+    change(description, path, value)
+    arm = tmp_path / 'arm.yaml'
+    arm.write_text(yaml.safe_dump(description))
+    assert main(['simulate', str(arm), '--modes', '2']) == 2
+    message = capsys.readouterr().err.strip()
+    assert '\n' not in message
+    assert words in message
+    assert 'arm.yaml' in message
+
+
+def test_a_mechanism_that_moves_nothing_is_refused(description, tmp_path, capsys):
+    """A free joint without mass behind it has no acceleration."""
+    description['links'] = [{'joint': 'motor', 'rigid': {'mass': 0}},
+                            {'joint': 'corner', 'rigid': {'mass': 0}}]
+    arm = tmp_path / 'arm.yaml'
+    arm.write_text(yaml.safe_dump(description))
+    assert main(['simulate', str(arm), '--torque', '1', '--out', str(tmp_path / 'o')]) == 2
+    assert 'mass matrix is singular' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('options', 'words'), [
+    (['--torque', 'sin(x)'], "'x'"), (['--torque', '1/t'], 'not finite at t = 0'),
+    (['--torque', '1', '--dt', '0.05'], 'too large'), (['--torque', '1', '--dt', '0'], '--dt'),
+    (['--torque', '1', '--hold', 'knee'], 'knee'), (['--modes', '0'], '--modes'),
+    (['--torque', '1', '--animate', 'x.avi'], 'animations'),
+    (['--torque', '1', '--plot', '--signals', 'q:knee'], 'no signal'),
+    (['--torque', 'missing.csv'], 'missing.csv')])
+def test_bad_options_get_one_line(root, tmp_path, capsys, options, words):
+    """Exit code 2 and one line."""
+    arm = str(root / 'config' / 'l_shape.yaml')
+    assert main(['simulate', arm, '--out', str(tmp_path / 'o'), *options]) == 2
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert words in message
+
+
+def test_reproduce_draws_the_figures_of_the_paper(tmp_path, capsys):
+    """Figures 4 to 9 and the arrays."""
+    assert main(['reproduce', 'lshape', '--out', str(tmp_path), '--dt', '0.001', '--json']) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures['angle_start_deg'] == pytest.approx(135.0)
+    assert figures['angle_after_steps_deg'] == pytest.approx(30.0, abs=1.5)
+    assert figures['hinged_hz'][2] == pytest.approx(11.3, abs=0.2)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert {'figure_4_torque.png', 'figure_5_6_elbow_acceleration.png', 'lshape.npz',
+            'figure_7_8_tip_acceleration.png', 'figure_9_moment_link2.png'} <= names
