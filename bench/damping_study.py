@@ -16,7 +16,7 @@
 What the damper does to the simulated reference arm, as tables.
 
 Frequencies with the joints held, settling after a move, decay after a tap, for payloads of 0 to
-400 g; with ``--fits DIR`` also the fits of models to damped and undamped campaigns, recorded there.
+400 g; with ``--fits DIR`` also fits of models to damped and undamped campaigns recorded there.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def taps(arm: Arm, chosen: Imperfections, title: str) -> None:
 
 def fits(path: str, out: Path) -> None:
     """Print the fits of models to damped and undamped campaigns."""
-    print('\nfit [%] to three bags that were not learned from, seven learned from; analytical / ELM')
+    print('\nfit [%] to three bags after learning from seven others; analytical / ELM')
     tudor = [sys.executable, '-m', 'tudor_dynamics']
     for payload in (0.0, 0.2, 0.4):
         for name, more in (('damped', []), ('undamped', ['--no-damping'])):

@@ -29,7 +29,7 @@ from tudor_dynamics.signals.motion_profile import Reference
 
 
 def test_good_and_poor_motion(root: Path) -> None:
-    """An APRBS is far better conditioned than a slow swing of one joint, where one stands still."""
+    """An APRBS is far better conditioned than a slow swing of one joint alone."""
     arm = load_arm(root / 'config' / 'tudor.yaml')
     good = excitation_report(arm, aprbs_motion(arm, 40.0, 0, 2e-3))
     t = np.arange(0.0, 40.0, 2e-3)[:, None]

@@ -33,7 +33,8 @@ MOTOR = MotorSpec(
     damping=0.2, backlash=0.01)
 
 
-def turn(row: np.ndarray, current: float, steps: int, state: np.ndarray | None = None) -> np.ndarray:
+def turn(row: np.ndarray, current: float, steps: int,
+         state: np.ndarray | None = None) -> np.ndarray:
     """Drive a free rotor."""
     state = np.zeros(dr.STATES) if state is None else state
     for _ in range(steps):

@@ -16,9 +16,9 @@
 Self-test of the damper's sign, for a user of real hardware.
 
 A gauge that was glued or wired the other way round turns the damper into an exciter. The test
-makes a small step of one joint without the damper and again with a share of its gain, a small one first:
-with the right sign the link must come to rest sooner. The arm is reached through one function that the
-caller gives, so that the same test runs on hardware and in simulation.
+makes a small step of one joint without the damper and again with a share of its gain, a small one
+first: with the right sign the link must come to rest sooner. The arm is reached through one
+function that the caller gives, so that the same test runs on hardware and in simulation.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ FloatArray = NDArray[np.float64]
 STEP = math.radians(3.0)
 """Step that the test asks for [rad]."""
 SHARES = (0.25, 0.5, 1.0)
-"""Parts of the damper's gain, the next one where the last told nothing: a wrong sign shows early."""
+"""Parts of the damper's gain; the next one where the last told nothing."""
 CLEAR = 0.9
 """With the right sign the decay lasts at most this part of the time without the damper."""
 HIGH_PASS = 0.7
