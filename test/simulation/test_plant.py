@@ -119,6 +119,21 @@ def test_held_joint_carries_the_weight(contents):
     assert state.effort[1] == pytest.approx(expected, rel=2e-3)  # less what bending shortens
 
 
+def test_reactions_of_all_joints(contents):
+    """At rest each joint transmits the weight and the static moment of all it carries."""
+    plant = plant_of(contents['anthropomorphic'])
+    for joint in plant.mechanism.joints:
+        plant.drive(joint, 'hold')
+    seen, effort = Observer(plant).observe(), plant.step().effort
+    forearm = 2700 * np.pi / 4 * (0.020**2 - 0.017**2) * 0.46
+    upper = 2700 * np.pi / 4 * (0.025**2 - 0.022**2) * 0.55
+    carried = np.cumsum([0.3 + forearm, 0.4 + 0.9 + upper, 4.0])[::-1]
+    assert seen.reaction[:, 2] == pytest.approx(9.81 * carried, rel=1e-6)
+    assert np.abs(seen.reaction[:, :2]).max() < 1e-6
+    # Shoulder and elbow turn about -y of the base where the column stands at 0.
+    assert seen.reaction[1:, 4] == pytest.approx(-effort[1:], rel=1e-5)
+
+
 def test_same_inputs_same_bits(contents):
     """A run repeated after a reset is identical."""
     plant = plant_of(contents['l_shape'])
