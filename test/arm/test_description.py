@@ -234,6 +234,7 @@ def test_joints_against_urdf(content: Any, root: Path) -> None:
     """A joint that the URDF lacks, or has with another type, is refused."""
     base = root / 'config'
     content['motors'] = []
+    content['links'] = []
     content['joints'][0]['name'] = 'shoulder'
     with pytest.raises(ArmError, match=(
             r"any: joint 'shoulder' is not in the kinematics, whose joints are "

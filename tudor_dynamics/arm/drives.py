@@ -45,17 +45,23 @@ class MotorSpec(Spec):
     gear_ratio: Positive
     """Turns of the motor for one turn of the joint."""
     torque_constant: Positive
-    """Torque at the motor shaft per ampere, efficiency of the gear included [N m/A]."""
+    """Torque at the motor shaft per ampere [N m/A]."""
+    efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Part of that torque that arrives behind the gear, the same in both directions."""
     rotor_inertia: NonNegative = 0.0
     """At the motor shaft [kg m^2]."""
     viscous: PerDirection = (0.0, 0.0)
     """Current against viscous friction, by the speed of the joint [A s/rad]."""
     coulomb: PerDirection = (0.0, 0.0)
     """Current against Coulomb friction [A]."""
+    breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
+    """Stiction: friction at rest as a multiple of Coulomb friction."""
     current_limit: Positive | None = None
     """The drive gives no more, in either direction [A]."""
     stiffness: Positive | None = None
     """Torsion of the gear, seen at the joint; rigid by default [N m/rad]."""
+    damping: NonNegative = 0.0
+    """Damping of that torsion [N m s/rad]."""
     backlash: Annotated[float, Field(ge=0, lt=math.pi)] = 0.0
     """Full width of the play, seen at the joint [rad]."""
     encoder_lines: Annotated[int, Field(gt=0, le=2**31)] | None = None
@@ -69,8 +75,8 @@ class MotorSpec(Spec):
 
     @property
     def joint_torque_constant(self) -> float:
-        """Torque at the joint per ampere [N m/A]."""
-        return self.torque_constant * self.gear_ratio
+        """Torque at the joint per ampere, efficiency included [N m/A]."""
+        return self.torque_constant * self.gear_ratio * self.efficiency
 
     @property
     def reflected_inertia(self) -> float:
@@ -122,7 +128,9 @@ class DamperSpec(Spec):
     position_gain: Positive
     """Speed per position error [1/s]."""
     mean_frequency: Positive
-    """Corner below which strain counts as load and not as oscillation [Hz]."""
+    """Corner below which strain counts as load and not as oscillation: DC blocker [Hz]."""
+    mean_window: Positive | None = None
+    """Take the mean over a moving window instead [s]."""
     velocity_bandwidth: Positive
     """Bandwidth of the velocity loop inside [Hz]."""
     rate: Annotated[float, Field(gt=0, le=1e6)] = 2000.0

@@ -240,3 +240,31 @@ def check_links(links: tuple[LinkSpec, ...], simulation: SimulationSpec, names: 
     for name in simulation.initial:
         if name not in names:
             raise ValueError(f'simulation.initial: {name!r} is not among the joints {names}')
+
+
+def check_overlap(links: tuple[LinkSpec, ...], motors: list[str]) -> None:
+    """
+    Check that rotor, gear and friction of a joint stand in one place.
+
+    Parameters
+    ----------
+    links : tuple of LinkSpec
+        Links of the description.
+    motors : list of str
+        Joints that have a motor in the description.
+
+    Raises
+    ------
+    ValueError
+        If a joint has values of its drive both in links and in motors.
+
+    """
+    for link in links:
+        if link.joint not in motors:
+            continue
+        for key, other in (('hub_inertia', 'rotor_inertia'), ('joint_stiffness', 'stiffness'),
+                           ('viscous_friction', 'viscous')):
+            if getattr(link, key):
+                raise ValueError(
+                    f'links: joint {link.joint!r} has {key} and an entry in motors; what its '
+                    f'drive adds stands in motors alone: give {other} there, remove {key} here')

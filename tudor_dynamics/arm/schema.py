@@ -28,7 +28,8 @@ from pydantic import Field, field_validator, model_validator
 
 from tudor_dynamics.arm.drives import check_drives, DamperSpec, MotorSpec, SensorSpec
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
-from tudor_dynamics.arm.links import check_links, InertiaPart, LinkSpec, SimulationSpec
+from tudor_dynamics.arm.links import (
+    check_links, check_overlap, InertiaPart, LinkSpec, SimulationSpec)
 
 EFFORT_UNITS = ('A', 'N m', 'N')
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
@@ -203,4 +204,5 @@ class ArmSpec(Spec):
                              'give one row a joint, base first')
         check_drives(self.motors, self.sensors, self.damper, names,
                      [gauge.name for gauge in self.gauges])
+        check_overlap(self.links, [motor.joint for motor in self.motors])
         return self

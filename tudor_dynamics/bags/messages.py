@@ -105,8 +105,8 @@ class WrenchSeries:
         Header stamps [ns].
     force, torque : ndarray of shape (n, 3)
         Components in the frame [N, N m].
-    frame_id : str
-        Frame.
+    frame_id : str or sequence of str
+        Frame, of all messages or of each.
 
     """
 
@@ -114,7 +114,7 @@ class WrenchSeries:
     stamp: NDArray[np.int64]
     force: FloatArray
     torque: FloatArray
-    frame_id: str = ''
+    frame_id: str | Sequence[str] = ''
     msgtype: str = WRENCH_STAMPED
 
     def encode(self) -> list[bytes]:
@@ -127,11 +127,22 @@ class WrenchSeries:
             CDR buffers, little endian.
 
         """
-        buffer = _header(self.frame_id)
+        if isinstance(self.frame_id, str):
+            return self._encode(self.frame_id, slice(None))
+        frames = np.asarray(self.frame_id)
+        result = [b''] * len(self.stamp)
+        for frame in np.unique(frames):
+            rows = np.flatnonzero(frames == frame)
+            for row, message in zip(rows, self._encode(str(frame), rows), strict=True):
+                result[row] = message
+        return result
+
+    def _encode(self, frame: str, rows: slice | NDArray[np.intp]) -> list[bytes]:
+        buffer = _header(frame)
         _put(buffer, 8, bytes(48))
         layout = wrench_layout(bytes(buffer))
-        columns = {'wrench': np.hstack([self.force, self.torque])}
-        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
+        columns = {'wrench': np.hstack([self.force[rows], self.torque[rows]])}
+        return _fill(bytes(buffer), layout, self.topic, self.stamp[rows], columns)
 
 
 def _put(buffer: bytearray, alignment: int, content: bytes) -> None:

@@ -40,6 +40,7 @@ SUBCOMMANDS = {
     'fit': 'learn a dynamics model from bags',
     'evaluate': 'compare a model with bags it has not seen',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
+    'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
     'reproduce': 'repeat a published experiment in simulation and draw its figures',
     'import-merit': 'make a bag of a CSV file of the public TUDOR recordings (MERIt)',

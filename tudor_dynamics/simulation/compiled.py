@@ -12,34 +12,10 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one way in which this room compiles its inner loops."""
+"""The way in which this room compiles its inner loops: that of the whole package."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import cast, TypeVar
+from tudor_dynamics.compiled import compiled
 
-import numba
-
-Function = TypeVar('Function', bound=Callable[..., object])
-
-
-def compiled(function: Function) -> Function:
-    """
-    Compile a function of scalars and arrays; the result is kept on disk between runs.
-
-    NaN keep their meaning (a run that diverges must be seen), the order of sums may change.
-
-    Parameters
-    ----------
-    function : callable
-        Function that numba can compile.
-
-    Returns
-    -------
-    callable
-        The same function, compiled at its first call.
-
-    """
-    jit = numba.njit(cache=True, error_model='numpy', fastmath={'contract', 'reassoc', 'nsz'})
-    return cast(Function, jit(function))
+__all__ = ['compiled']

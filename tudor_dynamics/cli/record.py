@@ -1,0 +1,240 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor record``: let the simulated arm move, and record what it measures."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+import multiprocessing
+import os
+from pathlib import Path
+import sys
+import tempfile
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+import yaml
+
+from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.cli.console import print_json, print_table
+from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.identification.excitation_report import best_seed
+from tudor_dynamics.simulation.campaign import (
+    record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
+    StimulusSpec)
+from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.drive import Imperfections
+
+EXAMPLES = """\
+examples:
+  tudor record --arm config/tudor.yaml --payload 0.2 --out recordings/200g
+        ten stimuli of 80 s with 200 g at the tip, the links damped
+  tudor record --arm config/tudor.yaml --no-damping --pushes 5 --stimuli 2 --out pushed
+        without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
+  tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
+        drives without friction and backlash, each motion the best conditioned of 20
+
+OUT/campaign.yaml tells what was recorded. The same seed gives the same bags, byte by byte. exit
+codes: 0 done, 2 wrong input.
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor record``."""
+    parser.add_argument('--arm', required=True, metavar='YAML',
+                        help='arm description with links, motors and damper')
+    parser.add_argument('--out', required=True, metavar='DIR',
+                        help='directory for the bags, stimulus_01 and so on')
+    parser.add_argument('--payload', type=float, default=0.0, metavar='KG',
+                        help='mass at the tip (default: 0)')
+    parser.add_argument('--stimuli', type=int, default=10, metavar='N',
+                        help='number of bags (default: 10)')
+    parser.add_argument('--seconds', type=float, default=80.0, metavar='S',
+                        help='length of each (default: 80)')
+    parser.add_argument('--rate', type=float, default=100.0, metavar='HZ',
+                        help='of the messages (default: 100)')
+    parser.add_argument('--no-damping', action='store_true', help='leave the damper out')
+    parser.add_argument('--pushes', type=int, default=0, metavar='N',
+                        help='pushes on links in each stimulus (default: 0)')
+    parser.add_argument('--excitation', choices=('aprbs', 'fourier'), default='aprbs',
+                        help='kind of motion (default: aprbs)')
+    parser.add_argument('--best-of', type=int, default=1, metavar='N',
+                        help='take the best conditioned of N motions for each stimulus')
+    parser.add_argument('--ideal', nargs='+', default=[], metavar='WHAT',
+                        choices=(*Imperfections.names(), 'all'),
+                        help=f'leave imperfections out: {", ".join(Imperfections.names())} '
+                             'or all')
+    parser.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='of motions, noise and pushes (default: 0)')
+    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
+                        help='processes (default: one a core)')
+    parser.add_argument('--json', action='store_true', help='print what was done as JSON')
+
+
+def _check(args: argparse.Namespace) -> None:
+    for name in ('stimuli', 'jobs', 'best_of'):
+        if getattr(args, name) < 1:
+            msg = f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more'
+            raise UsageError(msg)
+    if args.pushes < 0 or args.seed < 0:
+        msg = f'--pushes {args.pushes} --seed {args.seed}: neither can be negative'
+        raise UsageError(msg)
+    if not 2.0 < args.seconds <= 3600.0:
+        msg = f'--seconds {args.seconds}: give more than 2 and at most 3600'
+        raise UsageError(msg)
+
+
+def _imperfections(ideal: list[str]) -> Imperfections:
+    if 'all' in ideal:
+        return Imperfections.none()
+    return Imperfections(**dict.fromkeys(ideal, False))
+
+
+def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
+    result = []
+    for number in range(args.stimuli):
+        motion, noise, push = stimulus_seeds(args.seed, number)
+        if args.best_of > 1:
+            motion = best_seed(
+                arm, lambda seed: stimulus_motion(arm, args.excitation, args.seconds, seed, dt),
+                range(motion, motion + args.best_of)).seed
+        result.append(StimulusSpec(
+            args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
+            args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal)))
+    return result
+
+
+_done: Any = None  # steps done in all processes, shared
+
+
+def _begin(counter: Any) -> None:
+    global _done
+    _done = counter
+
+
+def _count(steps: int) -> None:
+    with _done.get_lock():
+        _done.value += steps
+
+
+def _work(source: str, spec: StimulusSpec, path: str) -> StimulusResult:
+    return record_stimulus(load_arm(source), spec, Path(path), _count)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate and record."""
+    begun = time.perf_counter()
+    _check(args)
+    arm = load_arm(args.arm)
+    out = Path(args.out)
+    paths = [out / f'stimulus_{number + 1:02d}' for number in range(args.stimuli)]
+    for path in (*paths, out / 'campaign.yaml'):
+        if path.exists():
+            msg = f'{path}: exists already and is not overwritten; give another --out'
+            raise BagError(msg)
+    # Whatever is wrong with arm or options shows here, and compiled code is ready for all.
+    loop = ClosedLoop(with_payload(arm, args.payload), damping=0.0 if args.no_damping else 1.0)
+    steps_per_message(loop.dt, args.rate)
+    loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
+    specs = _specs(args, arm, loop.dt)
+    total = args.stimuli * int(round(args.seconds / loop.dt))
+    results = _record(args, specs, paths, total)
+    _write_campaign(out / 'campaign.yaml', args, arm, specs, results)
+    seconds = time.perf_counter() - begun
+    if args.json:
+        print_json({'out': str(out), 'seconds': round(seconds, 2),
+                    'bags': [item.content() for item in results]})
+    else:
+        _print(results, out, seconds)
+    return 0
+
+
+def _record(
+    args: argparse.Namespace, specs: list[StimulusSpec], paths: list[Path], total: int,
+) -> list[StimulusResult]:
+    context = multiprocessing.get_context('spawn')
+    counter = context.Value('q', 0)
+    with _bar(total) as show:
+        if min(args.jobs, len(specs)) == 1:
+            _begin(counter)
+            results = []
+            for spec, path in zip(specs, paths, strict=True):
+                results.append(_work(args.arm, spec, str(path)))
+                show(counter.value)
+            return results
+        with ProcessPoolExecutor(min(args.jobs, len(specs)), mp_context=context,
+                                 initializer=_begin, initargs=(counter,)) as pool:
+            futures = [pool.submit(_work, args.arm, spec, str(path))
+                       for spec, path in zip(specs, paths, strict=True)]
+            pending: set[Future[StimulusResult]] = set(futures)
+            while pending:
+                finished, pending = wait(pending, timeout=0.2)
+                show(counter.value)
+                for future in finished:
+                    if future.exception() is not None:
+                        pool.shutdown(cancel_futures=True)
+                    future.result()
+            return [future.result() for future in futures]
+
+
+class _bar:
+    """Progress bar over steps on standard error while a terminal watches."""
+
+    def __init__(self, total: int) -> None:
+        console = Console(file=sys.stderr)
+        self._progress = Progress(TextColumn('simulate'), BarColumn(), TimeRemainingColumn(),
+                                  console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._progress.add_task('', total=total)
+
+    def __enter__(self) -> Callable[[int], None]:
+        self._progress.start()
+        return lambda done: self._progress.update(self._task, completed=done)
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+
+def _write_campaign(
+    path: Path, args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec],
+    results: list[StimulusResult],
+) -> None:
+    """Write what was recorded, without times or paths: the same seed, the same file."""
+    content = {
+        'arm': arm.name, 'digest': arm.digest, 'payload': args.payload, 'seed': args.seed,
+        'seconds': args.seconds, 'rate': args.rate, 'damping': not args.no_damping,
+        'excitation': args.excitation, 'ideal': sorted(args.ideal),
+        'stimuli': [{**result.content(), 'bag': Path(result.bag).name,
+                     'motion_seed': spec.motion_seed}
+                    for spec, result in zip(specs, results, strict=True)]}
+    with tempfile.NamedTemporaryFile('w', dir=path.parent, delete=False, encoding='utf-8') as file:
+        yaml.safe_dump(content, file, sort_keys=False)
+    Path(file.name).replace(path)
+
+
+def _print(results: list[StimulusResult], out: Path, seconds: float) -> None:
+    table = Table(title=f'{out}: {len(results)} bags in {seconds:.1f} s', title_justify='left')
+    for name in ('bag', 'samples', 'pushes'):
+        table.add_column(name, justify='left' if name == 'bag' else 'right')
+    for result in results:
+        table.add_row(Path(result.bag).name, str(result.samples), str(len(result.pushes)))
+    print_table(table)
+    for result in results:
+        for note in result.notes:
+            print(f'{Path(result.bag).name}: {note}')

@@ -1,0 +1,257 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Joint cascade: P position control with velocity feed-forward around PI velocity control.
+
+One compiled law serves the controller of a real arm, step by step, and the simulated one, inside a
+compiled loop.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.drives import DamperSpec, MotorSpec
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.errors import ArmError
+
+FloatArray = NDArray[np.float64]
+
+# Columns of the gains of one joint.
+POSITION_GAIN = 0  # speed per position error [1/s]
+VELOCITY_GAIN = 1  # current per speed error [A s/rad]
+INTEGRAL_GAIN = 2  # current per integrated speed error [A/rad]
+CURRENT_LIMIT = 3  # [A]
+SPEED_LIMIT = 4  # bound of the commanded speed [rad/s]
+GAINS = 5
+# Columns of the state of one joint.
+INTEGRAL = 0  # share of the integrator in the current [A]
+SATURATED = 1  # 1 while current or speed is at its limit
+STATES = 2
+
+INTEGRAL_SHARE = 0.2
+"""Corner of the integrator over the bandwidth: costs atan(0.2) = 11 deg of phase there."""
+
+
+@compiled
+def cascade_law(
+    gains: NDArray, state: NDArray, dt: float, q_ref: float, dq_ref: float, q: float, dq: float,
+    yielding: float,
+) -> float:
+    """
+    Give the current of one joint.
+
+    Parameters
+    ----------
+    gains, state : ndarray of shape (GAINS,), (STATES,)
+        Of the joint; the state is advanced.
+    dt : float
+        Step [s].
+    q_ref, dq_ref : float
+        Reference [rad, rad/s].
+    q, dq : float
+        Measured motion [rad, rad/s].
+    yielding : float
+        Speed added by the damper [rad/s].
+
+    Returns
+    -------
+    float
+        Current [A].
+
+    """
+    wanted = dq_ref + gains[POSITION_GAIN] * (q_ref - q) + yielding
+    speed = min(max(wanted, -gains[SPEED_LIMIT]), gains[SPEED_LIMIT])
+    error = speed - dq
+    current = gains[VELOCITY_GAIN] * error + state[INTEGRAL]
+    limit = gains[CURRENT_LIMIT]
+    bounded = min(max(current, -limit), limit)
+    # Anti-windup: the integrator stands still unless it leads back from the limit.
+    if bounded == current or (error > 0.0) != (current > 0.0):
+        state[INTEGRAL] += gains[INTEGRAL_GAIN] * dt * error
+        state[INTEGRAL] = min(max(state[INTEGRAL], -limit), limit)
+    state[SATURATED] = 1.0 if bounded != current or speed != wanted else 0.0
+    return bounded
+
+
+@dataclass(frozen=True)
+class JointGains:
+    """
+    Gains of one joint.
+
+    Attributes
+    ----------
+    position : float
+        Speed per position error [1/s]; at most 0.3 times the first eigenfrequency in rad/s, or
+        the position loop undoes the damping.
+    velocity : float
+        Current per speed error [A s/rad].
+    integral : float
+        Current per integrated speed error [A/rad].
+    current_limit : float
+        [A]
+    speed_limit : float
+        Bound of the commanded speed, damper included [rad/s].
+
+    """
+
+    position: float
+    velocity: float
+    integral: float
+    current_limit: float = math.inf
+    speed_limit: float = math.inf
+
+    @property
+    def row(self) -> FloatArray:
+        """Gains in the order of the columns."""
+        return np.array([self.position, self.velocity, self.integral, self.current_limit,
+                         self.speed_limit])
+
+
+def motor_gains(motor: MotorSpec, damper: DamperSpec, velocity_limit: float | None) -> JointGains:
+    """
+    Tune the cascade of one joint by its motor.
+
+    The velocity loop sees the rotor alone, because the elastic link follows far below its
+    bandwidth w: K = J w / k_t, and the integrator has its corner at a fifth of w.
+
+    Parameters
+    ----------
+    motor : MotorSpec
+        Rotor, gear and torque constant.
+    damper : DamperSpec
+        Position gain and bandwidth of the velocity loop.
+    velocity_limit : float or None
+        Of the joint [rad/s]; commands stay within 1.5 times that, which leaves the damper room
+        at full speed.
+
+    Returns
+    -------
+    JointGains
+        In SI units.
+
+    Raises
+    ------
+    ArmError
+        If the inertia of the rotor is not known.
+
+    """
+    if motor.reflected_inertia <= 0.0:
+        msg = (f'motor of joint {motor.joint!r}: rotor_inertia is 0, so that the velocity loop '
+               'cannot be tuned; give it in motors')
+        raise ArmError(msg)
+    bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
+    gain = motor.reflected_inertia * bandwidth / motor.joint_torque_constant
+    return JointGains(
+        damper.position_gain, gain, INTEGRAL_SHARE * bandwidth * gain,
+        motor.current_limit or math.inf, 1.5 * (velocity_limit or math.inf))
+
+
+def arm_gains(arm: Arm) -> list[JointGains]:
+    """
+    Tune the cascade of an arm's active joints.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with motors and damper.
+
+    Returns
+    -------
+    list of JointGains
+        In the order of the active joints.
+
+    Raises
+    ------
+    ArmError
+        If the description lacks a motor or the damper.
+
+    """
+    if arm.spec.damper is None:
+        msg = (f'{arm.source}: there is no damper, which has position_gain and '
+               'velocity_bandwidth of the joint cascade; add damper:')
+        raise ArmError(msg)
+    motors = {motor.joint: motor for motor in arm.spec.motors}
+    result = []
+    for joint in arm.joints:
+        if joint.name not in motors:
+            msg = f'{arm.source}: joint {joint.name!r} has no entry in motors; add one'
+            raise ArmError(msg)
+        limit = joint.limits.velocity if joint.limits else None
+        result.append(motor_gains(motors[joint.name], arm.spec.damper, limit))
+    return result
+
+
+class Cascade:
+    """
+    Cascade of several joints, step by step.
+
+    Parameters
+    ----------
+    gains : sequence of JointGains
+        One a joint.
+    dt : float
+        Step [s].
+
+    """
+
+    def __init__(self, gains: list[JointGains], dt: float) -> None:
+        self.gains = np.array([item.row for item in gains]).reshape(-1, GAINS)
+        self.state = np.zeros((len(gains), STATES))
+        self.dt = dt
+
+    def reset(self, current: ArrayLike = 0.0) -> None:
+        """Start anew with integrators that give a current [A]."""
+        self.state[:] = 0.0
+        self.state[:, INTEGRAL] = current
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Which joints had current or speed at its limit in the last step."""
+        return np.asarray(self.state[:, SATURATED] > 0.0)
+
+    def step(
+        self, q_ref: ArrayLike, dq_ref: ArrayLike, q: ArrayLike, dq: ArrayLike,
+        yielding: ArrayLike = 0.0,
+    ) -> FloatArray:
+        """
+        Give the currents for one step.
+
+        Parameters
+        ----------
+        q_ref, dq_ref : array of shape (n_joints,)
+            Reference [rad, rad/s].
+        q, dq : array of shape (n_joints,)
+            Measured motion [rad, rad/s].
+        yielding : array of shape (n_joints,)
+            Speed added by the damper [rad/s].
+
+        Returns
+        -------
+        ndarray of shape (n_joints,)
+            Currents [A].
+
+        """
+        count = len(self.gains)
+        inputs = [np.broadcast_to(np.asarray(item, dtype=float), count)
+                  for item in (q_ref, dq_ref, q, dq, yielding)]
+        return np.array([cascade_law(self.gains[j], self.state[j], self.dt,
+                                     *(float(item[j]) for item in inputs))
+                         for j in range(count)])

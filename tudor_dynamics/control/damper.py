@@ -1,0 +1,343 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Damper: a joint yields with a speed proportional to the mean-free strain of its link.
+
+The law of Malzahn, Reinhart and Bertram, a linear feedback of mean-free strain per joint, without
+any model. Strain counts positive for the load that the joint holds, so the joint yields with the
+opposite sign: the hub follows the tip. The mean has to go because the load of gravity would move
+the joint away from its reference.
+
+A gauge whose signal is missing, stale, stuck or implausible is faded out: its last good share
+goes to zero within the fade time, and comes back only after the gauge was well for a while.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.errors import ArmError
+
+FloatArray = NDArray[np.float64]
+
+# Columns of the settings of one joint.
+GAIN = 0  # speed per strain, with its sign [rad/s per unit of the gauge]
+CORNER = 1  # angular corner frequency of the DC blocker [rad/s]
+WINDOW = 2  # samples of the moving average, 0 for the DC blocker
+SPEED_LIMIT = 3  # [rad/s]
+DEAD_TIME = 4  # without any change of the reading [s]
+STALE_TIME = 5  # without any reading [s]
+MAX_RATE = 6  # fastest plausible change [unit/s]
+MAX_STRAIN = 7  # largest plausible reading [unit]
+FADE_TIME = 8  # [s]
+RECOVERY = 9  # the gauge must be well for so long [s]
+SETTINGS = 10
+# Columns of the state of one joint.
+MEAN, LAST, UNCHANGED, AGE, WELL, WEIGHT, GOOD, STATUS, SUM, COUNT, HEAD, SEEN = range(12)
+STATES = 12
+
+
+class Status(IntEnum):
+    """What the damper of one joint does, and why it does not damp."""
+
+    DAMPING = 0
+    STARTING = 1
+    SATURATED = 2
+    MISSING = 3
+    STALE = 4
+    STUCK = 5
+    IMPLAUSIBLE = 6
+
+
+MEANING = {
+    Status.DAMPING: 'damps',
+    Status.STARTING: 'waits until the gauge was well for a while',
+    Status.SATURATED: 'faded out, current or speed of the joint is at its limit',
+    Status.MISSING: 'faded out, the strain is missing or not a number: check the gauge',
+    Status.STALE: 'faded out, no new strain arrives: check the driver of the gauge',
+    Status.STUCK: 'faded out, the strain does not change at all: the gauge is dead',
+    Status.IMPLAUSIBLE: 'faded out, the strain jumped or left its range: check the wiring',
+}
+
+
+@compiled
+def damper_law(
+    settings: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
+    saturated: bool,
+) -> float:
+    """
+    Give the yielding speed of one joint.
+
+    Parameters
+    ----------
+    settings, state : ndarray of shape (SETTINGS,), (STATES,)
+        Of the joint; the state is advanced.
+    past : ndarray of shape (window,)
+        Readings for the moving average.
+    dt : float
+        Step [s].
+    strain : float
+        Reading of the gauge.
+    fresh : bool
+        Whether the reading is a new one.
+    saturated : bool
+        Whether the joint's current or speed is at its limit.
+
+    Returns
+    -------
+    float
+        Speed [rad/s].
+
+    """
+    state[AGE] += dt
+    state[UNCHANGED] += dt
+    fault = 0
+    if fresh:
+        if not math.isfinite(strain):
+            fault = 3
+        elif abs(strain) > settings[MAX_STRAIN] or (
+                state[SEEN] > 0.0
+                and abs(strain - state[LAST]) > settings[MAX_RATE] * state[AGE]):
+            fault = 6
+        if fault != 3:
+            if strain != state[LAST] or state[SEEN] == 0.0:
+                state[UNCHANGED] = 0.0
+            state[LAST], state[SEEN] = strain, 1.0
+    elif state[AGE] > settings[STALE_TIME]:
+        fault = 4
+    elif state[SEEN] == 0.0:
+        fault = 3
+    elif state[STATUS] >= 3.0:
+        fault = int(state[STATUS])
+    if fault == 0 and state[UNCHANGED] > settings[DEAD_TIME]:
+        fault = 5
+    if fault > 0:
+        state[WELL] = 0.0
+        state[COUNT], state[SUM], state[HEAD] = 0.0, 0.0, 0.0
+        if fresh:
+            state[AGE] = 0.0
+    elif fresh:
+        if state[WELL] == 0.0:
+            state[MEAN] = strain
+        # Soon after the start the mean is that of what was seen, later that of the DC blocker.
+        share = 1.0 - math.exp(-settings[CORNER] * state[AGE])
+        state[WELL] += state[AGE]
+        if state[WELL] < settings[RECOVERY]:
+            share = max(share, state[AGE] / state[WELL])
+        window = int(settings[WINDOW])
+        if window == 0:
+            state[MEAN] += share * (strain - state[MEAN])
+        else:
+            head = int(state[HEAD])
+            if state[COUNT] >= window:
+                state[SUM] -= past[head]
+            else:
+                state[COUNT] += 1.0
+            past[head] = strain
+            state[SUM] += strain
+            state[HEAD] = (head + 1) % window
+            state[MEAN] = state[SUM] / state[COUNT]
+        state[GOOD] = strain - state[MEAN]
+        state[AGE] = 0.0
+    if fault > 0:
+        status = fault
+    elif state[WELL] < settings[RECOVERY]:
+        status = 1
+    else:
+        status = 2 if saturated else 0
+    state[STATUS] = status
+    change = dt / settings[FADE_TIME]
+    if status == 0:
+        state[WEIGHT] = min(state[WEIGHT] + change, 1.0)
+    else:
+        state[WEIGHT] = max(state[WEIGHT] - change, 0.0)
+    # A reading that stands still is trusted less and less before the gauge counts as dead.
+    trust = min(max(2.0 - 2.0 * state[UNCHANGED] / settings[DEAD_TIME], 0.0), 1.0)
+    speed = state[WEIGHT] * trust * settings[GAIN] * state[GOOD]
+    limit = settings[SPEED_LIMIT]
+    return min(max(speed, -limit), limit)
+
+
+@dataclass(frozen=True)
+class DamperSettings:
+    """
+    Settings of the damper of one joint; strains in the unit of the gauge.
+
+    Attributes
+    ----------
+    joint, gauge : str
+        Names.
+    gain : float
+        Yielding speed per mean-free strain; negative where strain counts positive for the load
+        that the joint holds [rad/s per unit].
+    mean_frequency : float
+        Corner of the DC blocker [Hz].
+    mean_window : float
+        Length of the moving average that takes its place, 0 for none [s].
+    speed_limit : float
+        Bound of the yielding speed [rad/s].
+    dead_time, stale_time : float
+        Without a change of the reading, and without a reading, until it counts as a fault [s].
+    max_rate, max_strain : float
+        Fastest plausible change [unit/s] and largest plausible reading [unit].
+    fade_time, recovery : float
+        For fading in or out, and how long the gauge must have been well [s].
+
+    """
+
+    joint: str
+    gauge: str
+    gain: float
+    mean_frequency: float = 0.1
+    mean_window: float = 0.0
+    speed_limit: float = math.inf
+    dead_time: float = 0.05
+    stale_time: float = 0.05
+    max_rate: float = math.inf
+    max_strain: float = math.inf
+    fade_time: float = 0.1
+    recovery: float = 0.5
+
+    def row(self, dt: float) -> FloatArray:
+        """Give the settings in the order of the columns, for a step [s]."""
+        return np.array([
+            self.gain, 2.0 * math.pi * self.mean_frequency, np.rint(self.mean_window / dt),
+            self.speed_limit, max(self.dead_time, 5.0 * dt), max(self.stale_time, 3.0 * dt),
+            self.max_rate, self.max_strain, self.fade_time, self.recovery])
+
+
+STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
+PLAUSIBLE_RATE = 0.2
+"""Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz."""
+PLAUSIBLE_STRAIN = 5e-3
+"""Largest plausible strain: beyond the yield point of spring steel."""
+
+
+def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
+    """
+    Take the damper's settings from an arm description.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with a damper.
+    share : float
+        Part of the gains to use, e.g. for a careful first try.
+
+    Returns
+    -------
+    list of DamperSettings
+        One for each joint that has a gauge in the damper.
+
+    Raises
+    ------
+    ArmError
+        If there is no damper, or a gauge does not measure strain.
+
+    """
+    if arm.spec.damper is None:
+        msg = f'{arm.source}: there is no damper; add damper: with the gains of its joints'
+        raise ArmError(msg)
+    gauges = {gauge.name: gauge for gauge in arm.gauges}
+    limits = {joint.name: joint.limits for joint in arm.spec.joints}
+    result = []
+    for item in arm.spec.damper.joints:
+        unit = gauges[item.gauge].unit
+        if unit not in STRAIN_SCALE:
+            msg = (f'{arm.source}: the gain of the damper is in rad/s per m/m, but gauge '
+                   f'{item.gauge!r} has unit {unit}; expected one of {list(STRAIN_SCALE)}')
+            raise ArmError(msg)
+        scale, limit = STRAIN_SCALE[unit], limits[item.joint]
+        result.append(DamperSettings(
+            item.joint, item.gauge, -share * item.gain / scale, arm.spec.damper.mean_frequency,
+            arm.spec.damper.mean_window or 0.0,
+            (limit.velocity if limit else None) or math.inf, max_rate=PLAUSIBLE_RATE * scale,
+            max_strain=PLAUSIBLE_STRAIN * scale))
+    return result
+
+
+class Damper:
+    """
+    Damper of several joints, step by step.
+
+    Parameters
+    ----------
+    settings : sequence of DamperSettings
+        One a joint.
+    dt : float
+        Step [s].
+
+    """
+
+    def __init__(self, settings: list[DamperSettings], dt: float) -> None:
+        self.joints = tuple(item.joint for item in settings)
+        self.gauges = tuple(item.gauge for item in settings)
+        self.settings = np.array([item.row(dt) for item in settings]).reshape(-1, SETTINGS)
+        window = int(self.settings[:, WINDOW].max(initial=1.0))
+        self.past = np.zeros((len(settings), max(window, 1)))
+        self.state = np.zeros((len(settings), STATES))
+        self.dt = dt
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget mean and faults; the damper fades in after the recovery time."""
+        self.state[:] = 0.0
+        self.state[:, STATUS] = float(Status.STARTING)
+
+    @property
+    def status(self) -> tuple[Status, ...]:
+        """What each joint's damper does."""
+        return tuple(Status(int(value)) for value in self.state[:, STATUS])
+
+    def report(self) -> list[str]:
+        """Say in one sentence a joint what its damper does."""
+        return [f'{joint} ({gauge}): {MEANING[status]}' for joint, gauge, status
+                in zip(self.joints, self.gauges, self.status, strict=True)]
+
+    def step(
+        self, strain: ArrayLike, fresh: ArrayLike = True, saturated: ArrayLike = False,
+    ) -> FloatArray:
+        """
+        Give the yielding speeds for one step.
+
+        Parameters
+        ----------
+        strain : array of shape (n_joints,)
+            Readings of the gauges, in their units; not a number where missing.
+        fresh : array of bool, shape (n_joints,)
+            Whether each reading is a new one.
+        saturated : array of bool, shape (n_joints,)
+            Whether each joint's current or speed is at its limit.
+
+        Returns
+        -------
+        ndarray of shape (n_joints,)
+            To be added to the velocity reference of each joint [rad/s].
+
+        """
+        count = len(self.joints)
+        values = np.broadcast_to(np.asarray(strain, dtype=float), count)
+        new = np.broadcast_to(np.asarray(fresh, dtype=bool), count)
+        limited = np.broadcast_to(np.asarray(saturated, dtype=bool), count)
+        return np.array([
+            damper_law(self.settings[j], self.state[j], self.past[j], self.dt, float(values[j]),
+                       bool(new[j]), bool(limited[j])) for j in range(count)])
