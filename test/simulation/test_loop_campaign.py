@@ -27,8 +27,9 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import read_wrenches
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.campaign import (
-    random_pushes, record_stimulus, steps_per_message, stimulus_seeds, StimulusSpec)
+    record_stimulus, steps_per_message, stimulus_seeds, StimulusSpec)
 from tudor_dynamics.simulation.mechanism import build_mechanism
+from tudor_dynamics.simulation.push_truth import random_pushes
 
 
 def spec(**changes: object) -> StimulusSpec:
