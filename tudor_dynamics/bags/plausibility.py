@@ -156,10 +156,9 @@ def _speed(recording: Recording, column: int) -> float:
     # Over windows, not samples: the steps of a coarse encoder at 1 kHz are no speed. A tenth, not
     # the maximum: angles that wrap at pi jump now and then.
     width = max(1, round(WINDOW / recording.dt))
-    with np.errstate(over='ignore'):  # a damaged position may be as large as a double can be
-        speeds = [np.abs(recording.q[part][width:, column] - recording.q[part][:-width, column])
-                  / (recording.t[part][width:] - recording.t[part][:-width])
-                  for part in recording.segments if part.stop - part.start > width]
+    speeds = [np.abs(recording.q[part][width:, column] - recording.q[part][:-width, column])
+              / (recording.t[part][width:] - recording.t[part][:-width])
+              for part in recording.segments if part.stop - part.start > width]
     return float(np.percentile(np.concatenate(speeds), 90)) if speeds else 0.0
 
 
