@@ -16,12 +16,13 @@
 What the damper does to the simulated reference arm, as tables.
 
 Frequencies with the joints held, settling after a move, decay after a tap, for payloads of 0 to
-400 g; with ``--fits DIR`` also the fits of models to damped and undamped campaigns, recorded there.
+400 g; with ``--fits DIR`` also fits of models to damped and undamped campaigns recorded there.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 from pathlib import Path
 import subprocess
@@ -117,10 +118,14 @@ def settling(arm: Arm) -> None:
                   f'   undamped {settle(arm, payload, 0.0, move)}')
 
 
-def tap(arm: Arm, payload: float, damping: float) -> tuple[RingMode | None, RingMode | None]:
-    """Give first mode (gauge of link 2) and second mode (gauge of link 3) after a tap."""
-    quiet = Imperfections(strain_noise=False, strain_resolution=False, current_noise=False)
-    loop = ClosedLoop(with_payload(arm, payload), damping=damping, imperfections=quiet)
+QUIET = Imperfections(strain_noise=False, strain_resolution=False, current_noise=False)
+FREE = dataclasses.replace(QUIET, friction=False, backlash=False)
+
+
+def tap(arm: Arm, payload: float, damping: float, chosen: Imperfections,
+        ) -> tuple[list[RingMode], list[RingMode]]:
+    """Give what rings after a tap: below 5 Hz at the gauge of link 2, above at that of link 3."""
+    loop = ClosedLoop(with_payload(arm, payload), damping=damping, imperfections=chosen)
     q = np.radians([45.0, -45.0])
     loop.reset(q)
     last = arm.active_joints[-1]
@@ -128,32 +133,33 @@ def tap(arm: Arm, payload: float, damping: float) -> tuple[RingMode | None, Ring
     loop.set_pushes([Push(3.0, 0.06, last, length, (0.0, 0.0, -6.0), 0.03)])
     steps = int(5.5 / loop.dt)
     seen = loop.run(np.tile(q, (steps, 1)), np.zeros((steps, 2)))
-    after = seen.strain[seen.t > 3.08][:int(2.0 / loop.dt)]
-    low = [mode for mode in ring_modes(after[:, 0], loop.dt, count=3)
-           if 1.0 < mode.frequency < 5.0]
-    high = [mode for mode in ring_modes(after[:, 1], loop.dt, count=3) if mode.frequency > 5.0]
-    second = EXPECTED[payload][1][1]
-    return (max(low, key=lambda mode: mode.amplitude, default=None),
-            min(high, key=lambda mode: abs(mode.frequency - second), default=None))
+    after = seen.strain[seen.t > 3.08][:int(1.2 / loop.dt)]
+    return ([mode for mode in ring_modes(after[:, 0], loop.dt, count=3)
+             if 1.0 < mode.frequency < 5.0],
+            [mode for mode in ring_modes(after[:, 1], loop.dt, count=3) if mode.frequency > 5.0])
 
 
-def taps(arm: Arm) -> None:
+def taps(arm: Arm, chosen: Imperfections, title: str) -> None:
     """Print damping ratios after a tap on the tip at standstill."""
-    print('\ntap on the tip (6 N, 60 ms) at (45, -45) deg: frequency and damping ratio of the '
-          'first two modes')
+    print(f'\ntap on the tip (6 N, 60 ms) at (45, -45) deg, {title}: frequency and damping ratio '
+          'of the first two modes')
     for payload in PAYLOADS:
-        texts = []
-        for name, damping in (('damped', 1.0), ('undamped', 0.0)):
-            found = '  '.join('-' if mode is None else
-                              f'{mode.frequency:5.2f} Hz {mode.damping:.3f}'
-                              for mode in tap(arm, payload, damping))
-            texts.append(f'{name} {found}')
-        print(f'  {1000 * payload:3.0f} g   ' + '   '.join(texts))
+        texts: dict[str, list[str]] = {'damped': [], 'undamped': []}
+        for free, damped in zip(tap(arm, payload, 0.0, chosen), tap(arm, payload, 1.0, chosen),
+                                strict=True):
+            mode = max(free, key=lambda item: item.amplitude)
+            same = min(damped, key=lambda item: abs(np.log(item.frequency / mode.frequency)),
+                       default=None)
+            for name, item in (('undamped', mode), ('damped', same)):
+                texts[name].append('nothing rings' if item is None else
+                                   f'{item.frequency:5.2f} Hz {item.damping:.3f}')
+        print(f'  {1000 * payload:3.0f} g   ' + '   '.join(
+            f'{name} {"  ".join(found)}' for name, found in texts.items()))
 
 
 def fits(path: str, out: Path) -> None:
     """Print the fits of models to damped and undamped campaigns."""
-    print('\nfit [%] to three bags that were not learned from, seven learned from; analytical / ELM')
+    print('\nfit [%] to three bags after learning from seven others; analytical / ELM')
     tudor = [sys.executable, '-m', 'tudor_dynamics']
     for payload in (0.0, 0.2, 0.4):
         for name, more in (('damped', []), ('undamped', ['--no-damping'])):
@@ -184,7 +190,8 @@ def main() -> None:
     frequencies(weightless(arm), 'straight links without weight')
     frequencies(arm, 'links bent and tilted by their weight')
     settling(arm)
-    taps(arm)
+    taps(arm, QUIET, 'friction and backlash')
+    taps(arm, FREE, 'without friction and backlash')
     if args.fits:
         fits(args.arm, Path(args.fits))
 

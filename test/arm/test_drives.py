@@ -118,3 +118,21 @@ def test_mistakes(root: Path, content: Any, path: str, value: Any, parts: list[s
     assert message.startswith('tudor.yaml: ')
     for part in parts:
         assert part in message
+
+
+@pytest.mark.parametrize(('key', 'value', 'other'), [
+    ('hub_inertia', 0.1, 'rotor_inertia'), ('joint_stiffness', 100.0, 'stiffness'),
+    ('viscous_friction', 0.1, 'viscous')])
+def test_a_drive_stands_in_one_place(content: Any, root: Path, key: str, value: float,
+                                     other: str) -> None:
+    """A value of the drive in links, beside an entry in motors, is refused with its place."""
+    content['links'][1][key] = value
+    with pytest.raises(ArmError, match=rf"'joint2' has {key}.*give {other} there"):
+        arm_from_dict(content, base=root / 'config', source='any')
+
+
+def test_efficiency_counts_once() -> None:
+    """Torque behind the gear is that of the motor times ratio and efficiency."""
+    motor = MotorSpec(joint='a', gear_ratio=100, torque_constant=0.05, efficiency=0.6)
+    assert motor.joint_torque_constant == pytest.approx(3.0)
+    assert MotorSpec(joint='a', gear_ratio=100, torque_constant=0.05).joint_torque_constant == 5.0

@@ -106,6 +106,7 @@ def _is_about(value: float, expected: float) -> bool:
     return abs(value / expected - 1) < UNIT_TOLERANCE
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged value may be as large as any double
 def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
     """
     Refuse degrees, warn of velocities that do not go with the positions.

@@ -188,6 +188,8 @@ class Wrenches:
         In the same frame [N m].
     frame_id : str
         Frame of the first message.
+    frames : tuple of str
+        Frame of each message.
 
     """
 
@@ -195,6 +197,7 @@ class Wrenches:
     force: FloatArray
     torque: FloatArray
     frame_id: str
+    frames: tuple[str, ...] = ()
 
 
 def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches | None:
@@ -239,4 +242,7 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches |
     stamp = np.concatenate([block.stamp for block in blocks])[order]
     values = np.concatenate([block.values('wrench') for block in blocks])[order]
     keep = increasing(stamp).keep
-    return Wrenches(stamp[keep], values[keep, :3], values[keep, 3:], blocks[0].layout.frame_id)
+    names = np.concatenate([[block.layout.frame_id] * len(block.index) for block in blocks])
+    frames = tuple(names[order][keep].tolist())
+    return Wrenches(stamp[keep], values[keep, :3], values[keep, 3:], blocks[0].layout.frame_id,
+                    frames)

@@ -48,7 +48,7 @@ examples:
   tudor simulate config/l_shape.yaml --seconds 5 --out out --plot --animate out/l.gif \\
       --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
   tudor simulate config/elastic_arm.yaml --seconds 3 --dt 0.0005 --out out --hold joint3 \\
-      --torque 'joint2=5.6*cos(0.4)'
+      --torque 'joint2=4.6+1.5*sin(9*t)'
 
 A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSION for the first
 active joint. Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt,
@@ -204,8 +204,10 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     mechanism = build_mechanism(arm)
     _check(args, mechanism)
-    plant = Plant(mechanism, args.dt, rho=args.rho)
-    observer = Observer(plant, arm=arm)
+    # The first call after installation compiles for some twenty seconds.
+    with Console(file=sys.stderr).status('preparing the mechanism'):
+        plant = Plant(mechanism, args.dt, rho=args.rho)
+        observer = Observer(plant, arm=arm)
     for name in args.hold:
         plant.drive(name, 'hold')
     folder = Path(args.out) if args.out is not None else None

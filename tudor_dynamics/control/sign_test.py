@@ -16,14 +16,14 @@
 Self-test of the damper's sign, for a user of real hardware.
 
 A gauge that was glued or wired the other way round turns the damper into an exciter. The test
-makes a small step of one joint without the damper and once more with a small share of its gain: with the
-right sign the link must come to rest sooner. The arm is reached through one function that the
-caller gives, so that the same test runs on hardware and in simulation.
+makes a small step of one joint without the damper and again with a share of its gain, a small one
+first: with the right sign the link must come to rest sooner. The arm is reached through one
+function that the caller gives, so that the same test runs on hardware and in simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 import math
@@ -38,8 +38,8 @@ FloatArray = NDArray[np.float64]
 
 STEP = math.radians(3.0)
 """Step that the test asks for [rad]."""
-SHARE = 0.25
-"""Part of the damper's gains: enough to tell, too little for a wrong sign to run away soon."""
+SHARES = (0.25, 0.5, 1.0)
+"""Parts of the damper's gain; the next one where the last told nothing."""
 CLEAR = 0.9
 """With the right sign the decay lasts at most this part of the time without the damper."""
 HIGH_PASS = 0.7
@@ -163,7 +163,7 @@ def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
 
 
 def check_sign(
-    joint: str, measure: Measure, *, step: float = STEP, share: float = SHARE,
+    joint: str, measure: Measure, *, step: float = STEP, shares: Sequence[float] = SHARES,
     rest: StepResponse | None = None,
 ) -> SignResult:
     """
@@ -174,12 +174,13 @@ def check_sign(
     joint : str
         Joint.
     measure : callable
-        Makes a step and returns the strain; called twice. It should stop the motion where
-        ``grows`` says so, and return what it has.
+        Makes a step and returns the strain; called once without the damper and once for each
+        share until one tells. It should stop the motion where ``grows`` says so, and return what
+        it has.
     step : float
         [rad]
-    share : float
-        Part of the damper's gain.
+    shares : sequence of float
+        Parts of the damper's gain, ascending.
     rest : StepResponse, optional
         Strain at rest, for its noise; none by default.
 
@@ -189,25 +190,35 @@ def check_sign(
         Whether the sign is right.
 
     """
+    if not shares:
+        msg = 'no share of the gain to test with; give at least one'
+        raise SignalError(msg)
     noise = float(np.var(ringing(rest))) if rest is not None else 0.0
-    plain, damped = measure(joint, step, 0.0), measure(joint, -step, share)
+    plain = measure(joint, step, 0.0)
     peak = float(np.abs(ringing(plain)).max())
+    if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
+        text = 'the link hardly rang; take a larger step, or one that ends sooner'
+        return SignResult(joint, Sign.UNCLEAR, 0.0, 0.0, f'{joint}: {text}')
+    for share in shares:
+        result = _compare(joint, plain, measure(joint, -step, share), noise)
+        if result.sign is not Sign.UNCLEAR:
+            break
+    return result
+
+
+def _compare(
+    joint: str, plain: StepResponse, damped: StepResponse, noise: float,
+) -> SignResult:
     before, after = decay_time(plain, noise), decay_time(damped, noise)
     louder = (np.sqrt(np.mean(ringing(damped)[-len(damped.strain) // 3:] ** 2))
               > 1.2 * np.sqrt(np.mean(ringing(plain)[-len(plain.strain) // 3:] ** 2)))
-    if peak < 5.0 * math.sqrt(noise) or peak == 0.0:
-        sign, text = Sign.UNCLEAR, (
-            'the link hardly rang; take a larger step, or one that ends sooner')
-    elif after <= CLEAR * before and not louder:
-        sign, text = Sign.RIGHT, (
-            f'the ringing lasts {after:.2f} s instead of {before:.2f} s: the sign is right')
-    elif louder or after * CLEAR >= before:
+    change = f'the ringing lasts {after:.2f} s instead of {before:.2f} s'
+    if louder or after * CLEAR >= before:
         sign, text = Sign.WRONG, (
-            f'the ringing lasts {after:.2f} s instead of {before:.2f} s: the damper excites the '
-            'link; turn the sign of the gauge (strain counts positive for the load that the joint '
-            'holds), and do not switch the damper on before')
+            f'{change}: the damper excites the link; turn the sign of the gauge (strain counts '
+            'positive for the load that the joint holds), and leave the damper off before')
+    elif after <= CLEAR * before:
+        sign, text = Sign.RIGHT, f'{change}: the sign is right'
     else:
-        sign, text = Sign.UNCLEAR, (
-            f'the ringing lasts {after:.2f} s instead of {before:.2f} s: too little to tell; take '
-            'a larger share of the gain')
+        sign, text = Sign.UNCLEAR, f'{change}: too little to tell; take a larger gain'
     return SignResult(joint, sign, before, after, f'{joint}: {text}')

@@ -22,14 +22,12 @@ for a process that gets its references one by one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN
 from tudor_dynamics.control.damper import arm_damping, Damper, Status
 from tudor_dynamics.errors import SimulationError
@@ -37,11 +35,14 @@ from tudor_dynamics.simulation import drive as dr, integrator as gen, layout as 
 from tudor_dynamics.simulation.drive import drive_row, Imperfections
 from tudor_dynamics.simulation.loop_kernel import (
     ControlTables, MISSING, NO_FAULT, PlantTables, run_loop, SensorTables, STUCK)
+from tudor_dynamics.simulation.loop_signals import Signals, with_payload
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.pushes import Push, push_table
 from tudor_dynamics.simulation.sensors import drive_sensor_row, gauge_rows
+
+__all__ = ['ClosedLoop', 'Signals', 'with_payload']
 
 FloatArray = NDArray[np.float64]
 
@@ -50,66 +51,6 @@ CHUNK = 2000
 AT_REST = 1e4
 """Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance."""
 FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
-
-
-@dataclass(frozen=True, eq=False)
-class Signals:
-    """
-    What was recorded, at the times of the samples.
-
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        [s]
-    q, dq, current : ndarray of shape (n_samples, n_joints)
-        As measured [rad, rad/s, A].
-    strain : ndarray of shape (n_samples, n_gauges)
-        As measured, in units of the gauges.
-    q_ref, dq_ref : ndarray of shape (n_samples, n_joints)
-        Reference [rad, rad/s].
-    q_true : ndarray of shape (n_samples, n_joints)
-        Angle of the link behind the gear [rad].
-
-    """
-
-    t: FloatArray
-    q: FloatArray
-    dq: FloatArray
-    current: FloatArray
-    strain: FloatArray
-    q_ref: FloatArray
-    dq_ref: FloatArray
-    q_true: FloatArray
-
-
-def with_payload(arm: Arm, mass: float) -> Arm:
-    """
-    Put a mass at the tip of an arm; 0 takes it away.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm.
-    mass : float
-        [kg]
-
-    Returns
-    -------
-    Arm
-        Arm with the payload as a point at its tip.
-
-    Raises
-    ------
-    SimulationError
-        If the mass is negative or not finite.
-
-    """
-    if not (math.isfinite(mass) and mass >= 0.0):
-        msg = f'a payload of {mass} kg is impossible; give 0 or more'
-        raise SimulationError(msg)
-    part = InertiaPart(mass=mass) if mass > 0.0 else None
-    spec = arm.spec.model_copy(update={'payload': part})
-    return Arm(spec, arm.full_model, arm.source, arm.urdf)
 
 
 class ClosedLoop:

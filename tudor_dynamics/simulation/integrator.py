@@ -35,8 +35,8 @@ from tudor_dynamics.simulation.mass import mass_matrix
 from tudor_dynamics.simulation.stiffness import add_stretch
 
 # Rows of the array of vectors.
-Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC = range(10)
-VECTORS = 10
+Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC, BEFORE = range(11)
+VECTORS = 11
 # Slices of the array of matrices.
 MASS, STIFFNESS, DAMPING, FACTOR = range(4)
 MATRICES = 4
@@ -46,7 +46,7 @@ SETTINGS = 9
 
 OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
 MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 40
 
 
 @compiled
@@ -126,40 +126,14 @@ def report(
 
 
 @compiled
-def step(
-    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
-    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
+def _attempt(
+    guess: float, vectors: NDArray, matrices: NDArray, settings: NDArray,
+    prescribed: NDArray, torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray,
+    loaded: bool,
     columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
     body_int: NDArray, body_float: NDArray, coordinate: NDArray,
 ) -> int:
-    """
-    Advance one step.
-
-    Parameters
-    ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State, overwritten; put back where the step fails.
-    matrices : ndarray of shape (MATRICES, n, n)
-        Stiffness and damping, and working memory.
-    settings : ndarray of shape (SETTINGS,)
-        Step [s], rho, tolerance, and what one step tells the next.
-    prescribed : ndarray of bool, shape (n,)
-        Coordinates whose motion is given.
-    torque : ndarray of shape (n,)
-        Generalised force at the end of the step [N m or N].
-    motion : ndarray of shape (3, n)
-        Position, velocity, acceleration of prescribed coordinates at the end of the step.
-    base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
-        As in ``inverse_dynamics``.
-    columns, owner, inertias : ndarray
-        As in ``mass_matrix``.
-
-    Returns
-    -------
-    int
-        OK, or what went wrong.
-
-    """
+    """Predict the end of the step and iterate; ``step`` has kept the old state."""
     n = prescribed.shape[0]
     dt, rho = settings[STEP], settings[RHO]
     alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
@@ -170,19 +144,14 @@ def step(
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
     old_ddz, old_acc = vectors[OLD_DDZ], vectors[OLD_ACC]
-    force, delta = vectors[FORCE], vectors[DELTA]
+    before, force, delta = vectors[BEFORE], vectors[FORCE], vectors[DELTA]
     for i in range(n):
-        if not (math.isfinite(torque[i]) and math.isfinite(motion[0, i])
-                and math.isfinite(motion[1, i]) and math.isfinite(motion[2, i])):
-            return BAD_INPUT
-        before = old_ddz[i]
-        old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
-        # Predict by a straight line through the last two accelerations.
-        ddz[i] += ddz[i] - before
-        acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * acc[i]) / (
+        # Predict by a straight line through the last two accelerations, or from rest.
+        ddz[i] = guess * (2.0 * old_ddz[i] - before[i])
+        acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * old_acc[i]) / (
             1.0 - alpha_m)
-        z[i] += dt * (dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
-        dz[i] += dt * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
+        z[i] = old_z[i] + dt * (old_dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
+        dz[i] = old_dz[i] + dt * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
         if prescribed[i]:
             z[i], dz[i], ddz[i], acc[i] = motion[0, i], motion[1, i], motion[2, i], motion[2, i]
     status, size, last, fresh = NOT_CONVERGED, 0.0, 0.0, False
@@ -193,7 +162,7 @@ def step(
         if settings[FACTORED] == 0.0:
             if not build_factor(vectors, matrices, prescribed, speed_gain, place_gain, columns,
                                 owner, inertias, moving, body_int, body_float, coordinate):
-                status = SINGULAR
+                status = SINGULAR if iteration == 0 else NOT_CONVERGED
                 break
             settings[FACTORED], fresh, since = 1.0, True, 0
             settings[FACTORS] += 1.0
@@ -231,18 +200,75 @@ def step(
                            and size * contraction / (1.0 - contraction) <= target):
             status = OK
             break
-        if contraction > 0.2 and since > 2 and not fresh:
-            settings[FACTORED] = 0.0
-        elif fresh and since > 6 and contraction > 0.9:
-            break
+        if since > 2 and contraction > (0.5 if fresh else 0.2):
+            settings[FACTORED] = 0.0  # a matrix of the state that the iteration has come to
     settings[CONTRACTION] = min(max(contraction, 0.02), 0.9)
     if contraction > 0.3 and not fresh:
         settings[FACTORED] = 0.0  # a new matrix in the next step
+    return status
+
+
+@compiled
+def step(
+    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
+    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
+    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
+) -> int:
+    """
+    Advance one step.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State, overwritten; put back where the step fails.
+    matrices : ndarray of shape (MATRICES, n, n)
+        Stiffness and damping, and working memory.
+    settings : ndarray of shape (SETTINGS,)
+        Step [s], rho, tolerance, and what one step tells the next.
+    prescribed : ndarray of bool, shape (n,)
+        Coordinates whose motion is given.
+    torque : ndarray of shape (n,)
+        Generalised force at the end of the step [N m or N].
+    motion : ndarray of shape (3, n)
+        Position, velocity, acceleration of prescribed coordinates at the end of the step.
+    base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
+        As in ``inverse_dynamics``.
+    columns, owner, inertias : ndarray
+        As in ``mass_matrix``.
+
+    Returns
+    -------
+    int
+        OK, or what went wrong.
+
+    """
+    n = prescribed.shape[0]
+    z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
+    old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
+    old_ddz, old_acc, before = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[BEFORE]
+    for i in range(n):
+        if not (math.isfinite(torque[i]) and math.isfinite(motion[0, i])
+                and math.isfinite(motion[1, i]) and math.isfinite(motion[2, i])):
+            return BAD_INPUT
+    for i in range(n):
+        before[i] = old_ddz[i]
+        old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
+    status = _attempt(
+        1.0, vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
+        columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
+    if status != OK:
+        # After a blow the line leads astray: once more from rest, with a matrix of its own.
+        settings[FACTORED] = 0.0
+        status = _attempt(
+            0.0, vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
+            columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
     if status == OK and not _free_elastic(z, body_int):
         status = TOO_BENT
     if status != OK:
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
+            old_ddz[i] = before[i]
         settings[FACTORED] = 0.0
     return status
 

@@ -71,6 +71,34 @@ def nodal_motion(
 
 
 @compiled
+def joint_reactions(
+    body_int: NDArray, moving: NDArray, reaction: NDArray, bodies: NDArray, result: NDArray,
+) -> None:
+    """
+    Turn what each joint carries into the base frame, after ``inverse_dynamics``.
+
+    Parameters
+    ----------
+    body_int, moving, reaction
+        As in ``inverse_dynamics``.
+    bodies : ndarray of int, shape (n_joints,)
+        Body behind each joint.
+    result : ndarray of shape (n_joints, 6)
+        Force [N] and moment about the joint [N m] that the inboard side exerts.
+
+    """
+    for number in range(bodies.shape[0]):
+        b = bodies[number]
+        push, moment = vector_at(reaction[b], 0), vector_at(reaction[b], 3)
+        parent = body_int[b, at.PARENT]
+        if parent >= 0:
+            world = rotation_at(moving[parent], at.WORLD)
+            push, moment = turn(world, push), turn(world, moment)
+        put_vector(result[number], 0, push)
+        put_vector(result[number], 3, moment)
+
+
+@compiled
 def section_loads(
     z: NDArray, dz: NDArray, ddz: NDArray, wrench: NDArray, body_int: NDArray,
     body_float: NDArray, moving: NDArray, bodies: NDArray, places: NDArray, loads: NDArray,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control.cascade import cascade_law, SATURATED
-from tudor_dynamics.control.damper import damper_law, STATUS
+from tudor_dynamics.control.damper_law import damper_law, STATUS
 from tudor_dynamics.simulation import drive as dr, integrator as gen, sensors as sn
 from tudor_dynamics.simulation.equations import inverse_dynamics
 from tudor_dynamics.simulation.outputs import section_loads

@@ -28,7 +28,8 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.energy import refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.loads import LOADS, nodal_motion, section_loads, shape
+from tudor_dynamics.simulation.loads import (
+    joint_reactions, LOADS, nodal_motion, section_loads, shape)
 from tudor_dynamics.simulation.mechanism import Mechanism
 from tudor_dynamics.simulation.plant import Plant
 
@@ -49,6 +50,9 @@ class Observation:
     force, moment : ndarray of shape (n_sections, 3)
         Normal and shear forces [N]; torsion and bending moments about the section's y and z
         [N m], of the outboard part on the inboard one.
+    reaction : ndarray of shape (n_joints, 6)
+        Force and moment that each joint transmits to the links it carries, about the joint and in
+        the base frame; the moment about its axis includes the drive's [N, N m].
     strain : ndarray of shape (n_gauges,)
         In the unit of each gauge; um/m where that is a voltage.
     gauge_moment : ndarray of shape (n_gauges,)
@@ -61,6 +65,7 @@ class Observation:
     acceleration: FloatArray
     force: FloatArray
     moment: FloatArray
+    reaction: FloatArray
     strain: FloatArray
     gauge_moment: FloatArray
 
@@ -127,7 +132,7 @@ class Observer:
         position, velocity, acceleration = self._points
         self.observation = Observation(
             position, velocity, acceleration, self._loads[:self._count, :3],
-            self._loads[:self._count, 3:6],
+            self._loads[:self._count, 3:6], np.zeros((len(mechanism.joints), 6)),
             np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
 
     def observe(self) -> Observation:
@@ -141,6 +146,8 @@ class Observer:
             self._force)
         section_loads(z, dz, ddz, plant._wrench, mechanism.body_int, mechanism.body_float,
                       plant._moving, self._bodies, self._places, self._loads)
+        joint_reactions(mechanism.body_int, plant._moving, plant._reaction, plant._bodies,
+                        self.observation.reaction)
         refresh(z, dz, ddz, plant._base, mechanism.body_int, mechanism.body_float, plant._moving)
         nodal_motion(z, dz, ddz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
                      plant._moving, *self._points)

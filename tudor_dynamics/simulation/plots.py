@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 from matplotlib.figure import Figure
@@ -33,6 +34,8 @@ FloatArray = NDArray[np.float64]
 
 matplotlib.use('Agg')
 COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
+STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
+"""Lines that can be told apart in grey, too."""
 AXES = ('x', 'y', 'z')
 
 
@@ -156,10 +159,11 @@ def plot_signal(
     upper, lower = figure.subplots(2, 1)
     frequency, amplitude = spectrum(signal.values, float(run.t[1] - run.t[0]))
     for column, label in enumerate(signal.labels):
-        colour = COLOURS[column % len(COLOURS)]
-        upper.plot(run.t, signal.values[:, column], color=colour, linewidth=0.9, label=label)
-        lower.semilogy(frequency[1:], np.maximum(amplitude[1:, column], 1e-30), color=colour,
-                       linewidth=0.9, label=label)
+        look: dict[str, Any] = {
+            'color': COLOURS[column % len(COLOURS)], 'linestyle': STYLES[column % len(STYLES)],
+            'linewidth': 0.9, 'label': label}
+        upper.plot(run.t, signal.values[:, column], **look)
+        lower.semilogy(frequency[1:], np.maximum(amplitude[1:, column], 1e-30), **look)
     upper.set(xlabel='t [s]', ylabel=f'[{signal.unit}]', title=title or signal.title,
               xlim=(0, run.t[-1]))
     top = max(float(amplitude[1:].max()), 1e-12)
@@ -167,7 +171,7 @@ def plot_signal(
               xlim=(0, min(highest, frequency[-1])))
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
-    upper.legend(loc='upper right', frameon=False, ncols=4)
+    upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
     figure.savefig(path, dpi=110)
 
 

@@ -50,6 +50,8 @@ class Run:
         Of all nodes in the base frame.
     force, moment : ndarray of shape (n_samples, n_sections, 3)
         Internal loads, see ``Observation``.
+    reaction : ndarray of shape (n_samples, n_joints, 6)
+        Of each joint, see ``Observation``.
     strain, gauge_moment : ndarray of shape (n_samples, n_gauges)
         In the unit of each gauge, and [N m].
     energy : ndarray of shape (n_samples, 3)
@@ -67,6 +69,7 @@ class Run:
     acceleration: FloatArray
     force: FloatArray
     moment: FloatArray
+    reaction: FloatArray
     strain: FloatArray
     gauge_moment: FloatArray
     energy: FloatArray
@@ -98,6 +101,7 @@ def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
     shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
     shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
                             (plant.mechanism.points, 3))
+    shapes['reaction'] = (len(plant.mechanism.joints), 6)
     shapes |= dict.fromkeys(('force', 'moment'), (len(observer.sections), 3))
     shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(observer.gauge_names),))
     return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
@@ -111,6 +115,7 @@ def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
     run.position[row], run.velocity[row] = seen.position, seen.velocity
     run.acceleration[row] = seen.acceleration
     run.force[row], run.moment[row] = seen.force, seen.moment
+    run.reaction[row] = seen.reaction
     run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
     run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
 

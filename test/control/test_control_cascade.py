@@ -1,0 +1,90 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Joint cascade: tuning, tracking, limits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.control.cascade import arm_gains, Cascade, JointGains, motor_gains
+from tudor_dynamics.errors import ArmError
+
+DT = 5e-4
+
+
+def test_gains_of_reference_arm(root: Path) -> None:
+    """The velocity gain is J w / k_t of the rotor, by hand for joint 2 of the reference arm."""
+    arm = load_arm(root / 'config' / 'tudor.yaml')
+    gains = arm_gains(arm)
+    inertia, torque = 1.1e-5 * 230**2, 0.07 * 0.7 * 230
+    assert gains[0].velocity == pytest.approx(inertia * 2 * math.pi * 20 / torque)
+    assert gains[0].current_limit == 2.5
+    assert gains[0].speed_limit == pytest.approx(1.5 * math.radians(70), rel=1e-6)
+
+
+def test_tuning_needs_the_rotor(root: Path) -> None:
+    """Without the rotor's inertia there is no gain, and the message says where it belongs."""
+    arm = load_arm(root / 'config' / 'tudor.yaml')
+    assert arm.spec.damper is not None
+    motor = arm.spec.motors[1].model_copy(update={'rotor_inertia': 0.0})
+    with pytest.raises(ArmError, match='rotor_inertia'):
+        motor_gains(motor, arm.spec.damper, 1.0)
+
+
+def run_rotor(cascade: Cascade, q_ref: float, seconds: float, load: float) -> np.ndarray:
+    """Turn a free rotor of 1 kg m^2 and 1 N m/A against a load torque."""
+    q = dq = 0.0
+    places = []
+    for _ in range(int(seconds / DT)):
+        current = cascade.step([q_ref], [0.0], [q], [dq])[0]
+        dq += DT * (current - load)
+        q += DT * dq
+        places.append((q, current))
+    return np.array(places)
+
+
+def test_reaches_its_reference_against_a_load() -> None:
+    """The integrator carries a constant load without a lasting error."""
+    cascade = Cascade([JointGains(4.0, 60.0, 600.0)], DT)
+    places = run_rotor(cascade, 0.2, 4.0, 3.0)
+    assert places[-1, 0] == pytest.approx(0.2, abs=1e-4)
+    assert places[-1, 1] == pytest.approx(3.0, rel=1e-3)
+
+
+def test_no_windup_at_the_limit() -> None:
+    """After a long time at the current limit the joint does not shoot over by the integrator."""
+    limited = Cascade([JointGains(4.0, 60.0, 600.0, current_limit=1.0)], DT)
+    for _ in range(4000):
+        limited.step([1.0], [0.0], [0.0], [0.0])  # blocked
+    assert limited.saturated[0]
+    places = run_rotor(limited, 0.2, 6.0, 0.0)
+    assert np.abs(places[:, 1]).max() <= 1.0
+    assert places[:, 0].max() < 0.26
+    assert places[-1, 0] == pytest.approx(0.2, abs=2e-3)
+    assert not limited.saturated[0]
+
+
+def test_speed_limit_counts_damper_and_reference() -> None:
+    """The commanded speed is bounded whatever asks for it."""
+    cascade = Cascade([JointGains(4.0, 1.0, 0.0, speed_limit=0.5)], DT)
+    assert cascade.step([0.0], [0.4], [0.0], [0.0], [0.4])[0] == pytest.approx(0.5)
+    assert cascade.saturated[0]
+    assert cascade.step([0.0], [0.4], [0.0], [0.0], [-0.4])[0] == pytest.approx(0.0)
+    assert not cascade.saturated[0]

@@ -1,0 +1,112 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""APRBS and Fourier series: range, clock, coverage, limits, seeds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.excitation import (
+    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange, REST, TAPS)
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
+
+BOUNDS = JointRange(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]))
+
+
+@pytest.mark.parametrize('register', sorted(TAPS))
+def test_shift_registers_have_full_length(register: int) -> None:
+    """The sequence repeats after 2^n - 1 clocks and holds 2^(n-1) ones: Golomb's postulates."""
+    period = 2**register - 1
+    bits = binary_sequence(2 * period, register, np.random.default_rng(1))
+    np.testing.assert_array_equal(bits[:period], bits[period:])
+    assert bits[:period].sum() == 2 ** (register - 1)
+    shorter = [p for p in range(1, period) if period % p == 0]
+    assert all((bits[:period - p] != bits[p:period]).any() for p in shorter)
+
+
+def test_unknown_register() -> None:
+    """A register without known taps is refused."""
+    with pytest.raises(SignalError, match='8 bits'):
+        binary_sequence(10, 8, np.random.default_rng(0))
+
+
+def test_levels_cover_the_range() -> None:
+    """Each joint gets one level in each of as many equal bins as it has levels."""
+    targets = aprbs(BOUNDS, 80.0, 3)
+    for j in range(2):
+        levels = np.append(targets.values[j], targets.start[j])
+        share = (levels - BOUNDS.lower[j]) / (BOUNDS.upper[j] - BOUNDS.lower[j])
+        np.testing.assert_array_equal(np.sort(np.floor(share * len(share))), np.arange(len(share)))
+
+
+def test_clock() -> None:
+    """Targets of a joint are whole clocks apart; 19 to 60 of them in 80 s; joints differ."""
+    targets = aprbs(BOUNDS, 80.0, 3)
+    for times in targets.times:
+        gaps = np.diff(times)
+        np.testing.assert_allclose(gaps, np.round(gaps), atol=1e-9)
+        assert gaps.min() >= 1.0 - 1e-9
+        assert 19 <= len(times) <= 60
+        assert times[0] >= REST
+    assert not np.array_equal(targets.times[0], targets.times[1])
+
+
+def test_seeds() -> None:
+    """The same seed gives the same targets, another seed others."""
+    one, same, other = (aprbs(BOUNDS, 40.0, seed) for seed in (7, 7, 8))
+    np.testing.assert_array_equal(one.values[0], same.values[0])
+    assert not np.array_equal(one.values[0][:5], other.values[0][:5])
+    with pytest.raises(SignalError, match='no target'):
+        aprbs(BOUNDS, 2.0, 0)
+
+
+def test_motion_keeps_to_limits(root: Path) -> None:
+    """The planned motion stays inside range, speed and acceleration of the reference arm."""
+    arm = load_arm(root / 'config' / 'tudor.yaml')
+    bounds, limits = joint_range(arm), motion_limits(arm)
+    for seed in range(4):
+        seen = aprbs_motion(arm, 80.0, seed, 2e-3)
+        assert (np.abs(seen.dq) <= limits.velocity * (1 + 1e-9)).all()
+        assert (np.abs(seen.ddq) <= limits.acceleration * (1 + 1e-9)).all()
+        assert (seen.q >= bounds.lower - 1e-9).all() and (seen.q <= bounds.upper + 1e-9).all()
+        assert np.ptp(seen.q, axis=0).min() > 0.7 * (bounds.upper - bounds.lower).min()
+
+
+def test_fourier_series() -> None:
+    """Derivatives are exact, limits kept, ends at rest, and the band is what was asked for."""
+    limits = motion_limits_of(1.2, 3.5)
+    seen = fourier_motion(BOUNDS, limits, 40.0, 5, 1e-3)
+    np.testing.assert_allclose(np.gradient(seen.q, 1e-3, axis=0)[1:-1], seen.dq[1:-1], atol=1e-5)
+    np.testing.assert_allclose(np.gradient(seen.dq, 1e-3, axis=0)[1:-1], seen.ddq[1:-1],
+                               atol=1e-4)
+    assert (np.abs(seen.dq) <= limits.velocity + 1e-12).all()
+    assert (np.abs(seen.ddq) <= limits.acceleration + 1e-12).all()
+    assert (seen.q >= BOUNDS.lower - 1e-12).all() and (seen.q <= BOUNDS.upper + 1e-12).all()
+    assert not seen.dq[0].any() and np.abs(seen.dq[-1]).max() < 1e-5
+    power = np.abs(np.fft.rfft(seen.q - seen.q.mean(axis=0), axis=0)) ** 2
+    low = np.fft.rfftfreq(len(seen.q), 1e-3) < 0.7
+    assert power[low].sum() > 0.995 * power.sum()
+    with pytest.raises(SignalError, match='at least'):
+        fourier_motion(BOUNDS, limits, 20.0, 5, 1e-3)
+
+
+def motion_limits_of(velocity: float, acceleration: float) -> MotionLimits:
+    """Give limits of two joints."""
+    return MotionLimits(np.full(2, velocity), np.full(2, acceleration))
