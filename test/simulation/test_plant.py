@@ -216,6 +216,8 @@ def test_every_example_arm_stands(root):
     """The descriptions in config that have links can be simulated."""
     found = 0
     for path in sorted((root / 'config').glob('*.yaml')):
+        if path.name == 'nodes.yaml':
+            continue  # parameters of nodes, no arm
         arm = load_arm(path)
         if arm.spec.links:
             plant = Plant(build_mechanism(arm), 5e-4)

@@ -143,7 +143,8 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
 
 def print_table(table: Table) -> None:
     """Print a table on standard output; wide enough to be whole where it goes to a file."""
-    console = Console()
+    # no markup: units in brackets, and names that come from bags, stand as they are
+    console = Console(markup=False)
     if not console.is_terminal:
-        console = Console(width=160)
+        console = Console(width=160, markup=False)
     console.print(table)

@@ -142,12 +142,15 @@ def run(args: argparse.Namespace) -> int:
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
         random_split=args.random_split)
-    total = len(training) + len(test) + 2 * len(settings.kinds) + 1
+    total = len(training) + len(test) + 2 * len(settings.kinds) + 2
     with steps(total) as step:
         result = _fit(arm, training, test, preprocessing, settings, step, clock)
         clock.lap('fit and validate')
+        step('collision thresholds')
+        bundle = bundle_of(result)
+        clock.lap('collision thresholds')
         step('report')
-        save_bundle(bundle_of(result), out, overwrite=args.overwrite,
+        save_bundle(bundle, out, overwrite=args.overwrite,
                     extra={'report.html': render(result).encode()})
     clock.lap('save and report')
     report = out / 'report.html'
