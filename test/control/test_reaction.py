@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reactions to collisions: hold brakes, retreat drives the path back, comply follows the strain."""
+"""Reactions: hold brakes, retreat drives the path back, comply follows the strain."""
 
 from __future__ import annotations
 
