@@ -84,6 +84,7 @@ class ReactingReference:
         self._back = 0.0
         self._since = 0.0
         self.yielding = np.zeros(len(q))
+        self._stopped = False
         self.reacting = False
 
     @property
@@ -114,6 +115,7 @@ class ReactingReference:
             return
         self.reacting = True
         self._since = 0.0
+        self._stopped = False
         self._back = min(self._length, self.retreat_time)
         if self.reaction in ('hold', 'retreat'):
             self._brake()
@@ -137,20 +139,19 @@ class ReactingReference:
             bound = self.comply_speed * self.limits.velocity
             speed = np.clip(self.yielding, -bound, bound)
             self._rest_at(self.q + dt * speed, speed)
-        elif self.reaction == 'retreat' and self._braked():
+        elif self.reaction == 'retreat' and self._stopped:
             self._drive_back(dt)
         else:
             self._planner.step(dt)
             self._remember(dt)
+            self._back = min(self._back + dt, self._length)  # the way of braking, too
+            if self._planner.remaining <= 0.0:
+                self._stopped, self._since = True, 0.0
 
     def _brake(self) -> None:
         """Stop within the acceleration limit: a sin^2 pulse stops v over v |v| / a."""
         q, dq = self._planner.q, self._planner.dq
         self._planner.go(q + dq * np.abs(dq) / self.limits.acceleration)
-
-    def _braked(self) -> bool:
-        return self._back <= 0.0 or bool(np.abs(self._planner.dq).max() < 1e-3) or (
-            self._since > RAMP and self._planner.remaining <= 0.0) or not np.isfinite(self._since)
 
     def _remember(self, dt: float) -> None:
         self._path.append((dt, self._planner.q.copy()))
