@@ -37,6 +37,7 @@ setup(
         'console_scripts': [
             'tudor = tudor_dynamics.cli.main:main',
             *(f'{node} = tudor_dynamics.nodes.{node}:main' for node in NODES),
+            'damper_sign_test = tudor_dynamics.nodes.damper_sign_test:main',
         ],
     },
 )

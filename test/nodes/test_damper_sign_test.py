@@ -1,0 +1,69 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Program damper_sign_test: what it refuses, and a joint of the simulated arm found right."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from tudor_dynamics.nodes.damper_sign_test import main  # noqa: E402, I100
+
+
+def test_wrong_input(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line and exit code 2 for an arm without a damper, a joint without one, a huge step."""
+    tudor = str(root / 'config/tudor.yaml')
+    for words, expected in (
+            (['--arm', str(root / 'config/two_blade_arm.yaml')], 'no damper'),
+            (['--arm', tudor, '--joints', 'joint1'], "joint 'joint1' has no damper"),
+            (['--arm', tudor, '--step', '50'], 'at most 20 degrees')):
+        assert main(['damper_sign_test', *words]) == 2
+        error = capsys.readouterr().err
+        assert expected in error and len(error.splitlines()) == 1
+
+
+def test_the_simulated_arm_is_right(root: Path) -> None:
+    """Simulator, reference generator and damper as processes; the test of joint 2 says right."""
+    arm = str(root / 'config/tudor.yaml')
+    environment = {**os.environ, 'PYTHONPATH': str(root)}
+
+    def start(node: str, *words: str) -> subprocess.Popen:
+        code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
+        return subprocess.Popen([sys.executable, '-c', code, *words], env=environment, text=True,
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+                                stderr=subprocess.STDOUT)
+
+    nodes = [start(node, '--ros-args', '-p', f'arm:={arm}')
+             for node in ('arm_simulator', 'reference_generator', 'oscillation_damper')]
+    try:
+        test = start('damper_sign_test', '--arm', arm, '--joints', 'joint2', '--step', '5')
+        said, _ = test.communicate(timeout=120)
+        assert test.returncode == 0, said
+        assert 'the sign is right' in said and 'the damper is on' in said
+    finally:
+        for node in nodes:
+            node.send_signal(signal.SIGTERM)
+        for node in nodes:
+            try:
+                node.communicate(timeout=15)
+            finally:
+                node.kill()

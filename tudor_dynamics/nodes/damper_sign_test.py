@@ -1,0 +1,248 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Program damper_sign_test: does the running damper damp, or does a gauge count the wrong way round?
+
+It talks to ``oscillation_damper`` and ``reference_generator`` as a user would: small goals, the
+damper's gain through its parameter ``damping``, strains from the gauges. It leaves the damper off
+unless every joint tested is found right.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from collections.abc import Callable, Sequence
+import math
+import sys
+import time
+from typing import Any
+
+import numpy as np
+from rcl_interfaces.srv import SetParameters
+import rclpy
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.control.sign_test import check_sign, grows, Sign, SignResult, StepResponse
+from tudor_dynamics.errors import ArmError, TudorError
+from tudor_dynamics.nodes.base import strong, weak
+from tudor_dynamics.nodes.interfaces import JOINT_TRAJECTORY
+from tudor_dynamics.nodes.messages import floats, NamedReader, nanoseconds
+from tudor_dynamics.nodes.runner import new_executor
+from tudor_dynamics.signals.motion_profile import motion_limits
+
+RECORD = 3.5
+"""Strain that is listened to after each step [s]."""
+PATIENCE = 30.0
+"""Wait for nodes, positions and strains no longer than this [s]."""
+
+
+class SignTester(Node):
+    """
+    Makes steps and listens to the link; ``**kwargs`` go to rclpy's Node.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with a damper, limits and gauges.
+
+    """
+
+    def __init__(self, arm: Arm, **kwargs: Any) -> None:
+        super().__init__('damper_sign_test', **kwargs)
+        if arm.spec.damper is None:
+            msg = f'{arm.source}: no damper is described, so there is none to test'
+            raise ArmError(msg)
+        self.arm = arm
+        self._limits = motion_limits(arm)
+        drops: Counter[str] = Counter()
+        self._reader = NamedReader(arm.active_joints, drops)
+        self._gauges = NamedReader(arm.gauge_names, drops)
+        self._goal: Any = None
+        self._strain: list[tuple[int, Any]] = []
+        self._executor = new_executor('single', self.context)
+        self._executor.add_node(self)
+        self._goals = self.create_publisher(JointTrajectory, JOINT_TRAJECTORY, strong())
+        self._damping = self.create_client(SetParameters, 'oscillation_damper/set_parameters')
+        self.create_subscription(JointState, arm.spec.joint_topic, self._on_joints, weak())
+        for topic in dict.fromkeys(gauge.topic for gauge in arm.gauges):
+            self.create_subscription(JointState, topic, self._on_strains, weak())
+
+    def _on_joints(self, message: JointState) -> None:
+        q = self._reader.read(message, 'position')
+        if self._goal is None and q is not None and np.isfinite(q).all():
+            self._goal = q.copy()
+
+    def _on_strains(self, message: JointState) -> None:
+        values = self._gauges.read(message, 'position')
+        if values is not None:
+            self._strain.append((nanoseconds(message.header.stamp), values))
+
+    def spin_until(self, done: Callable[[], bool], seconds: float) -> bool:
+        """Handle messages until something is done or the time is over."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and rclpy.ok(context=self.context):
+            if done():
+                return True
+            self._executor.spin_once(timeout_sec=0.02)
+        return done()
+
+    def wait(self) -> None:
+        """Wait for the arm and the nodes; a TudorError says what is missing."""
+        for done, what in (
+                (self._damping.service_is_ready, 'the node oscillation_damper'),
+                (lambda: self._goals.get_subscription_count() > 0, 'the node reference_generator'),
+                (lambda: self._goal is not None, f'positions on {self.arm.spec.joint_topic}'),
+                (lambda: len(self._strain) > 1, 'strains of the gauges')):
+            if not self.spin_until(done, PATIENCE):
+                msg = (f'{what} did not come within {PATIENCE:g} s; start the arm and its '
+                       'nodes first')
+                raise TudorError(msg)
+
+    def set_damping(self, share: float) -> None:
+        """Set the share of the damper's gain."""
+        request = SetParameters.Request(
+            parameters=[Parameter('damping', value=float(share)).to_parameter_msg()])
+        future = self._damping.call_async(request)
+        if not self.spin_until(future.done, PATIENCE) or not future.result().results[0].successful:
+            msg = f'oscillation_damper did not take damping {share:g}; the test stops here'
+            raise TudorError(msg)
+
+    def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
+        """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
+        self._strain.clear()
+        end = time.monotonic() + seconds
+        watching = watch
+        while time.monotonic() < end:
+            self.spin_until(lambda: False, 0.1)
+            response = self._response(gauge)
+            if watching and response is not None and grows(response.strain, response.dt):
+                self.set_damping(0.0)
+                watching = False
+        response = self._response(gauge)
+        if response is None:
+            msg = f'no strain of {self.arm.gauge_names[gauge]} for {seconds:g} s'
+            raise TudorError(msg)
+        return response
+
+    def _response(self, gauge: int) -> StepResponse | None:
+        if len(self._strain) < 20:
+            return None
+        stamp = np.array([item[0] for item in self._strain]) * 1e-9
+        strain = np.array([item[1][gauge] for item in self._strain])
+        grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
+        return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
+
+    def measure(self, joint: str, step: float, share: float) -> StepResponse:
+        """Make a step with a share of the damper's gain and record what the link does."""
+        index = self.arm.active_joints.index(joint)
+        gauge = [g.joint for g in self.arm.gauges].index(joint)
+        self.set_damping(share)
+        self._goal[index] += step
+        self._goals.publish(JointTrajectory(
+            joint_names=[joint],
+            points=[JointTrajectoryPoint(positions=floats(self._goal[index:index + 1]))]))
+        duration = 2.0 * math.sqrt(2.0 * abs(step) / self._limits.acceleration[index])
+        self.spin_until(lambda: False, duration + 0.1)
+        return self.listen(gauge, RECORD, watch=share > 0.0)
+
+    def test(self, joint: str, step: float) -> SignResult:
+        """Test one joint."""
+        gauge = [g.joint for g in self.arm.gauges].index(joint)
+        self.set_damping(0.0)
+        rest = self.listen(gauge, 2.5)
+        return check_sign(joint, self.measure, step=step, rest=rest)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='damper_sign_test', formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Make small steps of each joint without and with the damper: it must damp.',
+        epilog='example, the arm and its nodes running:\n'
+               '  ros2 run tudor_dynamics damper_sign_test --arm my_arm.yaml --step 3\n\n'
+               'exit codes: 0 every sign is right, 1 a sign is wrong or unclear, 2 wrong input')
+    parser.add_argument('--arm', required=True, metavar='YAML', help='arm description')
+    parser.add_argument('--joints', nargs='+', metavar='JOINT',
+                        help='joints to test (default: all with a damper and a gauge)')
+    parser.add_argument('--step', type=float, default=3.0, metavar='DEG',
+                        help='size of the steps (default: 3)')
+    return parser
+
+
+def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
+    """Give the joints to test; a TudorError for one that cannot be."""
+    damped = [joint.joint for joint in arm.spec.damper.joints] if arm.spec.damper else []
+    able = [name for name in arm.active_joints
+            if name in damped and name in [gauge.joint for gauge in arm.gauges]]
+    for name in wanted or ():
+        if name not in able:
+            msg = f'joint {name!r} has no damper with a gauge; those that have: {able}'
+            raise ArmError(msg)
+    return list(wanted) if wanted else able
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """
+    Run the test as a process.
+
+    Parameters
+    ----------
+    args : sequence of str, optional
+        Arguments with the program name first; those of the process by default.
+
+    Returns
+    -------
+    int
+        0 every sign is right, 1 a sign is wrong or unclear, 2 wrong input.
+
+    """
+    words = list(sys.argv if args is None else args)
+    options = _parser().parse_args(rclpy.utilities.remove_ros_args(words)[1:])
+    node: SignTester | None = None
+    try:
+        arm = load_arm(options.arm)
+        joints = tested_joints(arm, options.joints)
+        if not 0.0 < options.step <= 20.0:
+            msg = f'--step {options.step:g}: expected more than 0 and at most 20 degrees'
+            raise ArmError(msg)
+        rclpy.init(args=words)
+        node = SignTester(arm)
+        node.wait()
+        results = []
+        for joint in joints:
+            results.append(node.test(joint, math.radians(options.step)))
+            print(results[-1].text, flush=True)
+        right = all(result.sign is Sign.RIGHT for result in results)
+        node.set_damping(1.0 if right else 0.0)
+        print('the damper is on' if right else 'the damper is off')
+        return 0 if right else 1
+    except TudorError as err:
+        print(f'damper_sign_test: {" ".join(str(err).split())}', file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        if node is not None:
+            node.destroy_node()
+        if rclpy.ok():
+            rclpy.shutdown()
+
+
+if __name__ == '__main__':
+    sys.exit(main())
