@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Program damper_sign_test: does the running damper damp, or does a gauge count the wrong way round?
+Program damper_sign_test: whether the running damper damps, or a gauge counts the wrong way.
 
 It talks to ``oscillation_damper`` and ``reference_generator`` as a user would: small goals, the
 damper's gain through its parameter ``damping``, strains from the gauges. It leaves the damper off
