@@ -33,9 +33,10 @@ from rich.table import Table
 import yaml
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.cli.console import print_json, print_table
+from tudor_dynamics.cli.conditions import condition_values, print_conditions
+from tudor_dynamics.cli.console import finite, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
-from tudor_dynamics.identification.excitation_report import best_seed
+from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.campaign import (
     record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
     StimulusSpec)
@@ -48,6 +49,8 @@ examples:
         ten stimuli of 80 s with 200 g at the tip, the links damped
   tudor record --arm config/tudor.yaml --no-damping --pushes 5 --stimuli 2 --out pushed
         without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
+  tudor record --arm config/tudor.yaml --best-of 20 --conditions --out smooth
+        how well the chosen motions show the parameters, before anything is run
   tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
         drives without friction and backlash, each motion the best conditioned of 20
 
@@ -77,6 +80,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='kind of motion (default: aprbs)')
     parser.add_argument('--best-of', type=int, default=1, metavar='N',
                         help='take the best conditioned of N motions for each stimulus')
+    parser.add_argument('--conditions', action='store_true',
+                        help='print how well the motions show the parameters; record nothing')
     parser.add_argument('--ideal', nargs='+', default=[], metavar='WHAT',
                         choices=(*Imperfections.names(), 'all'),
                         help=f'leave imperfections out: {", ".join(Imperfections.names())} '
@@ -86,6 +91,19 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
                         help='processes (default: one a core)')
     parser.add_argument('--json', action='store_true', help='print what was done as JSON')
+
+
+def _conditions(args: argparse.Namespace, arm: Arm, specs: list[StimulusSpec], dt: float) -> int:
+    """Judge the motions before anything is run."""
+    names = [f'stimulus_{number + 1:02d}' for number in range(len(specs))]
+    reports = [excitation_report(arm, stimulus_motion(
+        arm, spec.excitation, spec.seconds, spec.motion_seed, dt)) for spec in specs]
+    if args.json:
+        print_json(finite({name: condition_values(report)
+                           for name, report in zip(names, reports, strict=True)}))
+    else:
+        print_conditions(names, reports)
+    return 0
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -154,6 +172,8 @@ def run(args: argparse.Namespace) -> int:
     steps_per_message(loop.dt, args.rate)
     loop.step([0.0] * len(arm.active_joints), [0.0] * len(arm.active_joints))
     specs = _specs(args, arm, loop.dt)
+    if args.conditions:
+        return _conditions(args, arm, specs, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
     results = _record(args, specs, paths, total)
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)

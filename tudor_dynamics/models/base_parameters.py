@@ -145,7 +145,7 @@ def preference(columns: tuple[str, ...]) -> list[int]:
         All columns, preferred ones first.
 
     """
-    order = ['Izz', 'mx', 'my', 'mz', 'Ixx', 'Iyy', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
+    order = ['Izz', 'Iyy', 'Ixx', 'mx', 'my', 'mz', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
 
     def rank(i: int) -> tuple[int, int]:
         kind = columns[i].split('(')[0]
