@@ -45,7 +45,7 @@ from tudor_dynamics.nodes.base import strong, weak
 from tudor_dynamics.nodes.interfaces import JOINT_TRAJECTORY
 from tudor_dynamics.nodes.messages import floats, NamedReader, nanoseconds
 from tudor_dynamics.nodes.runner import new_executor
-from tudor_dynamics.signals.motion_profile import motion_limits
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
 RECORD = 3.5
 """Strain that is listened to after each step [s]."""
@@ -149,24 +149,27 @@ class SignTester(Node):
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 
+    def _gauge(self, joint: str) -> int:
+        """Give the first gauge behind a joint."""
+        return [gauge.joint for gauge in self.arm.gauges].index(joint)
+
     def measure(self, joint: str, step: float, share: float) -> StepResponse:
         """Make a step with a share of the damper's gain and record what the link does."""
         index = self.arm.active_joints.index(joint)
-        gauge = [g.joint for g in self.arm.gauges].index(joint)
         self.set_damping(share)
+        planner = MotionPlanner(self._limits, self._goal)  # the one that the reference follows
         self._goal[index] += step
+        planner.go(self._goal)
         self._goals.publish(JointTrajectory(
             joint_names=[joint],
             points=[JointTrajectoryPoint(positions=floats(self._goal[index:index + 1]))]))
-        duration = 2.0 * math.sqrt(2.0 * abs(step) / self._limits.acceleration[index])
-        self.spin_until(lambda: False, duration + 0.1)
-        return self.listen(gauge, RECORD, watch=share > 0.0)
+        self.spin_until(lambda: False, planner.remaining + 0.1)
+        return self.listen(self._gauge(joint), RECORD, watch=share > 0.0)
 
     def test(self, joint: str, step: float) -> SignResult:
         """Test one joint."""
-        gauge = [g.joint for g in self.arm.gauges].index(joint)
         self.set_damping(0.0)
-        rest = self.listen(gauge, 2.5)
+        rest = self.listen(self._gauge(joint), 2.5)
         return check_sign(joint, self.measure, step=step, rest=rest)
 
 
