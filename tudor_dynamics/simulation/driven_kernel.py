@@ -1,0 +1,426 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A mechanism whose joints follow measured positions through elastic gears, compiled.
+
+The drive's side of each gear is given as a path, so the links' side is a coordinate with a spring
+to a moving end; no acceleration of the measured joint enters. Generalised-alpha steps of fixed
+cost: the mass matrix once a sample, two Newton corrections a step, whatever the state. That keeps
+the result a smooth function of the parameters, which are identified by differences.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numpy.typing import NDArray
+
+from tudor_dynamics.simulation import layout as at
+from tudor_dynamics.simulation.cholesky import cholesky, solve
+from tudor_dynamics.simulation.compiled import compiled
+from tudor_dynamics.simulation.equations import hermite_slope, inverse_dynamics, node_values
+from tudor_dynamics.simulation.loads import section_loads
+from tudor_dynamics.simulation.mass import mass_matrix
+
+Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_DDZ, OLD_ACC = range(8)
+VECTORS = 8
+MASS, STIFFNESS, DAMPING = range(3)
+MATRICES = 3
+
+STIFF = 0  # of the gear [N m/rad]
+PLAY = 1  # half of the backlash [rad]
+ROUND = 2  # over which the edge of the play is rounded [rad]
+TIGHT = 3  # damping where the teeth touch [N m s/rad]
+LOOSE = 4  # damping inside the play [N m s/rad]
+SPRING_FLOATS = 5
+
+CORRECTIONS = 2
+RHO = 0.8  # of the integrator: waves that no sample shows die out
+
+
+@compiled
+def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
+    """Give torque, stiffness and damping of a gear with play at a twist [N m, per rad(/s)]."""
+    below, above = twist - row[PLAY], twist + row[PLAY]
+    low = math.sqrt(below * below + row[ROUND] * row[ROUND])
+    high = math.sqrt(above * above + row[ROUND] * row[ROUND])
+    share = 1.0 + 0.5 * (below / low - above / high)
+    damping = row[LOOSE] + (row[TIGHT] - row[LOOSE]) * share
+    torque = row[STIFF] * (twist + 0.5 * (low - high)) + damping * rate
+    return torque, row[STIFF] * share, damping
+
+
+@compiled
+def add_lean(
+    z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
+) -> None:
+    """
+    Add what a beam's normal force does to its bending, after ``inverse_dynamics``.
+
+    Beams neither stretch nor shorten here, so the rows of the axial displacements hold the force
+    that each node needs along the beam; their sum from the tip inwards is the pressure in it.
+    """
+    for b in range(body_int.shape[0]):
+        ints = body_int[b]
+        if ints[at.FLEXIBLE] == 0:
+            continue
+        first, length, normal = ints[at.FIRST], body_float[b, at.LENGTH], 0.0
+        for e in range(ints[at.ELEMENTS] - 1, -1, -1):
+            normal -= force[first + 6 * e]
+            u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
+            gy = hermite_slope((u1[1], u1[5], u2[1], u2[5]), length)
+            gz = hermite_slope((u1[2], -u1[4], u2[2], -u2[4]), length)
+            if e > 0:
+                k = first + 6 * (e - 1)
+                force[k + 1] += normal * gy[0]
+                force[k + 5] += normal * gy[1]
+                force[k + 2] += normal * gz[0]
+                force[k + 4] -= normal * gz[1]
+            k = first + 6 * e
+            force[k + 1] += normal * gy[2]
+            force[k + 5] += normal * gy[3]
+            force[k + 2] += normal * gz[2]
+            force[k + 4] -= normal * gz[3]
+
+
+@compiled
+def _residual(
+    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
+    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
+    coordinate: NDArray, moving: NDArray, reaction: NDArray,
+) -> None:
+    """Write into FORCE what is missing for the present motion to be a true one."""
+    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    inverse_dynamics(z, dz, vectors[DDZ], base, wrench, loaded, 1.0, body_int, body_float,
+                     coordinate, moving, reaction, force)
+    add_lean(z, body_int, body_float, force)
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        force[i] += gear(springs[s], z[i] - aim[s], dz[i] - aim_rate[s])[0]
+
+
+@compiled
+def _factorise(
+    vectors: NDArray, matrices: NDArray, factor: NDArray, free: NDArray, speed_gain: float,
+    place_gain: float, aim: NDArray, springs: NDArray, spring_at: NDArray,
+) -> bool:
+    """Factorise M + speed_gain C + place_gain K over the free coordinates."""
+    mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
+    for a in range(free.shape[0]):
+        i = free[a]
+        for c in range(a + 1):
+            j = free[c]
+            factor[a, c] = (speed_gain * damping[i, j] + place_gain * stiffness[i, j])
+            if speed_gain > 0.0:
+                factor[a, c] += mass[i, j]
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+        for a in range(free.shape[0]):
+            if free[a] == i:
+                factor[a, a] += speed_gain * rate_slope + place_gain * slope
+    return cholesky(factor)
+
+
+@compiled
+def settle(
+    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
+    aim: NDArray, still: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray,
+    wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray, coordinate: NDArray,
+    moving: NDArray, reaction: NDArray,
+) -> bool:
+    """
+    Bend gears and links as they rest where the drives stand.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State, overwritten.
+    matrices, factor, delta
+        Working memory, with the stiffness in ``matrices``.
+    free : ndarray of int, shape (m,)
+        Coordinates that move.
+    aim, still : ndarray of shape (n_springs,)
+        Position of the drives, and zeros.
+    springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
+        As in ``advance``.
+
+    Returns
+    -------
+    bool
+        False where no equilibrium was found.
+
+    """
+    for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
+        vectors[row, :] = 0.0
+    for a in range(free.shape[0]):
+        vectors[Z, free[a]] = 0.0
+    for s in range(springs.shape[0]):
+        vectors[Z, spring_at[s]] = aim[s]
+    # Where a weak part or a play lets it overshoot, the iteration goes in shorter steps.
+    shorter, last = 1.0, math.inf
+    for _ in range(200):
+        _residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
+                  body_float, coordinate, moving, reaction)
+        if not _factorise(vectors, matrices, factor, free, 0.0, 1.0, aim, springs, spring_at):
+            return False
+        for a in range(free.shape[0]):
+            delta[a] = -vectors[FORCE, free[a]]
+        solve(factor, delta)
+        largest = 0.0
+        for a in range(free.shape[0]):
+            largest = max(largest, abs(delta[a]))
+        if not math.isfinite(largest):
+            return False
+        shorter = max(0.5 * shorter, 0.05) if largest > 0.7 * last else min(1.0, 1.5 * shorter)
+        last = largest
+        step = shorter * min(1.0, 0.2 / max(largest, 1e-300))
+        for a in range(free.shape[0]):
+            vectors[Z, free[a]] += step * delta[a]
+        if largest < 1e-9:
+            return True
+    return False
+
+
+@compiled
+def advance(
+    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
+    path: NDArray, aim: NDArray, aim_rate: NDArray, dt: float, steps: int, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, columns: NDArray,
+    owner: NDArray, inertias: NDArray, body_int: NDArray, body_float: NDArray,
+    coordinate: NDArray, moving: NDArray, reaction: NDArray,
+) -> bool:
+    """
+    Advance from one sample to the next.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State, overwritten.
+    matrices : ndarray of shape (MATRICES, n, n)
+        Stiffness and damping, and room for the mass matrix.
+    factor, delta : ndarray of shape (m, m) and (m,)
+        Working memory.
+    free : ndarray of int, shape (m,)
+        Coordinates that move.
+    path : ndarray of shape (n_springs, 3)
+        Position of each drive as a polynomial of the time since the last sample, constant first.
+    aim, aim_rate : ndarray of shape (n_springs,)
+        Position and speed of the drives at the end.
+    dt : float
+        Time between the samples [s].
+    steps : int
+        Steps to take.
+    springs : ndarray of shape (n_springs, SPRING_FLOATS)
+        Gears.
+    spring_at : ndarray of int, shape (n_springs,)
+        Coordinate of each gear.
+    base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
+        As in ``inverse_dynamics``.
+    columns, owner, inertias
+        As in ``mass_matrix``.
+
+    Returns
+    -------
+    bool
+        False where the state is no longer finite.
+
+    """
+    m = free.shape[0]
+    h = dt / steps
+    alpha_m, alpha_f = (2.0 * RHO - 1.0) / (RHO + 1.0), RHO / (RHO + 1.0)
+    gamma = 0.5 + alpha_f - alpha_m
+    beta = 0.25 * (gamma + 0.5) ** 2
+    gain = (1.0 - alpha_f) / (1.0 - alpha_m)
+    speed_gain, place_gain = h * gamma * gain, h * h * beta * gain
+    z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
+    old_ddz, old_acc, force = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[FORCE]
+    for step in range(steps):
+        tau = (step + 1) * h
+        for s in range(springs.shape[0]):
+            aim[s] = path[s, 0] + tau * (path[s, 1] + tau * path[s, 2])
+            aim_rate[s] = path[s, 1] + 2.0 * tau * path[s, 2]
+        for a in range(m):
+            i = free[a]
+            old_ddz[i], old_acc[i] = ddz[i], acc[i]
+            acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i]
+                      - alpha_m * old_acc[i]) / (1.0 - alpha_m)
+            z[i] += h * (dz[i] + h * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
+            dz[i] += h * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
+        for correction in range(CORRECTIONS):
+            _residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+                      body_float, coordinate, moving, reaction)
+            if step == 0 and correction == 0:
+                mass_matrix(z, body_int, body_float, coordinate, moving, columns, owner,
+                            inertias, matrices[MASS])
+            if not _factorise(vectors, matrices, factor, free, speed_gain, place_gain, aim,
+                              springs, spring_at):
+                return False
+            for a in range(m):
+                delta[a] = -force[free[a]]
+            solve(factor, delta)
+            for a in range(m):
+                i = free[a]
+                ddz[i] += delta[a]
+                acc[i] += gain * delta[a]
+                z[i] += place_gain * delta[a]
+                dz[i] += speed_gain * delta[a]
+    total = 0.0
+    for a in range(m):
+        total += abs(z[free[a]]) + abs(dz[free[a]])
+    return total < 1e6  # also False for NaN
+
+
+@compiled
+def sense(
+    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
+    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
+    coordinate: NDArray, moving: NDArray, reaction: NDArray, gauge_body: NDArray,
+    gauge_place: NDArray, gauge_axis: NDArray, gauge_gain: NDArray, loads: NDArray,
+    moment: NDArray, torque: NDArray,
+) -> None:
+    """
+    Read the gauges and the gears.
+
+    Parameters
+    ----------
+    vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int, body_float,
+    coordinate, moving, reaction
+        As in ``advance``.
+    gauge_body, gauge_place, gauge_axis : ndarray of shape (n_gauges,)
+        Body, distance along its beam [m], and component of the moment that bends the gauge.
+    gauge_gain : ndarray of shape (n_gauges, 2)
+        Factors of the moment, and of the rate of curvature, which takes its damping off again.
+    loads : ndarray of shape (n_gauges, LOADS)
+        Working memory.
+    moment : ndarray of shape (n_gauges,)
+        Result: moment that bends each gauge [N m].
+    torque : ndarray of shape (n_springs,)
+        Result: torque through each gear on the links [N m or N].
+
+    """
+    _residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+              body_float, coordinate, moving, reaction)
+    section_loads(vectors[Z], vectors[DZ], vectors[DDZ], wrench, body_int, body_float, moving,
+                  gauge_body, gauge_place, loads)
+    for g in range(moment.shape[0]):
+        moment[g] = (gauge_gain[g, 0] * loads[g, 3 + gauge_axis[g]]
+                     + gauge_gain[g, 1] * loads[g, 6 + gauge_axis[g]])
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        torque[s] = -gear(springs[s], vectors[Z, i] - aim[s], vectors[DZ, i] - aim_rate[s])[0]
+
+
+@compiled
+def parabola(
+    before: float, last: float, now: float, dt_before: float, dt: float, path: NDArray,
+) -> None:
+    """Lay a path through three samples, time counted from the middle one; a line without."""
+    slope = (now - last) / dt
+    if dt_before <= 0.0:
+        path[0], path[1], path[2] = last, slope, 0.0
+        return
+    bend = (slope - (last - before) / dt_before) / (dt + dt_before)
+    path[0], path[1], path[2] = last, slope - bend * dt, bend
+
+
+@compiled
+def begin(
+    q: NDArray, vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray,
+    free: NDArray, past: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
+) -> bool:
+    """Rest where the drives stand; arguments as in ``follow``, ``q`` of one sample."""
+    for s in range(springs.shape[0]):
+        aim[s], aim_rate[s] = q[s], 0.0
+        past[0, s] = past[1, s] = q[s]
+    past[2, 0] = 0.0
+    return settle(vectors, matrices, factor, delta, free, aim, aim_rate, springs, spring_at, base,
+                  wrench, loaded, body_int, body_float, coordinate, moving, reaction)
+
+
+@compiled
+def move(
+    q: NDArray, dt: float, inner: float, vectors: NDArray, matrices: NDArray, factor: NDArray,
+    delta: NDArray, free: NDArray, past: NDArray, path: NDArray, aim: NDArray,
+    aim_rate: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray, wrench: NDArray,
+    loaded: bool, columns: NDArray, owner: NDArray, inertias: NDArray, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
+) -> bool:
+    """Go to the next sample; arguments as in ``follow``, ``q`` and ``dt`` of one sample."""
+    for s in range(springs.shape[0]):
+        parabola(past[0, s], past[1, s], q[s], past[2, 0], dt, path[s])
+        past[0, s], past[1, s] = past[1, s], q[s]
+    past[2, 0] = dt
+    steps = max(1, int(math.ceil(dt / inner - 1e-6)))
+    return advance(vectors, matrices, factor, delta, free, path, aim, aim_rate, dt, steps,
+                   springs, spring_at, base, wrench, loaded, columns, owner, inertias, body_int,
+                   body_float, coordinate, moving, reaction)
+
+
+@compiled
+def follow(
+    q: NDArray, dt: NDArray, inner: float, vectors: NDArray, matrices: NDArray, factor: NDArray,
+    delta: NDArray, free: NDArray, past: NDArray, path: NDArray, aim: NDArray,
+    aim_rate: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray, wrench: NDArray,
+    loaded: bool, columns: NDArray, owner: NDArray, inertias: NDArray, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
+    gauge_body: NDArray, gauge_place: NDArray, gauge_axis: NDArray, gauge_gain: NDArray,
+    loads: NDArray, moment: NDArray, torque: NDArray,
+) -> int:
+    """
+    Follow a stretch of samples.
+
+    Parameters
+    ----------
+    q : ndarray of shape (n_samples, n_springs)
+        Position of the drives.
+    dt : ndarray of shape (n_samples,)
+        Time since the sample before [s]; 0 begins anew, from rest.
+    inner : float
+        Longest step [s].
+    past : ndarray of shape (3, n_springs)
+        Positions of the two samples before, and the time between them.
+    moment : ndarray of shape (n_samples, n_gauges)
+        Result as in ``sense``.
+    torque : ndarray of shape (n_samples, n_springs)
+        Result as in ``sense``.
+    vectors, matrices, factor, delta, free, path, aim, aim_rate, springs, spring_at, base,
+    wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate, moving, reaction,
+    gauge_body, gauge_place, gauge_axis, gauge_gain, loads
+        As in ``advance`` and ``sense``.
+
+    Returns
+    -------
+    int
+        Samples done; fewer than given where the state is no longer finite.
+
+    """
+    for k in range(q.shape[0]):
+        if dt[k] <= 0.0:
+            good = begin(q[k], vectors, matrices, factor, delta, free, past, aim, aim_rate,
+                         springs, spring_at, base, wrench, loaded, body_int, body_float,
+                         coordinate, moving, reaction)
+        else:
+            good = move(q[k], dt[k], inner, vectors, matrices, factor, delta, free, past, path,
+                        aim, aim_rate, springs, spring_at, base, wrench, loaded, columns, owner,
+                        inertias, body_int, body_float, coordinate, moving, reaction)
+        if not good:
+            return k
+        sense(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+              body_float, coordinate, moving, reaction, gauge_body, gauge_place, gauge_axis,
+              gauge_gain, loads, moment[k], torque[k])
+    return q.shape[0]
