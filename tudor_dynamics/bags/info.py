@@ -32,7 +32,7 @@ from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm
-from tudor_dynamics.bags.reader import assemble
+from tudor_dynamics.bags.reader import assemble, stated_payload
 from tudor_dynamics.bags.storage import Bag
 from tudor_dynamics.errors import BagError
 
@@ -141,6 +141,8 @@ class BagReport:
         Messages left out of these, by cause.
     odd : list of str
         What the user should know.
+    payload : float or None
+        Mass at the tip by the bag's own metadata [kg].
 
     """
 
@@ -158,6 +160,7 @@ class BagReport:
     samples: int = 0
     dropped: dict[str, int] = field(default_factory=dict)
     odd: list[str] = field(default_factory=list)
+    payload: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Give the report as it is printed with ``--json``."""
@@ -272,4 +275,5 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
         str(path), bag.storage, [file.name for file in bag.files],
         sum(file.stat().st_size for file in bag.files), bag.checksum(),
         min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
-        reports, odd=notes.texts, **_verdict(bag, topics, plan, notes))
+        reports, **_verdict(bag, topics, plan, notes), odd=notes.texts,
+        payload=stated_payload(bag, notes))

@@ -78,11 +78,16 @@ def _open_files(path: Path, files: tuple[Path, ...], notes: Notes) -> Bag:
     return Bag(path, _storage_name(files), files, _merge(found), files, False)
 
 
-def _relative_files(directory: Path) -> tuple[Path, ...]:
+def _metadata(directory: Path) -> tuple[tuple[Path, ...], dict[str, str]]:
+    """Give the storage files and the custom data."""
     with guard(directory):
         content: Any = yaml.safe_load((directory / METADATA).read_text(encoding='utf-8'))
-        listed = content['rosbag2_bagfile_information']['relative_file_paths']
-        return tuple(directory / Path(name).name for name in listed)
+        information = content['rosbag2_bagfile_information']
+        custom = information.get('custom_data')
+        return (tuple(directory / Path(name).name
+                      for name in information['relative_file_paths']),
+                {str(key): str(value) for key, value in custom.items()}
+                if isinstance(custom, dict) else {})
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
@@ -102,7 +107,7 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
             msg = f'{metadata}: larger than {MAX_METADATA_BYTES} bytes, this is no {METADATA}'
             raise BagError(msg)
         found, packed = _topics(path)
-        listed = _relative_files(path)
+        listed, custom = _metadata(path)
     except BagError as err:
         if not files:
             raise
@@ -114,7 +119,8 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
     missed = [file.name for file in files if file not in listed]
     if missed and not packed:
         notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
-    return Bag(path, _storage_name(listed), listed, _merge(found), (path,), packed)
+    return Bag(path, _storage_name(listed), listed, _merge(found), (path,), packed,
+               custom)
 
 
 def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:

@@ -100,11 +100,26 @@ def assemble(
         None if strain is None else strain.values[rows],
         work.segments(stamp), float(np.median(np.diff(stamp))) * 1e-9,
         {cause: number for cause, number in work.dropped.items() if number},
-        (), bag.checksum() if checksum else '')
+        (), bag.checksum() if checksum else '', stated_payload(bag, notes))
     check_units(recording, plan, notes)
     _check_use(recording, plan, notes, need_output, need_motion)
     object.__setattr__(recording, 'warnings', tuple(notes.texts))
     return recording
+
+
+def stated_payload(bag: Bag, notes: Notes) -> float | None:
+    """Give the mass at the tip as whoever recorded wrote it down."""
+    text = bag.custom.get('payload')
+    if text is None:
+        return None
+    try:
+        mass = float(text)
+    except ValueError:
+        mass = -1.0
+    if not 0.0 <= mass < float('inf'):
+        notes.add(f'the metadata give the payload {text[:40]!r}, which is no mass in kg; ignored')
+        return None
+    return mass
 
 
 def _check_use(

@@ -53,6 +53,8 @@ class Recording:
         What is odd about the bag, one sentence each.
     checksum : str
         SHA-256 over the storage files.
+    payload : float or None
+        Mass at the tip, where the metadata of the bag say [kg].
 
     """
 
@@ -67,6 +69,7 @@ class Recording:
     dropped: dict[str, int] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     checksum: str = ''
+    payload: float | None = None
 
     @property
     def t(self) -> FloatArray:

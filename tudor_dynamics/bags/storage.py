@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import hashlib
 from pathlib import Path
 
@@ -90,6 +90,8 @@ class Bag:
         What rosbags is asked to open: the directory, or each file.
     packed : bool
         Whether messages or files are compressed by rosbag2.
+    custom : dict of str to str
+        What whoever recorded wrote into ``custom_data`` of the metadata.
 
     """
 
@@ -99,6 +101,7 @@ class Bag:
     topics: Mapping[str, TopicInfo]
     sources: tuple[Path, ...]
     packed: bool
+    custom: Mapping[str, str] = field(default_factory=dict)
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import shutil
 import tempfile
@@ -41,6 +41,7 @@ def write_bag(
     series: Sequence[JointStateSeries | WrenchSeries],
     *,
     storage: str = 'mcap',
+    custom: Mapping[str, str] | None = None,
 ) -> None:
     """
     Write a rosbag2 directory.
@@ -56,6 +57,8 @@ def write_bag(
         Topics.
     storage : {'mcap', 'sqlite3'}
         Storage format.
+    custom : dict of str to str, optional
+        Goes into ``custom_data`` of the metadata, such as ``payload`` [kg].
 
     Raises
     ------
@@ -75,7 +78,7 @@ def write_bag(
         scratch = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
         try:
             # The storage file bears the name of its directory, so that must be right at once.
-            _write(scratch / path.name, series, PLUGINS[storage])
+            _write(scratch / path.name, series, PLUGINS[storage], custom or {})
             (scratch / path.name).rename(path)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -86,10 +89,13 @@ def write_bag(
 
 def _write(
     path: Path, series: Sequence[JointStateSeries | WrenchSeries], plugin: StoragePlugin,
+    custom: Mapping[str, str],
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
     encoded = [item.encode() for item in series]
     with Writer(path, version=METADATA_VERSION, storage_plugin=plugin) as writer:
+        for key, value in custom.items():
+            writer.set_custom_data(key, value)
         connections = [writer.add_connection(item.topic, item.msgtype, typestore=typestore)
                        for item in series]
         stamps = np.concatenate([np.empty(0, np.int64), *(item.stamp for item in series)])

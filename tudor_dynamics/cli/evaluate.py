@@ -33,7 +33,7 @@ from tudor_dynamics.identification.collisions import evaluate_collisions, Method
 from tudor_dynamics.identification.dataset import common_outputs, load, parse_choice
 from tudor_dynamics.identification.roc_plot import check_plot_path, write_roc
 from tudor_dynamics.identification.validation import validate, Validation
-from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.excess import Rates
@@ -59,6 +59,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
     parser.add_argument('--arm', metavar='YAML',
                         help='refuse the model if it is not of this arm (it carries its own)')
+    parser.add_argument('--payload', type=float, metavar='KG',
+                        help='mass at the tip, for a model of all payloads; by default what each '
+                             "bag's metadata say")
     parser.add_argument('--rate', metavar='HZ',
                         help='another rate than that of the fit; "full" for every sample')
     parser.add_argument('--save', metavar='FILE.npz',
@@ -81,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
     """Read, predict, compare."""
     arm = load_arm(args.arm) if args.arm else None
     bundle = load_bundle(args.model, arm=arm)
+    if args.payload is not None:
+        bundle.at(args.payload)  # says so if it is no use
     choices = [parse_choice(text) for text in args.bags]
     if args.collisions:
         return _collisions(args)
@@ -89,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         data = []
         for choice in choices:
             step(f'read {choice}')
-            data.append(load(choice, bundle.arm, spec))
+            data.append(load(choice, bundle.arm, spec, payload=args.payload))
         step('compare')
         outputs = [output for output in common_outputs(data) if output in bundle.models]
         if not outputs:
@@ -121,7 +126,7 @@ def _collisions(args: argparse.Namespace) -> int:
                'rate above 0 per hour and a time of 0 s or more')
         raise UsageError(msg)
     plot = check_plot_path(args.roc) if args.roc else None
-    bundle = load_bundle(args.model)
+    bundle = at_payload(load_bundle(args.model), args.payload)
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
@@ -145,6 +150,14 @@ def _collisions(args: argparse.Namespace) -> int:
         if plot is not None:
             print(f'plot: {plot}')
     return 0
+
+
+def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
+    """Put the payload of the command line into a model, which may need one."""
+    if payload is None and bundle.payload_range is not None:
+        msg = 'the model is one of all payloads: say with --payload KG what the arm carries'
+        raise UsageError(msg)
+    return bundle.at(payload or 0.0)
 
 
 def _collision_figures(item: MethodResult) -> dict[str, Any]:

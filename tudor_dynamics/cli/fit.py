@@ -17,20 +17,24 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
+import warnings
 
 from pydantic import ValidationError
 
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, Steps, steps
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
+from tudor_dynamics.identification.payloads import (
+    parse_payloads, PAYLOAD_KINDS, payload_range)
 from tudor_dynamics.identification.report import render
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
@@ -49,6 +53,9 @@ examples:
         judge by a bag of its own
   tudor fit run1@0-60% --test run1@60-100% --arm my_arm.yaml --out model
         parts of one bag by time
+  tudor fit empty full --payload-of empty=0 full=0.4 --arm my_arm.yaml --out model
+        one model of all payloads, its parameters affine in the mass at the tip; bags of
+        `tudor record` carry their payload themselves
 
 MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
 input.
@@ -79,6 +86,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='directory for the model bundle and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
                         help='bags to judge by; otherwise each training bag is left out once')
+    parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG', action='extend',
+                        help='mass at the tip in a bag; with several masses among the training '
+                             'bags, one model of all payloads is fitted')
+    parser.add_argument('--ignore-payload', action='store_true',
+                        help='fit as if all bags had the same payload')
     parser.add_argument('--models', nargs='+', choices=MODEL_KINDS, default=list(MODEL_KINDS),
                         help='kinds of models (default: all)')
     parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
@@ -143,8 +155,10 @@ def run(args: argparse.Namespace) -> int:
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
         random_split=args.random_split)
     total = len(training) + len(test) + 2 * len(settings.kinds) + 2
+    payloads = parse_payloads(args.payload_of, training + test)
     with steps(total) as step:
-        result = _fit(arm, training, test, preprocessing, settings, step, clock)
+        result = _fit(arm, training, test, preprocessing, settings, step, clock, payloads,
+                      ignore_payload=args.ignore_payload)
         clock.lap('fit and validate')
         step('collision thresholds')
         bundle = bundle_of(result)
@@ -174,17 +188,41 @@ def _fit(
     settings: FitSettings,
     step: Steps,
     clock: Clock,
+    payloads: dict[str, float],
+    *,
+    ignore_payload: bool,
 ) -> FitResult:
     def read(choice: BagChoice, *, learn: bool) -> BagData:
         step(f'read {choice}')
-        return load(choice, arm, preprocessing, learn=learn)
+        return load(choice, arm, preprocessing, learn=learn,
+                    payload=payloads.get(str(Path(choice.path).resolve())))
 
     training_data = [read(choice, learn=True) for choice in training]
     test_data = [read(choice, learn=False) for choice in test]
     clock.lap('read and filter')
     alone = len(training) == 1 and not test
     holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None
+    found = None if ignore_payload else payload_range(training_data, test_data)
+    if found is not None:
+        settings = _of_all_payloads(settings, found)
     return fit_models(arm, training_data, test_data, holdout, preprocessing, settings, step)
+
+
+def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
+    if settings.random_split:
+        msg = ('--random-split is for models of one payload, and these bags have several; leave '
+               'it out, or add --ignore-payload')
+        raise UsageError(msg)
+    kinds = tuple(kind for kind in settings.kinds if kind in PAYLOAD_KINDS)
+    left_out = [kind for kind in settings.kinds if kind not in kinds]
+    if left_out and kinds:
+        msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
+        warnings.warn(msg, TudorWarning, stacklevel=2)
+    if not kinds:
+        msg = (f'{", ".join(left_out)} cannot be fitted to several payloads at once; fit each '
+               'payload apart, or add --ignore-payload')
+        raise UsageError(msg)
+    return replace(settings, kinds=kinds, payloads=payloads)
 
 
 def _print(result: FitResult, report: Path) -> None:
@@ -200,4 +238,8 @@ def _print(result: FitResult, report: Path) -> None:
         print(f'{item.output} {item.kind}: {item.verdict}')
     for ringing in result.ringing:
         print(f'the arm rings: {ringing}')
+    if result.settings.payloads is not None:
+        low, high = result.settings.payloads
+        print(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
+              'bag does not carry it')
     print(f'model: {report.parent}\nreport: {report}')

@@ -153,9 +153,10 @@ def show(report: BagReport, console: Console) -> None:
     if report.start is not None and report.start > REAL_TIME:
         moment = datetime.fromtimestamp(report.start, tz=timezone.utc)
         start = f', recorded {moment:%Y-%m-%d %H:%M:%S} UTC'
+    payload = '' if report.payload is None else f', payload {report.payload:g} kg'
     console.print(Text(_clean(report.path), style='bold'))
     console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
-                  f'{report.duration:.4g} s{start}')
+                  f'{report.duration:.4g} s{start}{payload}')
     table = Table()
     for title in ('topic', 'type', 'messages', 'rate [Hz]', 'jitter [ms]', 'gaps',
                   'double / back', 'clock'):

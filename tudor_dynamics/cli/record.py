@@ -18,14 +18,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor, wait
-import multiprocessing
 import os
 from pathlib import Path
 import sys
 import tempfile
 import time
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -38,8 +35,8 @@ from tudor_dynamics.cli.console import finite, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.campaign import (
-    record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
-    StimulusSpec)
+    steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult, StimulusSpec)
+from tudor_dynamics.simulation.campaign_pool import record_stimuli
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
 
@@ -139,23 +136,6 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     return result
 
 
-_done: Any = None  # steps done in all processes, shared
-
-
-def _begin(counter: Any) -> None:
-    global _done
-    _done = counter
-
-
-def _count(steps: int) -> None:
-    with _done.get_lock():
-        _done.value += steps
-
-
-def _work(source: str, spec: StimulusSpec, path: str) -> StimulusResult:
-    return record_stimulus(load_arm(source), spec, Path(path), _count)
-
-
 def run(args: argparse.Namespace) -> int:
     """Simulate and record."""
     begun = time.perf_counter()
@@ -175,7 +155,8 @@ def run(args: argparse.Namespace) -> int:
     if args.conditions:
         return _conditions(args, arm, specs, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
-    results = _record(args, specs, paths, total)
+    with _bar(total) as show:
+        results = record_stimuli(args.arm, specs, paths, args.jobs, show)
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)
     seconds = time.perf_counter() - begun
     if args.json:
@@ -184,34 +165,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(results, out, seconds)
     return 0
-
-
-def _record(
-    args: argparse.Namespace, specs: list[StimulusSpec], paths: list[Path], total: int,
-) -> list[StimulusResult]:
-    context = multiprocessing.get_context('spawn')
-    counter = context.Value('q', 0)
-    with _bar(total) as show:
-        if min(args.jobs, len(specs)) == 1:
-            _begin(counter)
-            results = []
-            for spec, path in zip(specs, paths, strict=True):
-                results.append(_work(args.arm, spec, str(path)))
-                show(counter.value)
-            return results
-        with ProcessPoolExecutor(min(args.jobs, len(specs)), mp_context=context,
-                                 initializer=_begin, initargs=(counter,)) as pool:
-            futures = [pool.submit(_work, args.arm, spec, str(path))
-                       for spec, path in zip(specs, paths, strict=True)]
-            pending: set[Future[StimulusResult]] = set(futures)
-            while pending:
-                finished, pending = wait(pending, timeout=0.2)
-                show(counter.value)
-                for future in finished:
-                    if future.exception() is not None:
-                        pool.shutdown(cancel_futures=True)
-                    future.result()
-            return [future.result() for future in futures]
 
 
 class _bar:

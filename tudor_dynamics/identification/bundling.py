@@ -72,8 +72,9 @@ def bag_facts(bag: BagData) -> dict[str, Any]:
 
     """
     recording = bag.recording
-    return {'bag': str(bag.choice), 'sha256': recording.checksum, 'samples': bag.samples,
-            'duration': round(float(recording.t[-1]), 6), 'dropped': dict(recording.dropped)}
+    facts = {'bag': str(bag.choice), 'sha256': recording.checksum, 'samples': bag.samples,
+             'duration': round(float(recording.t[-1]), 6), 'dropped': dict(recording.dropped)}
+    return facts if bag.payload is None else {**facts, 'payload': bag.payload}
 
 
 def figures(result: FitResult) -> dict[str, Any]:

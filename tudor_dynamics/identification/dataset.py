@@ -102,12 +102,15 @@ class BagData:
         Signals as read (the part chosen).
     stretches : tuple of Stretch
         Gapless stretches, filtered.
+    payload : float or None
+        Mass at the tip, where it is known [kg].
 
     """
 
     choice: BagChoice
     recording: Recording
     stretches: tuple[Stretch, ...]
+    payload: float | None = None
 
     def has(self, output: str) -> bool:
         """Say whether the bag has an output, ``effort`` or ``strain``."""
@@ -168,6 +171,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
 
 def load(
     choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec, *, learn: bool = False,
+    payload: float | None = None,
 ) -> BagData:
     """
     Read and filter a bag.
@@ -182,6 +186,8 @@ def load(
         Filters and rate.
     learn : bool, default=False
         Refuse a bag in which no joint moves: nothing can be learned from it.
+    payload : float, optional
+        Mass at the tip, in place of what the bag's metadata say [kg].
 
     Returns
     -------
@@ -191,7 +197,8 @@ def load(
     """
     whole = read_recording(choice.path, arm, need_output=True, need_motion=learn)
     recording = cut(whole, choice)
-    return BagData(choice, recording, tuple(prepare(recording, preprocessing)))
+    return BagData(choice, recording, tuple(prepare(recording, preprocessing)),
+                   whole.payload if payload is None else payload)
 
 
 def halves(
@@ -222,11 +229,14 @@ def halves(
         recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
         named = BagChoice(bag.choice.path, bag.choice.begin + begin * width,
                           bag.choice.begin + end * width)
-        parts.append(BagData(named, recording, tuple(prepare(recording, preprocessing))))
+        parts.append(BagData(named, recording, tuple(prepare(recording, preprocessing)),
+                             bag.payload))
     return parts[0], parts[1]
 
 
-def training_blocks(data: Sequence[BagData], output: str) -> Blocks:
+def training_blocks(
+    data: Sequence[BagData], output: str, *, with_payload: bool = False,
+) -> Blocks:
     """
     Give the training data of one output from several bags.
 
@@ -236,6 +246,8 @@ def training_blocks(data: Sequence[BagData], output: str) -> Blocks:
         Bags that have the output.
     output : {'effort', 'strain'}
         Output.
+    with_payload : bool, default=False
+        Let the payload of each bag follow its motion.
 
     Returns
     -------
@@ -244,10 +256,13 @@ def training_blocks(data: Sequence[BagData], output: str) -> Blocks:
 
     """
     def blocks() -> Iterator[TrainingBlock]:
-        for stretch in all_stretches(data):
-            for block in stretch.blocks():
-                values = getattr(block, output)
-                yield TrainingBlock(block.motion, values, block.decimation)
+        for bag in data:
+            for stretch in bag.stretches:
+                for block in stretch.blocks():
+                    motion = block.motion
+                    if with_payload:
+                        motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
+                    yield TrainingBlock(motion, getattr(block, output), block.decimation)
     return blocks
 
 

@@ -27,6 +27,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
+from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
     leave_one_bag_out, random_split, validate, Validation)
@@ -63,6 +64,8 @@ class FitSettings:
         Seed of the hidden layer.
     random_split : bool
         Also report the papers' random 50/50 split.
+    payloads : (float, float) or None
+        Least and largest payload of the training bags, for models of all payloads [kg].
 
     """
 
@@ -73,6 +76,7 @@ class FitSettings:
     elm_ridge: float = 1e-6
     elm_seed: int = 0
     random_split: bool = False
+    payloads: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,7 @@ class FittedOutput:
     kind : {'analytical', 'elm'}
         What it is.
     model : OutputModel
-        Fitted to all training bags.
+        Fitted to all training bags; of all payloads where these differ.
     training : Validation
         Figures on the training data themselves.
     validation : Validation
@@ -169,6 +173,11 @@ def new_model(
         Model to be fitted.
 
     """
+    if settings.payloads is not None:
+        return new_payload_model(
+            arm, output, kind, settings.payloads, estimator=settings.estimator,
+            strain_form=settings.strain_form, hidden=settings.elm_hidden,
+            ridge=settings.elm_ridge, seed=settings.elm_seed)
     if kind == 'analytical':
         return AnalyticalModel(_regressor(arm, output, settings.strain_form),
                                len(arm.active_joints), estimator=settings.estimator)
@@ -255,7 +264,8 @@ def _fit_one(
 ) -> FittedOutput:
 
     def fit_bags(bags: Sequence[BagData]) -> AnalyticalModel | ExtremeLearningMachine:
-        return new_model(arm, output, kind, settings).fit_blocks(training_blocks(bags, output))
+        return new_model(arm, output, kind, settings).fit_blocks(training_blocks(
+            bags, output, with_payload=settings.payloads is not None))
 
     def fit_arrays(motion: FloatArray, values: FloatArray) -> OutputModel:
         return new_model(arm, output, kind, settings).fit(motion, values)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
 
 FloatArray = NDArray[np.float64]
@@ -95,11 +96,12 @@ def find_ringing(
     for bag in data:
         rate = 1.0 / bag.recording.dt
         length = int(round(8.0 * rate))  # 1/8 Hz resolution
+        at = model_for(model, bag)
         for s in bag.stretches:
             measured = getattr(s, output)
             if len(measured) < length:
                 continue
-            residual = measured - model.predict(s.motion)
+            residual = measured - at.predict(s.motion)
             grid, density = signal.welch(residual, rate, nperseg=length, axis=0)
             if frequency is None:
                 frequency = grid

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
+from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.signals import Decimation
 
@@ -143,8 +144,8 @@ def validate(
         Figures and traces.
 
     """
-    return _summary([trace(model, bag, output) for bag in data], model.channels, method,
-                    [(model, bag) for bag in data])
+    cases = [(model_for(model, bag), bag) for bag in data]
+    return _summary([trace(at, bag, output) for at, bag in cases], model.channels, method, cases)
 
 
 def _summary(
@@ -182,7 +183,7 @@ def leave_one_bag_out(
     """
     traces, cases = [], []
     for i, bag in enumerate(data):
-        model = fit([other for j, other in enumerate(data) if j != i])
+        model = model_for(fit([other for j, other in enumerate(data) if j != i]), bag)
         traces.append(trace(model, bag, output))
         cases.append((model, bag))
     return _summary(traces, model.channels, f'leave one bag out, {len(data)} bags', cases)

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
-from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_motion
+from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
 from tudor_dynamics.models.estimators import (
     Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
 from tudor_dynamics.models.products import Products
@@ -86,6 +86,7 @@ class AnalyticalModel:
     ) -> None:
         self.regressor = regressor
         self.n_joints = n_joints
+        self.n_inputs = 3 * n_joints + getattr(regressor, 'extra_inputs', 0)
         self.estimator = estimator
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
@@ -191,7 +192,7 @@ class AnalyticalModel:
         A joint does not feel the links before it nor the friction of others; leaving those zeros
         out saves two thirds of the products of a seven-joint arm.
         """
-        rows = self.regressor.rows(random_motion(self.n_joints, 16, 1))
+        rows = self.regressor.rows(random_inputs(self.regressor, self.n_joints, 16, 1))
         return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
                  for channel in base.channels] for base in self.base_]
 
@@ -239,7 +240,7 @@ class AnalyticalModel:
         """
         coefficients = self.coefficients()
         motion = np.asarray(motion, dtype=float)
-        check_motion(motion, 3 * self.n_joints)
+        check_motion(motion, self.n_inputs)
         output = np.empty((len(motion), len(self.channels)))
         for first in range(0, len(motion), ROWS_AT_A_TIME):
             part = slice(first, first + ROWS_AT_A_TIME)
@@ -266,7 +267,7 @@ class AnalyticalModel:
         """Give decimated rows with their outputs, few samples at a time; use before the next."""
         buffer: FloatArray | None = None
         for block in blocks():
-            check_block(block, 3 * self.n_joints, self.channels)
+            check_block(block, self.n_inputs, self.channels)
             if block.decimation is not None and block.decimation.sos is not None:
                 yield block.decimation(self.regressor.rows(block.motion)), block.output
                 continue

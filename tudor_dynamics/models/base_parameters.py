@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 
 RELATIVE_TOLERANCE = 1e-8
 SHOWN_TERMS = 4
+PAYLOAD = 'payload*'
+"""Begin of the names of columns that count for each kilogram of payload."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,33 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     return np.asarray(motion)
 
 
+def random_inputs(
+    regressor: Regressor, n_joints: int, n_samples: int, seed: int,
+) -> FloatArray:
+    """
+    Draw random inputs of a regressor: motion, and what it takes beyond that.
+
+    Parameters
+    ----------
+    regressor : Regressor
+        Rows; an attribute ``extra_inputs`` says how many inputs follow the motion.
+    n_joints, n_samples, seed : int
+        As for `random_motion`.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, 3 n_joints + extra_inputs)
+        Motion, then values between 0 and 1.
+
+    """
+    motion = random_motion(n_joints, n_samples, seed)
+    extra = int(getattr(regressor, 'extra_inputs', 0))
+    if not extra:
+        return motion
+    more = np.random.default_rng([seed, 1]).uniform(0.0, 1.0, (n_samples, extra))
+    return np.hstack([motion, more])
+
+
 def independent_columns(
     matrix: FloatArray, tolerance: float = RELATIVE_TOLERANCE,
 ) -> tuple[NDArray[np.intp], FloatArray]:
@@ -132,7 +161,7 @@ def preference(columns: tuple[str, ...]) -> list[int]:
 
     Friction and offsets first, for they are nobody else's; then first moments and inertias about
     the joints' axes, as textbooks write them; then the rest; rotor inertias last, as they merge
-    with the inertia of the first link that they turn.
+    with the inertia of the first link that they turn. What a payload adds comes behind all that.
 
     Parameters
     ----------
@@ -148,8 +177,10 @@ def preference(columns: tuple[str, ...]) -> list[int]:
     order = ['Izz', 'Iyy', 'Ixx', 'mx', 'my', 'mz', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
 
     def rank(i: int) -> tuple[int, int]:
-        kind = columns[i].split('(')[0]
-        return (order.index(kind) + 1 if kind in order else 0, i)
+        plain = columns[i].removeprefix(PAYLOAD)
+        kind = plain.split('(')[0]
+        place = order.index(kind) + 1 if kind in order else 0
+        return (place + len(order) + 1 if plain != columns[i] else place, i)
 
     return sorted(range(len(columns)), key=rank)
 
@@ -187,7 +218,7 @@ def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[Ba
     """
     smallest = min(len(group) for group in regressor.groups)
     n_states = len(regressor.columns) // smallest + 20
-    rows = regressor.rows(random_motion(n_joints, n_states, seed))
+    rows = regressor.rows(random_inputs(regressor, n_joints, n_states, seed))
     order = preference(regressor.columns)
     names = [regressor.columns[i] for i in order]
     sets = []

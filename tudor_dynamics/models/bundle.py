@@ -23,7 +23,7 @@ that a reader never sees half of one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
 from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.payload import PayloadELM, PayloadModel
 from tudor_dynamics.models.serialise import (
     analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
 
@@ -72,6 +73,45 @@ class ModelBundle:
     preprocessing: PreprocessingSpec
     models: dict[str, dict[str, Model]]
     facts: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def payload_range(self) -> tuple[float, float] | None:
+        """Payloads that the models were fitted to [kg]; None where they know of none."""
+        return next((model.payload_range for kinds in self.models.values()
+                     for model in kinds.values()
+                     if isinstance(model, (PayloadModel, PayloadELM))), None)
+
+    def at(self, payload: float) -> ModelBundle:
+        """
+        Put a payload into the models.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+
+        Returns
+        -------
+        ModelBundle
+            Models of the motion alone; this bundle itself where its models know of no payload
+            and none is asked for.
+
+        Raises
+        ------
+        ModelError
+            If the models know of no payload, but one is asked for.
+
+        """
+        if self.payload_range is None:
+            if payload == 0.0:
+                return self
+            msg = (f'the payload {payload:g} kg cannot be used: the model was fitted to one '
+                   'payload; fit it to bags with several (tudor fit --payload-of)')
+            raise ModelError(msg)
+        return replace(self, models={
+            output: {kind: model.at(payload) if isinstance(model, (PayloadModel, PayloadELM))
+                     else model for kind, model in kinds.items()}
+            for output, kinds in self.models.items()})
 
 
 def save_bundle(

@@ -27,6 +27,8 @@ from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import Estimate
+from tudor_dynamics.models.payload import (
+    payload_regressor, PayloadELM, PayloadModel, PayloadRegressor)
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.models.units import column_unit, output_units
 
@@ -73,9 +75,24 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
                     group.base.names, group.base.kept, group.estimate.parameters,
                     group.estimate.standard_errors, strict=True))]})
     content: dict[str, Any] = {'estimator': model.estimator, 'units': units}
-    if isinstance(model.regressor, StrainRegressor):
-        content['form'] = model.regressor.form
+    plain = (model.regressor.plain if isinstance(model.regressor, PayloadRegressor)
+             else model.regressor)
+    if isinstance(plain, StrainRegressor):
+        content['form'] = plain.form
+    if isinstance(model, PayloadModel):
+        content['payload_range'] = [float(value) for value in model.payload_range]
     return {**content, 'groups': groups}
+
+
+def _range_from(content: dict[str, Any]) -> tuple[float, float] | None:
+    """Read the payloads that a model was fitted to, where it knows of any [kg]."""
+    if 'payload_range' not in content:
+        return None
+    low, high = (float(value) for value in content['payload_range'])
+    if not 0.0 <= low < high < float('inf'):
+        msg = f'payload range {low} to {high} kg; expected two masses'
+        raise ModelError(msg)
+    return low, high
 
 
 def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
@@ -102,8 +119,10 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
         If columns or channels are not those of the arm, or a number is not finite.
 
     """
-    regressor = (EffortRegressor(arm) if output == 'effort'
-                 else StrainRegressor(arm, str(content['form'])))
+    plain = (EffortRegressor(arm) if output == 'effort'
+             else StrainRegressor(arm, str(content['form'])))
+    payloads = _range_from(content)
+    regressor = plain if payloads is None else payload_regressor(plain, arm)
     index = {name: i for i, name in enumerate(regressor.columns)}
     groups = []
     for item in content['groups']:
@@ -128,9 +147,12 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
     if listed != list(range(len(regressor.channels))):
         msg = f'{output} channels {listed} where {list(regressor.channels)} were expected'
         raise ModelError(msg)
-    model = AnalyticalModel(regressor, len(arm.active_joints),
-                            estimator=str(content['estimator']),
-                            base=tuple(group.base for group in groups))
+    more: dict[str, Any] = {'estimator': str(content['estimator']),
+                            'base': tuple(group.base for group in groups)}
+    n_joints = len(arm.active_joints)
+    model = (PayloadModel(regressor, n_joints, payloads, **more)
+             if isinstance(regressor, PayloadRegressor) and payloads is not None
+             else AnalyticalModel(regressor, n_joints, **more))
     model.groups_ = tuple(groups)
     return model
 
@@ -161,6 +183,8 @@ def elm_to_arrays(
         raise NotFittedError(msg)
     settings = {'hidden': model.hidden, 'ridge': model.ridge, 'seed': model.seed,
                 'clip': model.clip, 'channels': list(model.channels)}
+    if isinstance(model, PayloadELM):
+        settings['payload_range'] = [float(value) for value in model.payload_range]
     arrays = {f'{prefix}_{name}': np.asarray(getattr(model, f'{name}_')) for name in ELM_ARRAYS}
     return settings, arrays
 
@@ -203,8 +227,12 @@ def elm_from_arrays(
     if not 1 <= hidden <= MAX_HIDDEN or list(settings['channels']) != list(channels):
         msg = f'ELM of {hidden} neurons for {settings["channels"]}; expected {list(channels)}'
         raise ModelError(msg)
-    model = ExtremeLearningMachine(channels, hidden=hidden, ridge=float(settings['ridge']),
-                                   seed=int(settings['seed']), clip=bool(settings['clip']))
+    more: dict[str, Any] = {'hidden': hidden, 'ridge': float(settings['ridge']),
+                            'seed': int(settings['seed']), 'clip': bool(settings['clip'])}
+    payloads = _range_from(settings)
+    n_inputs += payloads is not None
+    model = (ExtremeLearningMachine(channels, **more) if payloads is None
+             else PayloadELM(channels, payloads, **more))
     shapes = {'input_range': (2, n_inputs), 'output_range': (2, len(channels)),
               'input_weights': (n_inputs, hidden), 'biases': (hidden,),
               'output_weights': (hidden, len(channels))}

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.base_parameters import PAYLOAD
 
 _BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
 _FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
@@ -99,6 +100,8 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
         Unit.
 
     """
+    if column.startswith(PAYLOAD):
+        return column_unit(arm, output, channels, column.removeprefix(PAYLOAD)) + ' / kg'
     if output == 'strain':
         unit = output_units(arm, output)[channels[0]]
         return unit if column == 'offset' else parameter_unit(

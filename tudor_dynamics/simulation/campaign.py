@@ -196,7 +196,7 @@ def record_stimulus(
                          signals.dq_ref)]
     if pushes:
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
-    write_bag(path, series)
+    write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
     return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
 
 

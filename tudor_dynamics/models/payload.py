@@ -1,0 +1,253 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+One model for all payloads: parameters that are affine in the mass at the tip.
+
+A payload of the mass m adds m times something fixed to the inertial parameters of the last body,
+so every base parameter is pi_0 + m pi_1 and the outputs stay linear in parameters: the regressor
+``[Y, m Y_last]`` with the payload as one more input. Bags with two payloads are enough to fit it.
+While a robot runs, the payload is fixed for a while: ``at`` puts it in and gives a plain model.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError, TudorWarning
+from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.estimators import Estimate
+from tudor_dynamics.models.regressor import (
+    BODY_PARAMETERS, EffortRegressor, Regressor, StrainRegressor)
+
+FloatArray = NDArray[np.float64]
+Range = tuple[float, float]
+
+
+def last_body(model: pin.Model) -> str:
+    """Give the joint that moves the body at the end of the longest chain."""
+    depth = [0] * model.njoints
+    for index in range(1, model.njoints):
+        depth[index] = depth[int(model.parents[index])] + 1
+    return str(model.names[int(np.argmax(depth))])
+
+
+class PayloadRegressor:
+    """
+    Rows of a regressor, and those of its last body once more for each kilogram of payload.
+
+    Parameters
+    ----------
+    plain : EffortRegressor or StrainRegressor
+        Rows without payload.
+    body : str
+        Joint of the body that carries the payload.
+
+    """
+
+    extra_inputs = 1
+    """The payload follows the motion [kg]."""
+
+    def __init__(self, plain: EffortRegressor | StrainRegressor, body: str) -> None:
+        self.plain = plain
+        self.body = body
+        self.channels = plain.channels
+        self.groups = plain.groups
+        own = [f'{name}({body})' for name in BODY_PARAMETERS]
+        self.carried = np.array([plain.columns.index(name) for name in own], dtype=np.intp)
+        self.columns: tuple[str, ...] = (*plain.columns, *(PAYLOAD + name for name in own))
+
+    def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """
+        Evaluate rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints + 1)
+            ``[q, dq, ddq, payload]``, the last in kg.
+        out : ndarray of shape (n_samples, n_channels, n_columns), optional
+            Result of an earlier call, to be overwritten.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels, n_columns)
+            Rows of the plain regressor, then those that count for each kilogram.
+
+        """
+        n = len(self.plain.columns)
+        shape = (len(motion), len(self.channels), len(self.columns))
+        rows = np.zeros(shape) if out is None else out
+        self.plain.rows(motion[:, :-1], out=rows[:, :, :n])
+        np.multiply(rows[:, :, self.carried], motion[:, -1, None, None], out=rows[:, :, n:])
+        return rows
+
+
+def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> PayloadRegressor:
+    """Let a regressor know of a payload at the end of its arm."""
+    exact = isinstance(plain, StrainRegressor) and plain.form == 'exact'
+    return PayloadRegressor(plain, last_body(arm.gauge_model if exact else arm.model))
+
+
+def check_payload(payload: float, known: Range) -> None:
+    """
+    Refuse what is no mass, and warn beyond the payloads that a model was fitted to.
+
+    Raises
+    ------
+    FitError
+        If it is negative or not finite.
+
+    """
+    if not 0.0 <= payload < float('inf'):
+        msg = f'a payload of {payload} kg is impossible; give 0 or more'
+        raise FitError(msg)
+    low, high = known
+    if not low - 1e-9 <= payload <= high + 1e-9:
+        msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
+               'was fitted to: it extrapolates')
+        warnings.warn(msg, TudorWarning, stacklevel=3)
+
+
+class PayloadModel(AnalyticalModel):
+    """
+    Analytical model of all payloads; its input is ``[q, dq, ddq, payload]``.
+
+    Parameters
+    ----------
+    regressor : PayloadRegressor
+        Rows.
+    n_joints : int
+        Number of active joints.
+    payload_range : (float, float)
+        Least and largest payload of the training data [kg].
+    estimator : {'wls', 'ols', 'huber'}, default='wls'
+        As for `AnalyticalModel`.
+    base : tuple of BaseSet, optional
+        Base parameters where they are known already.
+
+    """
+
+    def __init__(
+        self,
+        regressor: PayloadRegressor,
+        n_joints: int,
+        payload_range: Range,
+        *,
+        estimator: str = 'wls',
+        base: tuple[BaseSet, ...] | None = None,
+    ) -> None:
+        super().__init__(regressor, n_joints, estimator=estimator, base=base)
+        self.payload_range = payload_range
+        self._plain: Regressor = regressor.plain
+        self._carried = regressor.carried
+
+    def at(self, payload: float) -> AnalyticalModel:
+        """
+        Put a payload in.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+
+        Returns
+        -------
+        AnalyticalModel
+            Model of the motion alone, its parameters pi_0 + payload pi_1.
+
+        Raises
+        ------
+        NotFittedError, FitError
+            If there are no parameters yet, or the payload is impossible.
+
+        """
+        full = self.coefficients()
+        check_payload(payload, self.payload_range)
+        n = len(self._plain.columns)
+        merged = full[:, :n].copy()
+        merged[:, self._carried] += payload * full[:, n:]
+        groups = []
+        for group in self.groups_:
+            channels = group.base.channels
+            kept = np.flatnonzero(merged[channels[0]])
+            values = merged[channels[0], kept]
+            # what two parameters' errors come to together is in no single number
+            unknown = np.full(len(kept), np.nan)
+            base = BaseSet(channels, kept, tuple(self._plain.columns[i] for i in kept))
+            groups.append(Group(base, Estimate(values, unknown, group.estimate.condition, (),
+                                               group.estimate.variances)))
+        model = AnalyticalModel(self._plain, self.n_joints, estimator=self.estimator,
+                                base=tuple(group.base for group in groups))
+        model.groups_ = tuple(groups)
+        return model
+
+
+class PayloadELM(ExtremeLearningMachine):
+    """
+    ELM of all payloads: the payload is one more input, ``[q, dq, ddq, payload]``.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        Names of the outputs.
+    payload_range : (float, float)
+        Least and largest payload of the training data [kg].
+    hidden, ridge, seed, clip
+        As for `ExtremeLearningMachine`.
+
+    """
+
+    def __init__(
+        self, channels: tuple[str, ...], payload_range: Range, *, hidden: int = 100,
+        ridge: float = 1e-6, seed: int = 0, clip: bool = True,
+    ) -> None:
+        super().__init__(channels, hidden=hidden, ridge=ridge, seed=seed, clip=clip)
+        self.payload_range = payload_range
+
+    def at(self, payload: float) -> ExtremeLearningMachine:
+        """
+        Put a payload in: what it does to a neuron is a constant, which goes into the bias.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg]; beyond the range of training its edge counts, as for any input.
+
+        Returns
+        -------
+        ExtremeLearningMachine
+            ELM of the motion alone.
+
+        """
+        if self.output_weights_ is None:
+            self.predict(np.zeros((1, 0)))  # says what is missing
+        check_payload(payload, self.payload_range)
+        plain = ExtremeLearningMachine(self.channels, hidden=self.hidden, ridge=self.ridge,
+                                       seed=self.seed, clip=self.clip)
+        low, high = self.input_range_[:, -1]
+        normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
+        if self.clip:
+            normal = min(max(normal, -1.0), 1.0)
+        plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
+        plain.input_weights_ = self.input_weights_[:-1]
+        plain.biases_ = self.biases_ + normal * self.input_weights_[-1]
+        plain.output_weights_ = self.output_weights_
+        return plain

@@ -1,0 +1,95 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Many recordings at a time; the number of processes makes no difference to the bags."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+import multiprocessing
+from pathlib import Path
+from typing import Any
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.simulation.campaign import record_stimulus, StimulusResult, StimulusSpec
+
+_done: Any = None  # steps done in all processes, shared
+
+
+def _begin(counter: Any) -> None:
+    global _done
+    _done = counter
+
+
+def _count(steps: int) -> None:
+    with _done.get_lock():
+        _done.value += steps
+
+
+def _work(source: str, spec: StimulusSpec, path: str) -> StimulusResult:
+    return record_stimulus(load_arm(source), spec, Path(path), _count)
+
+
+def record_stimuli(
+    source: str | Path,
+    specs: Sequence[StimulusSpec],
+    paths: Sequence[Path],
+    jobs: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[StimulusResult]:
+    """
+    Simulate and record several stimuli.
+
+    Parameters
+    ----------
+    source : str or Path
+        Arm description; each process reads it.
+    specs : sequence of StimulusSpec
+        What to record.
+    paths : sequence of Path
+        Directory of each bag; must not exist.
+    jobs : int
+        Number of processes; one for no process beside this one.
+    progress : callable, optional
+        Told the number of simulation steps done so far, all stimuli together.
+
+    Returns
+    -------
+    list of StimulusResult
+        What was done, in the order of ``specs``.
+
+    """
+    context = multiprocessing.get_context('spawn')
+    counter = context.Value('q', 0)
+    if min(jobs, len(specs)) <= 1:
+        _begin(counter)
+        results = []
+        for spec, path in zip(specs, paths, strict=True):
+            results.append(_work(str(source), spec, str(path)))
+            progress(counter.value)
+        return results
+    with ProcessPoolExecutor(min(jobs, len(specs)), mp_context=context,
+                             initializer=_begin, initargs=(counter,)) as pool:
+        futures = [pool.submit(_work, str(source), spec, str(path))
+                   for spec, path in zip(specs, paths, strict=True)]
+        pending: set[Future[StimulusResult]] = set(futures)
+        while pending:
+            finished, pending = wait(pending, timeout=0.2)
+            progress(counter.value)
+            for future in finished:
+                if future.exception() is not None:
+                    pool.shutdown(cancel_futures=True)
+                future.result()
+        return [future.result() for future in futures]
