@@ -47,6 +47,10 @@ class Linear:
         out[:] = rows
         return out
 
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Give rows times parameters."""
+        return np.einsum('kcp,cp->kc', self.rows(motion), parameters)
+
 
 TRUTH = np.array([2.0, -1.0, 0.5])
 

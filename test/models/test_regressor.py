@@ -28,6 +28,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
 from tudor_dynamics.models.friction import friction_columns
+from tudor_dynamics.models.regressor import Regressor
 
 G = 9.81
 
@@ -107,6 +108,15 @@ def test_effort_rows(changes: dict[str, Any], active: list[str] | None) -> None:
     expected = _expected(arm, motion, full, own)
     assert np.max(np.abs(found - expected)) < 1e-9 * np.max(np.abs(expected))
     assert np.array_equal(motion, kept)
+    parameters = np.random.default_rng(3).normal(size=(found.shape[1], len(regressor.columns)))
+    same_as_rows(regressor, motion, parameters)
+
+
+def same_as_rows(regressor: Regressor, motion: np.ndarray, parameters: np.ndarray) -> None:
+    """Outputs are rows times parameters, whatever the parameters are."""
+    expected = np.einsum('kcp,cp->kc', regressor.rows(motion), parameters)
+    found = regressor.outputs(motion, parameters)
+    assert np.max(np.abs(found - expected)) < 1e-12 * np.max(np.abs(expected))
 
 
 def test_rows_into_a_buffer() -> None:
@@ -142,7 +152,10 @@ def test_paper_strain_is_the_joint_row() -> None:
     """In the paper's form a gauge's row is that of the joint before it, and an offset."""
     arm = planar_arm(gauges=GAUGES)
     motion = random_states(20, 2)
-    strain = StrainRegressor(arm, 'paper').rows(motion)
+    regressor = StrainRegressor(arm, 'paper')
+    same_as_rows(regressor, motion, np.random.default_rng(5).normal(
+        size=(len(GAUGES), len(regressor.columns))))
+    strain = regressor.rows(motion)
     effort = EffortRegressor(arm).rows(motion)
     for i, joint in enumerate([1, 0, 0, 1]):
         assert np.allclose(strain[:, i, :-1], effort[:, joint, :20])
@@ -205,6 +218,8 @@ def test_exact_strain_is_the_bending_moment() -> None:
             for axis in ('Iyy', 'Izz'):
                 values[f'{axis}({body})'] += mass * (c - at) ** 2
     motion = random_states(50, 2)
+    same_as_rows(regressor, motion, np.random.default_rng(4).normal(
+        size=(len(GAUGES), len(regressor.columns))))
     found = regressor.rows(motion) @ np.array([values[name] for name in regressor.columns])
     expected = np.column_stack([
         _moment_2(motion, 0.2, link_2), _moment(motion, 0.24, link_1, link_2),

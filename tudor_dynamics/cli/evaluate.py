@@ -37,7 +37,7 @@ from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.excess import Rates
-from tudor_dynamics.monitoring.monitor import MonitorSettings
+from tudor_dynamics.monitoring.watch import MonitorSettings
 
 EXAMPLES = """\
 examples:

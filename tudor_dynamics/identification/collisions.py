@@ -32,8 +32,9 @@ from tudor_dynamics.bags import read_wrenches, Recording
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import CollisionEvent
-from tudor_dynamics.monitoring.monitor import METHODS, Monitor, MonitorSettings
+from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.replay import replay
+from tudor_dynamics.monitoring.watch import METHODS, MonitorSettings
 
 FloatArray = NDArray[np.float64]
 

@@ -241,11 +241,7 @@ class AnalyticalModel:
         coefficients = self.coefficients()
         motion = np.asarray(motion, dtype=float)
         check_motion(motion, self.n_inputs)
-        output = np.empty((len(motion), len(self.channels)))
-        for first in range(0, len(motion), ROWS_AT_A_TIME):
-            part = slice(first, first + ROWS_AT_A_TIME)
-            output[part] = np.einsum('kcp,cp->kc', self.regressor.rows(motion[part]), coefficients)
-        return output
+        return self.regressor.outputs(motion, coefficients)
 
     def coefficients(self) -> FloatArray:
         """Give the parameters on all columns, shape (n_channels, n_columns)."""

@@ -23,12 +23,21 @@ sign chatters between the two directions with the encoder's last bit.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.compiled import compiled
 
 FloatArray = NDArray[np.float64]
+
+(_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
+ _CUBE_ROOT, _SQUARE) = range(10)
+_TERMS = {'viscous': (_VISCOUS,), 'coulomb': (_COULOMB,), 'offset': (_OFFSET,),
+          'stribeck': (_STRIBECK,), 'cube_root': (_CUBE_ROOT,), 'square': (_SQUARE,)}
+_DIRECTED = {'viscous': (_VISCOUS_FORWARD, _VISCOUS_BACKWARD), 'coulomb': (_FORWARD, _BACKWARD)}
 
 
 def friction_names(joint: JointSpec) -> tuple[str, ...]:
@@ -75,23 +84,62 @@ def friction_columns(joint: JointSpec, dq: FloatArray) -> FloatArray:
         negative direction's Coulomb coefficient comes out negative.
 
     """
-    smooth = np.tanh(dq / joint.friction_velocity)
-    forward, backward = 0.5 * (1.0 + smooth), 0.5 * (1.0 - smooth)
-    columns: list[FloatArray] = []
-    for term in joint.friction:
-        if term == 'viscous':
-            columns += [dq * forward, dq * backward] if joint.asymmetric else [dq]
-        elif term == 'coulomb':
-            columns += [forward, backward] if joint.asymmetric else [smooth]
-        elif term == 'offset':
-            columns.append(np.ones_like(dq))
-        elif term == 'stribeck':
-            columns.append(smooth * np.exp(-(dq / joint.stribeck_velocity) ** 2))
-        elif term == 'cube_root':
-            # smoothed as the sign is: the root's slope at zero is infinite
-            columns.append(dq / np.cbrt(dq * dq + joint.friction_velocity ** 2))
-        else:
-            columns.append(dq * np.abs(dq))
-    if not columns:
-        return np.zeros((len(dq), 0))
-    return np.stack(columns, axis=1)
+    codes = friction_codes(joint)
+    out = np.empty((len(dq), len(codes)))
+    _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
+          out)
+    return out
+
+
+def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
+    """Give the terms of a joint as `friction_term` takes them, one a column."""
+    return np.array([code for term in joint.friction for code in (
+        _DIRECTED if joint.asymmetric and term in _DIRECTED else _TERMS)[term]], dtype=np.intp)
+
+
+@compiled
+def _fill(dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: FloatArray) -> None:
+    for k in range(len(dq)):
+        for i in range(len(codes)):
+            out[k, i] = friction_term(codes[i], dq[k], sharp, stribeck)
+
+
+@compiled
+def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
+    """
+    Evaluate one column at one speed.
+
+    Parameters
+    ----------
+    code : int
+        Which, of `friction_codes`.
+    dq : float
+        Velocity [rad/s or m/s].
+    sharp, stribeck : float
+        Velocities of the smoothed sign and of Stribeck's curve [rad/s or m/s].
+
+    Returns
+    -------
+    float
+        Value.
+
+    """
+    if code == _OFFSET:
+        return 1.0
+    if code == _VISCOUS:
+        return dq
+    if code == _SQUARE:
+        return dq * abs(dq)
+    if code == _CUBE_ROOT:
+        # smoothed as the sign is: the root's slope at zero is infinite
+        return dq / (dq * dq + sharp * sharp) ** (1.0 / 3.0)
+    smooth = math.tanh(dq / sharp)
+    if code == _COULOMB:
+        return smooth
+    if code == _STRIBECK:
+        return smooth * math.exp(-(dq / stribeck) ** 2)
+    if code == _VISCOUS_FORWARD:
+        return dq * 0.5 * (1.0 + smooth)
+    if code == _VISCOUS_BACKWARD:
+        return dq * 0.5 * (1.0 - smooth)
+    return 0.5 * (1.0 + smooth) if code == _FORWARD else 0.5 * (1.0 - smooth)

@@ -99,6 +99,30 @@ class PayloadRegressor:
         np.multiply(rows[:, :, self.carried], motion[:, -1, None, None], out=rows[:, :, n:])
         return rows
 
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """
+        Evaluate rows times parameters, without making the rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints + 1)
+            ``[q, dq, ddq, payload]``, the last in kg.
+        parameters : ndarray of shape (n_channels, n_columns)
+            Parameters of each channel.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        """
+        n = len(self.plain.columns)
+        carried = np.zeros((len(parameters), n))
+        carried[:, self.carried] = parameters[:, n:]
+        states = np.ascontiguousarray(motion[:, :-1])
+        return (self.plain.outputs(states, np.ascontiguousarray(parameters[:, :n]))
+                + motion[:, -1:] * self.plain.outputs(states, carried))
+
 
 def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> PayloadRegressor:
     """Let a regressor know of a payload at the end of its arm."""

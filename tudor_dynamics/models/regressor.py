@@ -26,16 +26,16 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.models.joint_terms import JointTerms
+from tudor_dynamics.models.rigid_bodies import RigidBodies
+from tudor_dynamics.models.torque_rows import BODY_PARAMETERS, in_model_order, torque_rows
 
 FloatArray = NDArray[np.float64]
 
-# Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.
-BODY_PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')
 STRAIN_FORMS = ('paper', 'exact')
 
 
@@ -51,6 +51,9 @@ class Regressor(Protocol):
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows, shape (n_samples, n_channels, n_columns)."""
+
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate rows times the parameters of each channel, shape (n_samples, n_channels)."""
 
 
 class EffortRegressor:
@@ -90,6 +93,8 @@ class EffortRegressor:
             names += friction_names(joint)
             self._local.append(slice(first, len(names)))
         self.columns: tuple[str, ...] = tuple(names)
+        self._bodies = RigidBodies(self._model, self._velocity, self._velocity)
+        self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
@@ -121,6 +126,28 @@ class EffortRegressor:
         if np.any(self._scale != 1.0):
             rows /= self._scale[None, :, None]  # what is zero in `out` stays zero
         return rows
+
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """
+        Evaluate rows times parameters, without making the rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        parameters : ndarray of shape (n_joints, n_columns)
+            Parameters of each channel.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_joints)
+            Efforts in their units.
+
+        """
+        out = np.empty((len(motion), len(self.channels)))
+        self._bodies.outputs(motion, parameters, out)
+        self._terms.add(motion, parameters, out)
+        return out
 
 
 class StrainRegressor:
@@ -166,6 +193,7 @@ class StrainRegressor:
                  for parameter in BODY_PARAMETERS]
         self.columns: tuple[str, ...] = (*names, 'offset')
         self.groups: tuple[tuple[int, ...], ...] = tuple((i,) for i in range(len(self.channels)))
+        self._bodies = RigidBodies(model, self._joint_index, self._output_index)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
@@ -192,63 +220,24 @@ class StrainRegressor:
         rows[:, :, -1] = 1.0
         return rows
 
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """
+        Evaluate rows times parameters, without making the rows.
 
-def torque_rows(
-    model: pin.Model,
-    data: pin.Data,
-    index: NDArray[np.intp],
-    motion: FloatArray,
-    out: FloatArray,
-) -> None:
-    """
-    Fill rows of Pinocchio's joint torque regressor, sample by sample.
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        parameters : ndarray of shape (n_gauges, n_columns)
+            Parameters of each channel.
 
-    Parameters
-    ----------
-    model, data : pinocchio.Model, pinocchio.Data
-        Arm.
-    index : ndarray of int, shape (n_rows,)
-        Rows wanted.
-    motion : ndarray of shape (3, n_samples, model.nv)
-        Positions, velocities, accelerations in the model's order
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    out : ndarray of shape (n_samples, n_rows, 10 n_bodies)
-        Filled in place.
+        Returns
+        -------
+        ndarray of shape (n_samples, n_gauges)
+            Strains in their units.
 
-    """
-    q, dq, ddq = motion
-    function = pin.computeJointTorqueRegressor
-    if np.array_equal(index, np.arange(model.nv)):
-        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-            out[k] = function(model, data, *state)
-    else:
-        for k, state in enumerate(zip(q, dq, ddq, strict=True)):
-            out[k] = function(model, data, *state)[index]
-
-
-def in_model_order(
-    motion: FloatArray, index: NDArray[np.intp], n_velocities: int,
-) -> FloatArray:
-    """
-    Spread the active joints' motion over a model's coordinates; the others stay at zero.
-
-    Parameters
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the active joints.
-    index : ndarray of int, shape (n_joints,)
-        Place of each active joint in the model.
-    n_velocities : int
-        Size of the model.
-
-    Returns
-    -------
-    ndarray of shape (3, n_samples, n_velocities)
-        Positions, velocities, accelerations.
-
-    """
-    n = len(index)
-    full = np.zeros((3, len(motion), n_velocities))
-    for i in range(3):
-        full[i][:, index] = motion[:, i * n:(i + 1) * n]
-    return full
+        """
+        out = np.empty((len(motion), len(self.channels)))
+        self._bodies.outputs(motion, parameters, out)
+        out += parameters[:, -1]
+        return out

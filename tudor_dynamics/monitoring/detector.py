@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.monitoring.excess import Excess
+from tudor_dynamics.small_arrays import largest
 
 FloatArray = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ class CollisionEvent:
     ratios: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass
+@dataclass(slots=True)
 class _Track:
     """Since when a method has been above, and until when it was not below."""
 
@@ -157,7 +158,7 @@ class CollisionDetector:
         event = None
         for level, ratios in ((Level.CONTACT, excess.contact),
                               (Level.COLLISION, excess.collision)):
-            sure = self._follow(self._tracks[method, level], stamp, float(ratios.max()))
+            sure = self._follow(self._tracks[method, level], stamp, largest(ratios))
             if sure and self.level < level:
                 if level is Level.COLLISION:
                     event = self._event(method, excess)

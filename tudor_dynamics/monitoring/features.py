@@ -21,6 +21,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.compiled import compiled
+
 FloatArray = NDArray[np.float64]
 
 REVERSAL_SPEED = 0.02
@@ -29,6 +31,8 @@ REVERSAL_WINDOW = 0.15
 """Time for which a reversal counts: friction and play do not settle at once [s]."""
 RINGING = 0.5
 """Time constant with which an acceleration is forgotten: links ring on behind it [s]."""
+NEVER = -2**62
+"""A stamp before all others [ns]."""
 
 
 class MotionFeatures:
@@ -45,9 +49,9 @@ class MotionFeatures:
     def __init__(self, n_joints: int) -> None:
         self.n_joints = n_joints
         self._direction = np.zeros(n_joints)
-        self._reversed = np.full(n_joints, -np.inf)
+        self._reversed = np.full(n_joints, NEVER)
         self._lately = np.zeros(n_joints)
-        self._last: int | None = None
+        self._last = NEVER
 
     @property
     def size(self) -> int:
@@ -72,19 +76,29 @@ class MotionFeatures:
             has just reversed.
 
         """
-        n = self.n_joints
-        dq = row[n:2 * n]
-        direction = np.where(np.abs(dq) > REVERSAL_SPEED, np.sign(dq), 0.0)
-        turned = direction * self._direction < 0
-        if turned.any():
-            self._reversed[turned] = stamp
-        self._direction = np.where(direction != 0, direction, self._direction)
         columns = np.empty(self.size)
-        columns[0] = 1.0
-        np.abs(row[n:], out=columns[1:1 + 2 * n])
-        decay = 0.0 if self._last is None else math.exp((self._last - stamp) * 1e-9 / RINGING)
+        _evaluate(stamp, self._last, row, self._direction, self._reversed, self._lately, columns)
         self._last = stamp
-        np.maximum(columns[1 + n:1 + 2 * n], decay * self._lately, out=self._lately)
-        columns[1 + 2 * n:1 + 3 * n] = self._lately
-        columns[1 + 3 * n:] = np.abs(stamp - self._reversed) <= REVERSAL_WINDOW * 1e9
         return columns
+
+
+@compiled
+def _evaluate(
+    stamp: int, last: int, row: FloatArray, direction: FloatArray, reversed_at: NDArray[np.int64],
+    lately: FloatArray, columns: FloatArray,
+) -> None:
+    """Evaluate the columns: the loop of `MotionFeatures.step`."""
+    n = len(direction)
+    decay = math.exp((last - stamp) * 1e-9 / RINGING)
+    columns[0] = 1.0
+    for i in range(n):
+        dq, ddq = row[n + i], abs(row[2 * n + i])
+        if abs(dq) > REVERSAL_SPEED:
+            if dq * direction[i] < 0.0:
+                reversed_at[i] = stamp
+            direction[i] = 1.0 if dq > 0.0 else -1.0
+        lately[i] = max(ddq, decay * lately[i])
+        columns[1 + i] = abs(dq)
+        columns[1 + n + i] = ddq
+        columns[1 + 2 * n + i] = lately[i]
+        columns[1 + 3 * n + i] = 1.0 if stamp - reversed_at[i] <= REVERSAL_WINDOW * 1e9 else 0.0

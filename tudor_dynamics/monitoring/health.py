@@ -21,6 +21,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.compiled import compiled
+
 FloatArray = NDArray[np.float64]
 
 MOVING = 0.05
@@ -52,11 +54,17 @@ class SensorHealth:
         """Take a reading into account; time counts only while ``moving``."""
         dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
         self._last = stamp
-        same = values == self._values
-        self._still = np.where(same, self._still + (dt if self.moving else 0.0), 0.0)
-        self._values = values
+        _wait(values, self._values, dt if self.moving else 0.0, self._still)
 
     def dead(self) -> list[str]:
         """Name the channels that count as dead."""
         return [name for name, still in zip(self.names, self._still, strict=True)
                 if still > self.stuck_time]
+
+
+@compiled
+def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) -> None:
+    """Add time where a value is the last one, and begin anew where it is not."""
+    for i in range(len(values)):
+        still[i] = still[i] + dt if values[i] == last[i] else 0.0
+        last[i] = values[i]

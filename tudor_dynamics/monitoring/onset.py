@@ -31,6 +31,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.compiled import compiled
+
 FloatArray = NDArray[np.float64]
 
 STEP = 0.01
@@ -108,7 +110,7 @@ class OnsetFilter:
     def __init__(self, taps: FloatArray, step: float) -> None:
         self.taps = taps
         self.step_time = step
-        self._ages = step * np.arange(len(taps))[::-1]
+        self._ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
         # interp wants increasing times: the oldest first
         self._weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
         self.reset()
@@ -117,7 +119,7 @@ class OnsetFilter:
         """Forget the past."""
         channels = self.taps.shape[1]
         self._t = np.empty(2 * GROWTH)
-        self._x = np.empty((channels, 2 * GROWTH))
+        self._x = np.empty((2 * GROWTH, channels))
         self._count = 0
         self._origin = 0
         self._begin = 0
@@ -167,29 +169,45 @@ class OnsetFilter:
             self._count = self._begin = 0
             self._origin = stamp
         now = (stamp - self._origin) * 1e-9
-        if self._count == self._x.shape[1]:
-            self._make_room(now)
+        if self._count == len(self._x):
+            self._make_room()
         self._t[self._count] = now
-        self._x[:, self._count] = residual
+        self._x[self._count] = residual
         self._count += 1
-        if now < self._ages[0] - 1e-6 * self.step_time:
+        if self._count < 2 or now < self._ages[0] - 1e-6 * self.step_time:
             return np.zeros(len(residual))
-        at = now - self._ages
-        while self._t[self._begin + 1] <= at[0]:
-            self._begin += 1
-        t = self._t[self._begin:self._count]
-        past = np.empty((len(at), len(residual)))
-        for channel in range(len(residual)):
-            past[:, channel] = np.interp(at, t, self._x[channel, self._begin:self._count])
-        return np.asarray(past.reshape(-1) @ self._weights)
+        out = np.empty(len(residual))
+        self._begin = _weigh(self._t, self._x, self._begin, self._count, self._ages,
+                             self._weights, out)
+        return out
 
-    def _make_room(self, now: float) -> None:
+    def _make_room(self) -> None:
         keep = self._count - self._begin
-        if keep > self._x.shape[1] // 2:
-            size = 2 * self._x.shape[1]
-            t, x = np.empty(size), np.empty((len(self._x), size))
-        else:
-            t, x = self._t, self._x
+        t, x = self._t, self._x
+        if keep > len(x) // 2:
+            t, x = np.empty(2 * len(x)), np.empty((2 * len(x), x.shape[1]))
         t[:keep] = self._t[self._begin:self._count].copy()
-        x[:, :keep] = self._x[:, self._begin:self._count].copy()
+        x[:keep] = self._x[self._begin:self._count].copy()
         self._t, self._x, self._count, self._begin = t, x, keep, 0
+
+
+@compiled
+def _weigh(
+    t: FloatArray, x: FloatArray, begin: int, count: int, ages: FloatArray, weights: FloatArray,
+    out: FloatArray,
+) -> int:
+    """Interpolate the past at the ages, oldest first, and weigh it; gives the new beginning."""
+    n, now, j = len(out), t[count - 1], begin
+    out[:] = 0.0
+    for k in range(len(ages)):
+        at = now - ages[k]
+        while j + 2 < count and t[j + 1] <= at:
+            j += 1
+        if k == 0:
+            begin = j
+        share = max(0.0, (at - t[j]) / (t[j + 1] - t[j]))
+        for channel in range(n):
+            value = x[j, channel] + share * (x[j + 1, channel] - x[j, channel])
+            for i in range(n):
+                out[i] += value * weights[k * n + channel, i]
+    return begin

@@ -19,7 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.monitoring.monitor import Found, Monitor
+from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.watch import Found
 
 
 def replay(monitor: Monitor, recording: Recording) -> Iterator[tuple[int, Found]]:

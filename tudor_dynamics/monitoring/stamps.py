@@ -28,7 +28,7 @@ LEARNING = 5
 """Intervals needed before a period can be told."""
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)  # frozen would be three times as slow to make, twice a sample
 class Tick:
     """
     An accepted stamp.

@@ -27,8 +27,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.monitor import Watch
+from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.detect_node import DetectNode
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.messages import MotionReader, NamedReader, nanoseconds
@@ -53,6 +54,7 @@ class CollisionDetectorNode(DetectNode):
 
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
+        rehearse(bundle, self.settings())
         return Watch(bundle, self.settings())
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:

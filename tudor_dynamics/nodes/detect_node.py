@@ -31,8 +31,8 @@ from tudor_dynamics.monitoring.calibration import Calibration
 from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Rates
 from tudor_dynamics.monitoring.health import SensorHealth
-from tudor_dynamics.monitoring.monitor import Found, METHODS, MonitorSettings, Watch
 from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, Watch
 from tudor_dynamics.nodes.base import ERROR, OK, WARN
 from tudor_dynamics.nodes.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)

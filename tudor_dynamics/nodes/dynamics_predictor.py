@@ -25,6 +25,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.messages import joint_state, MotionReader
 from tudor_dynamics.nodes.model_node import ModelNode
@@ -45,6 +47,7 @@ class DynamicsPredictorNode(ModelNode):
 
     def prepare(self, bundle: ModelBundle) -> Predictor:
         """Build the predictor."""
+        rehearse(bundle, MonitorSettings(kind=self.value('kind')))
         return Predictor(bundle, self.value('kind'))
 
     def use(self, bundle: ModelBundle, prepared: Predictor) -> None:

@@ -27,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.monitoring.rehearsal import rehearse_filter
 from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
 from tudor_dynamics.nodes.base import TudorNode
 from tudor_dynamics.nodes.interfaces import (
@@ -55,6 +56,7 @@ class JointStateFilterNode(TudorNode):
                 spec, topic = bundle.preprocessing, bundle.arm.spec.joint_topic
                 self._names = self._names or list(bundle.arm.active_joints)
                 self._robot = bundle.arm.name
+        rehearse_filter(spec)
         self.filter = StateFilter(spec, self.value('gap'))
         self._effort = LowPass(spec.output_cutoff)
         self._states = self.publish_on(JointState, FILTERED_JOINT_STATES)

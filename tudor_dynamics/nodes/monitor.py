@@ -27,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.nodes.detect_node import DetectNode
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.messages import (
@@ -49,6 +50,7 @@ class MonitorNode(DetectNode):
 
     def prepare(self, bundle: ModelBundle) -> Monitor:
         """Build the monitor."""
+        rehearse(bundle, self.settings())
         return Monitor(bundle, self.settings())
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
 
 FloatArray = NDArray[np.float64]
@@ -242,21 +243,48 @@ class CausalDifferentiator:
             If the sample time is not positive.
 
         """
+        row = self.step_row(dt, q, measured)
+        n = len(q)
+        return FilteredStates(row[:n], row[n:2 * n], row[2 * n:])
+
+    def step_row(
+        self, dt: float, q: FloatArray, measured: FloatArray | None = None,
+    ) -> FloatArray:
+        """Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's."""
+        n = len(q)
+        row = np.empty(3 * n)
         if self._q is None:
             self._q = q.copy()
-            self._dq = np.zeros(len(q)) if measured is None else measured.copy()
-            self._ddq = np.zeros(len(q))
-            return FilteredStates(q, self._dq.copy(), self._ddq.copy())
+            self._dq = np.zeros(n) if measured is None else measured.copy()
+            self._ddq = np.zeros(n)
+            row[:n], row[n:2 * n], row[2 * n:] = q, self._dq, 0.0
+            return row
         if not dt > 0:
             msg = f'sample time {dt} s; stamps must increase'
             raise SignalError(msg)
-        if measured is None:
-            gain = low_pass_gain(self.velocity_cutoff, dt)
-            dq = self._dq + gain * ((q - self._q) / dt - self._dq)
-        else:
-            dq = measured.copy()
-        gain = low_pass_gain(self.acceleration_cutoff, dt)
-        ddq = self._ddq + gain * ((dq - self._dq) / dt - self._ddq)
-        self._q, self._dq, self._ddq = q.copy(), dq, ddq
-        # copies: what the caller does with its states must not reach the filter's own
-        return FilteredStates(q, dq.copy(), ddq.copy())
+        _differentiate(dt, self.velocity_cutoff, self.acceleration_cutoff, q,
+                       _NO_VELOCITY if measured is None else measured,
+                       self._q, self._dq, self._ddq, row)
+        return row
+
+
+_NO_VELOCITY = np.empty(0)
+
+
+@compiled
+def _differentiate(
+    dt: float, velocity_cutoff: float, acceleration_cutoff: float, q: FloatArray,
+    measured: FloatArray, last_q: FloatArray, last_dq: FloatArray, last_ddq: FloatArray,
+    row: FloatArray,
+) -> None:
+    """Filter one sample: the loop of `CausalDifferentiator.step_row`."""
+    n = len(q)
+    first = -math.expm1(-2.0 * math.pi * velocity_cutoff * dt)
+    second = -math.expm1(-2.0 * math.pi * acceleration_cutoff * dt)
+    for i in range(n):
+        dq = last_dq[i] + first * ((q[i] - last_q[i]) / dt - last_dq[i])
+        if len(measured) > 0:
+            dq = measured[i]
+        ddq = last_ddq[i] + second * ((dq - last_dq[i]) / dt - last_ddq[i])
+        last_q[i], last_dq[i], last_ddq[i] = q[i], dq, ddq
+        row[i], row[n + i], row[2 * n + i] = q[i], dq, ddq

@@ -1,0 +1,295 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pairs, residuals, thresholds and detector: everything behind the prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.detector import (
+    CollisionDetector, CollisionEvent, DetectorSettings, Level)
+from tudor_dynamics.monitoring.excess import Excess, ExcessStage, Rates
+from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
+from tudor_dynamics.monitoring.pairing import Pair, Pairing
+from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
+from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.monitoring.threshold_io import stored_thresholds
+from tudor_dynamics.monitoring.thresholds import MethodThresholds
+
+FloatArray = NDArray[np.float64]
+
+METHODS = ('strain', 'effort', 'momentum')
+SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}
+"""Output that each method needs."""
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """
+    Choices of a monitor.
+
+    Attributes
+    ----------
+    kind : {'analytical', 'elm'}
+        Model.
+    methods : tuple of str
+        What the detector listens to, of `METHODS`.
+    rates : Rates
+        False alarms allowed, all methods together.
+    detector : DetectorSettings
+        Times and hysteresis.
+    observer_gain : float
+        Bandwidth of the momentum observer [1/s].
+    gap : float
+        Longest time between samples that is not a gap [s]; 0 for five periods.
+
+    """
+
+    kind: str = 'analytical'
+    methods: tuple[str, ...] = ('strain',)
+    rates: Rates = Rates()
+    detector: DetectorSettings = DetectorSettings()
+    observer_gain: float = 30.0
+    gap: float = 0.0
+
+
+@dataclass(eq=False, slots=True)
+class Found:
+    """
+    What became known with one message.
+
+    Attributes
+    ----------
+    residuals : list of (str, Residual)
+        Method and residual.
+    excesses : list of (str, Excess)
+        Method and ratios, where thresholds are known.
+    events : list of CollisionEvent
+        Collisions.
+
+    """
+
+    residuals: list[tuple[str, Residual]] = field(default_factory=list)
+    excesses: list[tuple[str, Excess]] = field(default_factory=list)
+    events: list[CollisionEvent] = field(default_factory=list)
+
+
+def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
+    """
+    Say which link each joint and gauge belongs to.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+
+    Returns
+    -------
+    dict of str to (int, str)
+        Joint or gauge to its link: distance from the base in joints, and name. A link without a
+        name of its own, as D-H rows give, is named after its joint.
+
+    """
+    model = arm.full_model
+    bodies: dict[int, str] = {}
+    for frame in model.frames:
+        if frame.type.name == 'BODY':
+            bodies.setdefault(int(frame.parentJoint), frame.name)
+
+    def link(joint: str) -> tuple[int, str]:
+        index = int(model.getJointId(joint))
+        depth, place = 0, index
+        while place:
+            depth, place = depth + 1, int(model.parents[place])
+        named = joint.replace('joint', 'link') if 'joint' in joint else f'{joint}_link'
+        return depth, bodies.get(index, named)
+
+    links = {joint: link(joint) for joint in arm.active_joints}
+    links.update({gauge.name: link(gauge.joint) for gauge in arm.gauges})
+    return links
+
+
+class Watch:
+    """
+    Pairs, residuals, thresholds and detector: everything behind the prediction.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Model.
+    settings : MonitorSettings
+        Choices.
+    thresholds : dict of str to MethodThresholds, optional
+        In place of those of the bundle.
+
+    Attributes
+    ----------
+    methods : tuple of str
+        Methods for which there are models, in use.
+    stages : dict of str to ExcessStage
+        Thresholds of each method that has some.
+
+    """
+
+    def __init__(
+        self,
+        bundle: ModelBundle,
+        settings: MonitorSettings,
+        thresholds: dict[str, MethodThresholds] | None = None,
+    ) -> None:
+        self.bundle, self.settings = bundle, settings
+        spec = bundle.preprocessing
+        unknown = [name for name in settings.methods if name not in METHODS]
+        if unknown:
+            msg = f'methods {unknown} are unknown; expected some of {list(METHODS)}'
+            raise ModelError(msg)
+        if thresholds is None:
+            thresholds = stored_thresholds(bundle, settings.kind)
+        kinds = bundle.models
+        self.methods = tuple(
+            name for name in settings.methods
+            if ('analytical' if name == 'momentum' else settings.kind) in kinds.get(
+                SOURCE[name], {}))
+        self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
+        self.pairing = {output: Pairing() for output in self.outputs}
+        self._residual = {output: ResidualStage(spec.output_cutoff, spec.settle)
+                          for output in self.outputs}
+        self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
+                                          spec.settle) if 'momentum' in self.methods else None)
+        self.use_thresholds(thresholds, settings)
+
+    def use_thresholds(
+        self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
+    ) -> None:
+        """
+        Put other thresholds into use; the detector begins anew.
+
+        Parameters
+        ----------
+        thresholds : dict of str to MethodThresholds
+            Thresholds of the methods in use.
+        settings : MonitorSettings
+            Rates, times and hysteresis.
+
+        """
+        self.settings = settings
+        self.stages = {name: ExcessStage(thresholds[name], settings.rates)
+                       for name in self.methods if name in thresholds}
+        self.detector = CollisionDetector(
+            settings.detector, {name: stage.thresholds.channels
+                                for name, stage in self.stages.items()},
+            channel_links(self.bundle.arm))
+        self._restart = dict.fromkeys(self.methods, True)
+        self._methods_of = {output: [method for method in self.methods
+                                     if SOURCE[method] == output] for output in self.outputs}
+        self.set_rates(settings.rates)
+
+    def set_rates(self, rates: Rates) -> None:
+        """Share the false alarms that are allowed out among the methods in use."""
+        n = max(1, len(self.stages))
+        for stage in self.stages.values():
+            stage.rates = Rates(rates.collision / n, rates.contact / n)
+
+    @property
+    def level(self) -> Level:
+        """State of the arm."""
+        return self.detector.level
+
+    def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
+        """
+        Take a motion with its predictions into account.
+
+        Parameters
+        ----------
+        motion : Motion
+            Motion.
+        predicted : dict of str to ndarray, or None
+            Output to prediction; None while the filters settle.
+
+        Returns
+        -------
+        Found
+            What became known.
+
+        """
+        found = Found()
+        for output, pairing in self.pairing.items():
+            values = None if predicted is None else predicted.get(output)
+            self._judge(output, pairing.add_motion(motion, values), found)
+        return found
+
+    def add_output(
+        self, output: str, motion: Motion, predicted: FloatArray | None,
+    ) -> Found:
+        """Take a motion with the prediction of one output into account."""
+        found = Found()
+        if output in self.pairing:
+            self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
+        return found
+
+    def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
+        """
+        Take a measurement into account.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            What was measured.
+        stamp : int
+            Header stamp [ns].
+        values : ndarray of shape (n_channels,)
+            Readings in their units.
+
+        Returns
+        -------
+        Found
+            What became known.
+
+        """
+        found = Found()
+        if output in self.pairing:
+            self._judge(output, self.pairing[output].add_measured(stamp, values), found)
+        return found
+
+    def _judge(self, output: str, pairs: Sequence[Pair], found: Found) -> None:
+        for pair in pairs:
+            plain = self._residual[output].step(pair)
+            for method in self._methods_of[output]:
+                if pair.motion.dt == 0.0:
+                    self._restart[method] = True
+                if method == 'momentum':
+                    assert self.observer is not None
+                    residual = self.observer.step(pair)
+                else:
+                    residual = plain
+                if residual is None:
+                    continue
+                found.residuals.append((method, residual))
+                stage = self.stages.get(method)
+                if stage is None:
+                    continue
+                excess = stage.step(residual, self._restart[method])
+                self._restart[method] = False
+                found.excesses.append((method, excess))
+                event = self.detector.step(method, excess)
+                if event is not None:
+                    found.events.append(event)
