@@ -1,0 +1,394 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The closed loop over topics: simulator, reference, damper and monitor, each a process of its own.
+
+The arm makes a move, is pushed at the tip, and drives onto an elastic floor. Settling is compared
+with the loop inside one process (tudor_dynamics/simulation/closed_loop.py) on the same reference;
+everything is judged by stamps, so that a slow machine may run the simulator below real time.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+import numpy as np
+from numpy.typing import NDArray
+import rclpy
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rcl_interfaces.srv import SetParameters
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Header
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.nodes.base import latched
+from tudor_dynamics.nodes.messages import floats, nanoseconds
+from tudor_dynamics.nodes.runner import new_executor
+from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
+
+FloatArray = NDArray[np.float64]
+
+BAND = 10.0  # um/m
+PAYLOAD = 0.2  # kg
+MOVE = np.radians([75.0, -45.0])
+HEARD = {'joint_states': JointState, 'link_strains': JointState, 'joint_reference': JointState,
+         'strain_residuals': JointState, 'applied_wrench': WrenchStamped}
+EVENTS = {'collision': Bool, 'collision_event': Header, '/diagnostics': DiagnosticArray}
+
+
+class Processes:
+    """Nodes as processes, ended together."""
+
+    def __init__(self) -> None:
+        self.running: dict[str, subprocess.Popen] = {}
+
+    def start(self, node: str, **values: Any) -> None:
+        """Start a node with parameters."""
+        words = [word for name, value in values.items()
+                 for word in ('-p', f'{name}:={json.dumps(value)}')]
+        self.running[node] = subprocess.Popen(
+            [sys.executable, '-m', f'tudor_dynamics.nodes.{node}', '--ros-args', *words],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+    def cpu(self) -> dict[str, float]:
+        """Give the CPU time of each [s]."""
+        found = {}
+        for name, process in self.running.items():
+            fields = Path(f'/proc/{process.pid}/stat').read_text().rsplit(')', 1)[1].split()
+            found[name] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+        return found
+
+    def end(self) -> dict[str, int]:
+        """Ask all to end; give their exit codes."""
+        for process in self.running.values():
+            process.send_signal(signal.SIGINT)
+        for process in self.running.values():
+            try:
+                process.communicate(timeout=20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.communicate()
+        return {name: int(process.returncode) for name, process in self.running.items()}
+
+
+class Listener:
+    """Hears everything, undecoded, and acts as a user would."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.node = rclpy.create_node('closed_loop_user')
+        self.executor = new_executor('events')
+        self.executor.add_node(self.node)
+        self.raw: dict[str, list[bytes]] = {topic: [] for topic in HEARD}
+        self.events: dict[str, list[Any]] = {topic: [] for topic in EVENTS}
+        self._ears: dict[str, Any] = {}
+        for topic, kind in EVENTS.items():
+            self.node.create_subscription(
+                kind, topic, self.events[topic].append,
+                latched() if topic == 'collision' else QoSProfile(depth=100))
+        self.goals = self.node.create_publisher(JointTrajectory, 'joint_trajectory', 10)
+        self.wrench = self.node.create_publisher(WrenchStamped, 'external_wrench', 10)
+
+    def hear(self, *topics: str) -> None:
+        """Hear these topics and no others: every message costs the machine under test."""
+        for topic in set(self._ears) - set(topics):
+            self.node.destroy_subscription(self._ears.pop(topic))
+        for topic in set(topics) - set(self._ears):
+            self._ears[topic] = self.node.create_subscription(
+                HEARD[topic], topic, self.raw[topic].append, QoSProfile(depth=1000), raw=True)
+
+    def wait(self, done: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
+        """Handle messages until something is so."""
+        end = time.monotonic() + seconds
+        while not done():
+            if time.monotonic() > end:
+                raise SystemExit(f'{what}: not within {seconds:g} s')
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def newest(self, topic: str = 'joint_states') -> Any:
+        """Decode the newest message of a topic."""
+        return deserialize_message(self.raw[topic][-1], HEARD[topic])
+
+    def now(self) -> float:
+        """Give the newest stamp of the arm [s]."""
+        return nanoseconds(self.newest().header.stamp) * 1e-9
+
+    def let_pass(self, seconds: float) -> None:
+        """Let time of the arm pass [s]."""
+        until = self.now() + seconds
+        self.wait(lambda: self.now() >= until, 'time of the simulator', 60.0 * max(seconds, 1.0))
+
+    def go(self, target: Sequence[float] | FloatArray) -> None:
+        """Send a goal [rad]."""
+        self.goals.publish(JointTrajectory(
+            joint_names=list(self.arm.active_joints),
+            points=[JointTrajectoryPoint(positions=floats(np.asarray(target, dtype=float)))]))
+
+    def push(self, force: Sequence[float]) -> None:
+        """Let a force act on the tip [N]."""
+        message = WrenchStamped()
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
+        self.wrench.publish(message)
+
+    def call(self, kind: Any, service: str, request: Any) -> Any:
+        """Call a service."""
+        client = self.node.create_client(kind, service)
+        self.wait(client.service_is_ready, service)
+        future = client.call_async(request)
+        self.wait(future.done, service)
+        return future.result()
+
+    def set(self, node: str, **values: Any) -> None:
+        """Set parameters."""
+        answer = self.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
+            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]))
+        refused = [item.reason for item in answer.results if not item.successful]
+        if refused:
+            raise SystemExit(f'{node}: {refused}')
+
+    def status(self, node: str) -> Any:
+        """Wait for the next diagnosis of a node."""
+        heard = self.events['/diagnostics']
+        begin = len(heard)
+
+        def found() -> list[Any]:
+            return [s for array in heard[begin:] for s in array.status
+                    if s.name.startswith(f'{node}: /')]
+        self.wait(lambda: bool(found()), f'a diagnosis of {node}')
+        return found()[-1]
+
+    def series(self, topic: str, field: str, names: Sequence[str] = ()) -> tuple[
+            FloatArray, FloatArray]:
+        """Give stamps [s] and values of all that was heard on a topic."""
+        messages = [deserialize_message(raw, HEARD[topic]) for raw in self.raw[topic]]
+        t = np.array([nanoseconds(m.header.stamp) * 1e-9 for m in messages])
+        if field == 'force':
+            values = np.array([[getattr(m.wrench.force, x) for x in 'xyz'] for m in messages])
+        else:
+            index = [list(messages[0].name).index(name) for name in names]
+            values = np.array([list(getattr(m, field)) for m in messages])[:, index]
+        order = np.argsort(t, kind='stable')
+        return t[order], values[order]
+
+
+def settling(t: FloatArray, strain: FloatArray, ends: float, until: float) -> dict[str, float]:
+    """Judge how a strain comes to rest after a reference has ended: 10 ms means, band, peak."""
+    dt = float(np.median(np.diff(t)))
+    count = max(round(0.01 / dt), 1)
+    chosen = (t > ends - 0.5) & (t < until)
+    t, strain = t[chosen], strain[chosen]
+    away = strain - strain[t > until - 1.0].mean()
+    away = np.convolve(away, np.full(count, 1.0 / count), 'valid')
+    t = t[:len(away)]
+    outside = t[np.abs(away) > BAND]
+    return {'settling': float(max(outside[-1] - ends, 0.0)) if outside.size else 0.0,
+            'peak': float(np.abs(away[t > ends]).max())}
+
+
+def offline(
+    arm: Arm, t: FloatArray, q: FloatArray, dq: FloatArray, seed: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Drive the loop in one process along a reference; give times, strains and joint errors."""
+    loop = ClosedLoop(with_payload(arm, PAYLOAD), seed=seed)
+    grid = np.arange(t[0], t[-1], loop.dt)
+    q_ref = np.column_stack([np.interp(grid, t, column) for column in q.T])
+    dq_ref = np.column_stack([np.interp(grid, t, column) for column in dq.T])
+    loop.reset(q_ref[0])
+    seen = loop.run(q_ref, dq_ref, every=4)
+    return grid[::4][:len(seen.t)], seen.strain, seen.q - seen.q_ref
+
+
+def spread(t: FloatArray) -> dict[str, float]:
+    """Judge the stamps of a topic."""
+    step = np.diff(t)
+    return {'rate': float(1.0 / np.median(step)), 'longest gap': float(step.max()),
+            'lost': float(np.round(step / np.median(step) - 1.0).clip(0).sum() / len(t))}
+
+
+def scenario(args: argparse.Namespace, user: Listener) -> dict[str, Any]:
+    """Move, push, floor; give the figures."""
+    user.hear('joint_states', 'joint_reference', 'strain_residuals')
+    user.wait(lambda: all(user.raw[t] for t in ('joint_states', 'joint_reference',
+                                                'strain_residuals')), 'the nodes')
+    user.hear('joint_states', 'joint_reference', 'link_strains')
+    user.let_pass(1.5)  # the damper finds its mean
+    begin = user.now()
+    user.go(MOVE)
+    user.let_pass(5.0)
+    end = user.now()
+    false = len(user.events['collision_event'])
+    user.hear('joint_states', 'joint_reference', 'applied_wrench')
+    contacts = {'push': react(user, 'push', lambda: user.push((0.0, 0.0, -args.force))),
+                'floor': react(user, 'floor', lambda: lower(user))}
+    return {'move': judge_move(user, begin, end, args.save), 'false_events': false,
+            **{name: judge_contact(user, item) for name, item in contacts.items()}}
+
+
+def judge_move(user: Listener, begin: float, end: float, save: str | None) -> dict[str, Any]:
+    """Compare the move with the loop in one process on the same reference."""
+    joints, gauges = user.arm.active_joints, user.arm.gauge_names
+    t_ref, q_ref = user.series('joint_reference', 'position', joints)
+    _, dq_ref = user.series('joint_reference', 'velocity', joints)
+    during = (t_ref > begin - 1.0) & (t_ref < end)
+    t_ref, q_ref, dq_ref = t_ref[during], q_ref[during], dq_ref[during]
+    ends = float(t_ref[np.abs(dq_ref).max(axis=1) > 1e-6][-1])
+    t, strain = user.series('link_strains', 'position', gauges)
+    tj, q = user.series('joint_states', 'position', joints)
+    to, strain_o, error_o = offline(user.arm, t_ref, q_ref, dq_ref, 1)
+    inside = (tj > t_ref[0]) & (tj < t_ref[-1])
+    tj, q = tj[inside], q[inside]
+    error = q - np.column_stack([np.interp(tj, t_ref, column) for column in q_ref.T])
+    if save:
+        np.savez(save, t=t, strain=strain, tj=tj, q=q, t_ref=t_ref, q_ref=q_ref, dq_ref=dq_ref,
+                 to=to, strain_o=strain_o, ends=ends)
+    return {
+        'tracking_deg': float(np.degrees(np.abs(error).max())),
+        'tracking_offline_deg': float(np.degrees(np.abs(error_o).max())),
+        'off_goal_deg': float(np.degrees(np.abs(q[-1] - MOVE).max())),
+        'stamps': {'joint_states': spread(tj), 'joint_reference': spread(t_ref)},
+        'strain': {name: {'topics': settling(t, strain[:, i], ends, end),
+                          'offline': settling(to, strain_o[:, i], ends, end)}
+                   for i, name in enumerate(gauges)}}
+
+
+def lower(user: Listener) -> None:
+    """Put a floor under the tip and drive onto it."""
+    user.set('arm_simulator', obstacle=True, obstacle_height=0.6)
+    user.go(np.radians([20.0, -20.0]))
+
+
+def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
+    """Cause a collision and wait for what becomes of it."""
+    events = user.events['collision_event']
+    events.clear()
+    begin = user.now()
+    act()
+    user.wait(lambda: bool(events) or user.now() > begin + 6.0, 'an event', 120.0)
+    seen = {'begin': begin, 'event': events[0] if events else None, 'arrived': user.now()}
+    user.let_pass(3.0)
+    seen['end'] = user.now()
+    seen['reaction'] = user.status('reference_generator').message
+    if name == 'push':
+        user.push((0.0, 0.0, 0.0))
+        user.let_pass(1.5)
+    user.call(Trigger, 'reference_generator/reset', Trigger.Request())
+    user.call(Trigger, 'monitor/reset', Trigger.Request())
+    return seen
+
+
+def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
+    """Give what was found, when, and what the contact force did."""
+    t, force = user.series('applied_wrench', 'force')
+    during = (t > seen['begin']) & (t < seen['end'])
+    t, size = t[during], np.linalg.norm(force[during], axis=1)
+    event = seen['event']
+    result: dict[str, Any] = {'found': event is not None, 'largest_N': float(size.max()),
+                              'at_the_end_N': float(size[-100:].max())}
+    if event is None:
+        return result
+    touched, onset = float(t[size > 0.01][0]), nanoseconds(event.stamp) * 1e-9
+    told = {item.key: item.value
+            for array in user.events['/diagnostics'] for status in array.status
+            if status.name.endswith(': collision') for item in status.values
+            if any(v.value == str(nanoseconds(event.stamp)) for v in status.values)}
+    t_ref, q_ref = user.series('joint_reference', 'position', user.arm.active_joints)
+    t_ref, q_ref = t_ref[t_ref < seen['end']], q_ref[t_ref < seen['end']]
+    reacting = q_ref[t_ref > seen['arrived']]
+    return {**result, 'link': event.frame_id, 'onset_s': onset - touched,
+            'sure_s': onset - touched + 1e-3 * float(told['certain after [ms]']),
+            'told_s': seen['arrived'] - touched, 'reaction': seen['reaction'],
+            'reference_moved_deg': float(np.degrees(np.ptp(reacting, axis=0).max()))}
+
+
+def make_model(arm_path: str, folder: Path) -> str:
+    """Record the simulated arm and fit a model to it."""
+    tudor = [sys.executable, '-m', 'tudor_dynamics']
+    subprocess.run([*tudor, 'record', '--arm', arm_path, '--payload', str(PAYLOAD), '--stimuli',
+                    '3', '--seconds', '60', '--jobs', '1', '--out', str(folder / 'bags')],
+                   check=True, capture_output=True)
+    subprocess.run([*tudor, 'fit', *(str(folder / f'bags/stimulus_0{k}') for k in (1, 2, 3)),
+                    '--arm', arm_path, '--models', 'analytical', '--out', str(folder / 'model')],
+                   check=True, capture_output=True)
+    return str(folder / 'model')
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Start everything, and give the figures."""
+    arm = load_arm(args.arm)
+    rclpy.init()
+    processes = Processes()
+    simulated = args.factor != 1.0 or args.clock
+    common: dict[str, Any] = {'use_sim_time': True} if simulated else {}
+    user = Listener(arm)
+    try:
+        processes.start('arm_simulator', arm=args.arm, rate=args.rate, factor=args.factor,
+                        clock=simulated, payload=PAYLOAD, seed=1)
+        processes.start('oscillation_damper', arm=args.arm, timeout=2.0, **common)
+        processes.start('reference_generator', arm=args.arm, rate=args.rate,
+                        reaction=args.reaction, **common)
+        processes.start('monitor', model=args.model, methods=['strain'], **common)
+        user.hear('joint_states')
+        user.wait(lambda: bool(user.raw['joint_states']), 'the simulator')
+        begun, cpu = time.monotonic(), processes.cpu()
+        found = scenario(args, user)
+        seconds = time.monotonic() - begun
+        found['cpu'] = {name: (used - cpu[name]) / seconds
+                        for name, used in processes.cpu().items()}
+    finally:
+        codes = processes.end()
+        user.node.destroy_node()
+        rclpy.shutdown()
+    found['exit_codes'] = codes
+    return found
+
+
+def main() -> None:
+    """Print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--arm', default='config/tudor.yaml', metavar='YAML')
+    parser.add_argument('--model', help='bundle of the simulated arm; made here by default')
+    parser.add_argument('--rate', type=float, default=500.0, help='of all topics [Hz]')
+    parser.add_argument('--factor', type=float, default=1.0, help='speed of simulated time')
+    parser.add_argument('--clock', action='store_true', help='simulated time at factor 1, too')
+    parser.add_argument('--force', type=float, default=4.0, help='of the push [N]')
+    parser.add_argument('--reaction', default='retreat', choices=('hold', 'retreat', 'comply'))
+    parser.add_argument('--save', metavar='NPZ', help='signals of the move')
+    parser.add_argument('--json', action='store_true')
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        if args.model is None:
+            args.model = make_model(args.arm, Path(folder))
+        found = run(args)
+    print(json.dumps(found, indent=None if args.json else 2))
+
+
+if __name__ == '__main__':
+    main()
