@@ -35,8 +35,8 @@ from tudor_dynamics.models.analytical import AnalyticalModel, Group
 from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import Estimate
-from tudor_dynamics.models.regressor import (
-    BODY_PARAMETERS, EffortRegressor, Regressor, StrainRegressor)
+from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 
 FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
