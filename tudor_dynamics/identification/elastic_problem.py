@@ -1,0 +1,276 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The least-squares problem behind the elastic model: simulated against measured strain.
+
+Output error: the arm is driven by measured positions and never corrected, so the whole oscillation
+has to come out of the parameters. These are searched as logarithms, each with a prior as wide as
+one can know it from drawings. Gain and offset of a gauge are linear and are eliminated (variable
+projection, Golub and Pereyra 1973, with Kaufman's Jacobian), so that only physics is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import os
+import queue
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.models.elastic import follow_motion
+from tudor_dynamics.simulation.driven import DrivenArm
+
+FloatArray = NDArray[np.float64]
+
+STEP = 1e-3
+"""Of the differences, in the logarithm: the simulation is smooth to 1e-9."""
+HOPELESS = 1e3
+"""Residual of a sample for parameters that cannot be simulated, in standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """
+    A gapless stretch to compare with.
+
+    Attributes
+    ----------
+    q : ndarray of shape (n_samples, n_joints)
+        Measured positions [rad or m].
+    dt : ndarray of shape (n_samples,)
+        Time since the sample before [s].
+    strain : ndarray of shape (n_samples, n_gauges)
+        Readings in their units.
+    skip : int
+        Samples at the beginning that do not count.
+    payload : float or None
+        Mass at the tip [kg]; None where it is among the parameters.
+    before : ndarray of shape (n_earlier, 1 + n_joints), or None
+        ``[dt, q]`` of the motion just before.
+
+    """
+
+    q: FloatArray
+    dt: FloatArray
+    strain: FloatArray
+    skip: int = 0
+    payload: float | None = None
+    before: FloatArray | None = None
+
+    def head(self, seconds: float) -> Record:
+        """Take the first seconds of the record."""
+        n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
+        return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
+                      self.payload, self.before)
+
+
+class Problem:
+    """
+    Residuals and derivatives for a choice of parameters and records.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    records : sequence of Record
+        What to compare with.
+    names : tuple of str
+        Parameters to be searched, see ``DrivenArm.parameters``.
+    fixed : dict of str to float
+        Values of others that differ from the description.
+    center, width : ndarray of shape (n_names,)
+        Prior of the logarithms: mean and standard deviation.
+    inner : float
+        Longest inner step of the simulation [s].
+
+    Attributes
+    ----------
+    weights : ndarray of shape (n_samples, n_gauges)
+        Square roots of the weights: one over the noise of the gauge, less for outliers.
+    runs : int
+        Simulations done.
+
+    """
+
+    def __init__(
+        self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
+        fixed: dict[str, float], center: FloatArray, width: FloatArray, *, inner: float,
+    ) -> None:
+        self.arm, self.records, self.names = arm, tuple(records), names
+        self.fixed, self.center, self.width = fixed, center, width
+        self.strain = np.vstack([r.strain[r.skip:] for r in records])
+        spread = np.maximum(self.strain.std(axis=0), 1e-12)
+        self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
+        self.runs = 0
+        count = max(1, min(8, len(os.sched_getaffinity(0))))
+        self._pool = ThreadPoolExecutor(count)
+        self._arms: queue.SimpleQueue[DrivenArm] = queue.SimpleQueue()
+        for _ in range(count + 1):
+            self._arms.put(DrivenArm(arm, inner=inner))
+        self._last: tuple[FloatArray, FloatArray | None] | None = None
+
+    def close(self) -> None:
+        """End the workers."""
+        self._pool.shutdown()
+
+    @contextmanager
+    def _borrowed(self) -> Iterator[DrivenArm]:
+        arm = self._arms.get()
+        try:
+            yield arm
+        finally:
+            self._arms.put(arm)
+
+    def moments(self, x: FloatArray) -> FloatArray | None:
+        """
+        Simulate the moments that bend the gauges.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_gauges), or None
+            Moments at the samples that count [N m]; None where they cannot be simulated.
+
+        """
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
+        result = self._simulate(x)
+        self._last = x.copy(), result
+        return result
+
+    def _simulate(self, x: FloatArray) -> FloatArray | None:
+        self.runs += 1
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=True))}
+        parts = []
+        with self._borrowed() as driven:
+            for record in self.records:
+                if record.payload is not None:
+                    values['payload'] = record.payload
+                try:
+                    driven.set_parameters(values)
+                    response = follow_motion(driven, record.q, record.dt, record.before)
+                except SimulationError:
+                    return None
+                parts.append(response.moment[record.skip:])
+        return np.vstack(parts)
+
+    def gauges(self, moments: FloatArray) -> FloatArray:
+        """
+        Find gain and offset of each gauge for given moments.
+
+        Parameters
+        ----------
+        moments : ndarray of shape (n_samples, n_gauges)
+            [N m]
+
+        Returns
+        -------
+        ndarray of shape (n_gauges, 2)
+            Gain [unit of the gauge per N m] and offset [unit of the gauge].
+
+        """
+        result = np.empty((moments.shape[1], 2))
+        for g in range(moments.shape[1]):
+            w = self.weights[:, g]
+            columns = np.column_stack([moments[:, g] * w, w])
+            result[g] = np.linalg.lstsq(columns, self.strain[:, g] * w, rcond=None)[0]
+        return result
+
+    def errors(self, moments: FloatArray) -> FloatArray:
+        """Give measured less simulated strain for the best gains and offsets."""
+        gains = self.gauges(moments)
+        return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """Give the weighted errors, and how far the parameters are from their prior."""
+        moments = self.moments(x)
+        prior = (x - self.center) / self.width
+        if moments is None:
+            return np.concatenate([np.full(self.strain.size, HOPELESS), prior])
+        return np.concatenate([(self.errors(moments) * self.weights).ravel(), prior])
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """
+        Differentiate the moments by each parameter's logarithm.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters.
+
+        Returns
+        -------
+        ndarray of shape (n_names, n_samples, n_gauges)
+            [N m]
+
+        """
+        here = self.moments(x)
+        if here is None:
+            return np.zeros((len(x), *self.strain.shape))
+
+        def one(i: int) -> FloatArray:
+            moved = x.copy()
+            moved[i] += STEP
+            there = self._simulate(moved)
+            return np.zeros_like(here) if there is None else (there - here) / STEP
+
+        return np.array(list(self._pool.map(one, range(len(x)))))
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Differentiate ``residual``; what a gain or an offset can take up is left out."""
+        slopes = self.slopes(x)
+        moments = self.moments(x)
+        size = self.strain.size
+        result = np.zeros((size + len(x), len(x)))
+        result[size:] = np.diag(1.0 / self.width)
+        if moments is None:
+            return result
+        gains = self.gauges(moments)
+        shape = self.strain.shape
+        for g in range(shape[1]):
+            w = self.weights[:, g]
+            basis, _ = np.linalg.qr(np.column_stack([moments[:, g] * w, w]))
+            columns = -(slopes[:, :, g] * gains[g, 0] * w).T
+            columns -= basis @ (basis.T @ columns)
+            result[g:size:shape[1]] = columns
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """
+    What is known of the parameters before any recording.
+
+    Attributes
+    ----------
+    start : dict of str to float
+        Starting values.
+    width : dict of str to float
+        Standard deviation of their logarithms.
+
+    """
+
+    start: dict[str, float] = field(default_factory=dict)
+    width: dict[str, float] = field(default_factory=dict)
