@@ -17,25 +17,27 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
+from importlib import import_module
+import os
+from typing import Any
 
-import numpy as np
-
-from tudor_dynamics.cli.console import print_json
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.simulation.animation import animate, check_target
-from tudor_dynamics.simulation.lshape import agreement, l_shape, run_paper, run_reference
-from tudor_dynamics.simulation.mechanism import build_mechanism
-from tudor_dynamics.simulation.modes import modes
-from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.plots import pick_signal, plot_signal
 
 EXAMPLES = """\
 examples:
+  tudor reproduce table1 --out out
+  tudor reproduce figures --out out
+  tudor reproduce table1 --out out --split random
   tudor reproduce lshape --out out
   tudor reproduce lshape --out out --elements 4 --dt 0.0001 --animate out/l.gif
   tudor reproduce lshape --out out --reference lshape_reference.npz
 
+table1: Table I of Malzahn et al.: strain and current of the damped arm, five payloads with ten
+stimuli of 80 s each, every kind of model, and one model for all payloads beside them; terminal,
+table1.csv, table1.md and table1.html.
+figures: the figures of both papers and three more, as SVG and PNG, with index.html. It uses what
+table1 has left in the same DIR, and the other way round: finished stages are kept in DIR/stages,
+so that an interrupted run goes on where it was.
 lshape: the L-shaped mechanism of two flexible links of Gasparetto et al. (2013). Two opposite
 steps of torque take it from 135 deg (from hanging) to about 30 deg. Figures as in the paper:
 torque (4), elbow and tip acceleration over time and frequency (5 to 8), bending moment in the
@@ -43,13 +45,11 @@ middle of the second link (9). With --reference, a run of an independent computa
 and compared too.
 """
 
-FIGURES = (
-    ('figure_4_torque.png', 'effort:motor', 'torque of the motor'),
-    ('figure_5_6_elbow_acceleration.png', 'acceleration:motor', 'acceleration of the elbow'),
-    ('figure_7_8_tip_acceleration.png', 'acceleration:tip', 'acceleration of the tip'),
-    ('figure_9_moment_link2.png', 'moment:corner', 'moment in the middle of the second link'),
-    ('angle.png', 'q:motor', 'angle of the motor, from hanging'),
-)
+EXPERIMENTS = ('table1', 'figures', 'lshape')
+OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
+       'table1': ('arm', 'quick', 'seed', 'jobs', 'split'),
+       'figures': ('arm', 'quick', 'seed', 'jobs')}
+"""Options that an experiment knows, beside --out and --json."""
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -62,13 +62,29 @@ def configure(parser: argparse.ArgumentParser) -> None:
         Parser of the subcommand.
 
     """
-    parser.add_argument('experiment', choices=('lshape',), help='experiment')
+    parser.add_argument('experiment', choices=EXPERIMENTS, help='experiment')
     parser.add_argument('--out', metavar='DIR', required=True, help='results go there')
-    parser.add_argument('--elements', type=int, default=2, help='elements a beam (2)')
-    parser.add_argument('--dt', type=float, default=2.5e-4, help='step [s] (0.00025)')
-    parser.add_argument('--animate', metavar='FILE', help='.gif or .mp4')
-    parser.add_argument('--reference', metavar='FILE.npz', help='computation to compare with')
     parser.add_argument('--json', action='store_true', help='print figures as JSON')
+    arm = parser.add_argument_group('table1 and figures')
+    arm.add_argument('--arm', metavar='YAML',
+                     help='arm description with links, motors and damper (config/tudor.yaml)')
+    arm.add_argument('--split', choices=('stimulus', 'random'),
+                     help='train on half of the stimuli, or on half of the samples at random as '
+                          'the paper, which flatters (table1; stimulus)')
+    arm.add_argument('--quick', action='store_true', default=None,
+                     help='three payloads, two short stimuli each: to see that it works')
+    arm.add_argument('--seed', type=int, metavar='N', help='of motions, noise and pushes (0)')
+    arm.add_argument('--jobs', type=int, metavar='N', help='processes (one a core)')
+    shape = parser.add_argument_group('lshape')
+    shape.add_argument('--elements', type=int, help='elements a beam (2)')
+    shape.add_argument('--dt', type=float, help='step [s] (0.00025)')
+    shape.add_argument('--animate', metavar='FILE', help='.gif or .mp4')
+    shape.add_argument('--reference', metavar='FILE.npz', help='computation to compare with')
+
+
+DEFAULTS: dict[str, Any] = {
+    'elements': 2, 'dt': 2.5e-4, 'split': 'stimulus', 'quick': False, 'seed': 0,
+    'jobs': os.cpu_count() or 1}
 
 
 def run(args: argparse.Namespace) -> int:
@@ -86,65 +102,13 @@ def run(args: argparse.Namespace) -> int:
         0; errors are raised.
 
     """
-    if args.animate is not None:
-        check_target(Path(args.animate))
-    if not 1 <= args.elements <= 60 or not 0.0 < args.dt < 1.0:
-        msg = (f'--elements {args.elements} and --dt {args.dt} do not make a run: 1 to 60 '
-               'elements, and a step below a second')
-        raise UsageError(msg)
-    reference = _read_reference(Path(args.reference)) if args.reference is not None else None
-    folder = Path(args.out)
-    folder.mkdir(parents=True, exist_ok=True)
-    plant, result = run_paper(args.elements, args.dt)
-    result.save(folder / 'lshape.npz', joints=np.array(plant.mechanism.joints))
-    for name, signal, title in FIGURES:
-        plot_signal(folder / name, result, pick_signal(result, plant.mechanism, (), signal),
-                    title=title)
-    if args.animate is not None:
-        animate(Path(args.animate), result, plant.mechanism)
-    late = result.t > 1.5
-    angle = np.degrees(result.q[:, 0])
-    figures = {
-        'clamped_hz': modes(plant, 8).frequency.tolist(),
-        'hinged_hz': modes(plant, 8, ('motor',)).frequency.tolist(),
-        'angle_start_deg': float(angle[0]), 'angle_after_steps_deg': float(angle[late].mean()),
-        'torque_steps_nm': [float(result.effort[:, 0].min()), float(result.effort[:, 0].max())],
-        'elbow_acceleration_peak': float(np.linalg.norm(
-            result.acceleration[:, plant.mechanism.point('motor')], axis=1).max()),
-        'tip_acceleration_peak': float(np.linalg.norm(
-            result.acceleration[:, plant.mechanism.tip], axis=1).max()),
-        'moment_link2_peak': float(np.abs(result.moment[:, 1]).max()),
-    }
-    if reference is not None:
-        other = Plant(build_mechanism(l_shape(args.elements)), args.dt)
-        found = agreement(run_reference(other, reference), other, reference)
-        figures['reference'] = {
-            'elbow_acceleration': found.elbow, 'tip_acceleration': found.tip,
-            'moment_link1': found.moment1, 'moment_link2': found.moment2,
-            'final_angle_deg': found.angle}
-    if args.json:
-        print_json(figures)
-        return 0
-    for name, value in figures.items():
-        print(f'{name}: {_text(value)}')
-    print(f'figures and lshape.npz are in {folder}')
-    return 0
-
-
-def _text(value: object) -> str:
-    if isinstance(value, list):
-        return ', '.join(f'{item:.4g}' for item in value)
-    if isinstance(value, dict):
-        return ', '.join(f'{key} {item:.4g}' for key, item in value.items())
-    return f'{value:.4g}'
-
-
-def _read_reference(path: Path) -> dict[str, np.ndarray]:
-    needed = ('t', 'tau', 'elbow_acceleration', 'tip_acceleration', 'link1_mid_moment',
-              'link2_mid_moment', 'hub_rot')
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in needed}
-    except (OSError, ValueError, KeyError) as err:
-        msg = f'{path}: no reference computation ({err}); expected arrays {", ".join(needed)}'
-        raise UsageError(msg) from None
+    own = OWN[args.experiment]
+    for name in sorted({name for names in OWN.values() for name in names}):
+        if getattr(args, name) is None:
+            setattr(args, name, DEFAULTS.get(name))
+        elif name not in own:
+            msg = f'--{name} is no option of {args.experiment}; it knows ' + ', '.join(
+                f'--{item}' for item in (*own, 'out', 'json'))
+            raise UsageError(msg)
+    module = import_module(f'tudor_dynamics.cli.reproduce_{args.experiment}')
+    return int(module.run(args))

@@ -118,6 +118,7 @@ class DetectNode(ModelNode):
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a contact rate below that of collisions."""
+        super().check(values)
         collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
         contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
         if contact < collision:
@@ -127,6 +128,7 @@ class DetectNode(ModelNode):
 
     def apply(self) -> None:
         """Take changed rates and times into use."""
+        super().apply()
         if self.watch is None:
             return
         settings = self.settings()

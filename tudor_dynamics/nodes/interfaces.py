@@ -90,6 +90,8 @@ TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.
 COMMON = (ROBOT, TIMEOUT)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm'))
+PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
+                'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
 GAP = Param('gap', 0.0, 'longest time between samples that is no gap; 0 for five periods, at '
             'least 20 ms', 's', 0.0, 60.0)
 
@@ -106,7 +108,7 @@ FILTER = (
     Param('measured_velocity', True, "take the driver's velocity where it has one; used without a "
           'model'),
     GAP)
-PREDICT = (MODEL, KIND)
+PREDICT = (MODEL, KIND, PAYLOAD)
 DETECT = (
     Param('methods', ('strain',), 'what the detector listens to: strain, effort, momentum'),
     Param('false_alarms_per_hour', 1.0, 'false collisions that are allowed', '1/h', 1e-6, 3600.0,
@@ -177,8 +179,8 @@ SIMULATE = (
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
     'dynamics_predictor': (*PREDICT, *COMMON),
-    'collision_detector': (MODEL, KIND, *DETECT, *COMMON),
-    'monitor': (MODEL, KIND, GAP, *DETECT, *COMMON),
+    'collision_detector': (*PREDICT, *DETECT, *COMMON),
+    'monitor': (*PREDICT, GAP, *DETECT, *COMMON),
     'oscillation_damper': (*DAMP, *COMMON),
     'reference_generator': (*REFERENCE, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),

@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
-from tudor_dynamics.nodes.base import ERROR, OK, TudorNode
+from tudor_dynamics.nodes.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.interfaces import RELOAD
 
 
@@ -45,7 +45,9 @@ class ModelNode(TudorNode):
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.bundle: ModelBundle | None = None
+        self._loaded: ModelBundle | None = None
         self._source = str(self.value('model'))
+        self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
         self._reload_fault = ''
         self._ready: Callable[[], None] | None = None
         self._loader: Thread | None = None
@@ -53,7 +55,8 @@ class ModelNode(TudorNode):
     def start(self) -> None:
         """Load the model and offer to do so again; to be called at the end of the constructor."""
         try:
-            bundle = self._load()
+            self._loaded = self._load()
+            bundle = self._carrying(self._loaded)
             self.use(bundle, self.prepare(bundle))
         except TudorError as err:
             self.fault = str(err)
@@ -67,6 +70,25 @@ class ModelNode(TudorNode):
             raise ModelError(msg)
         arm = None if self.bundle is None else self.bundle.arm
         return load_bundle(self._source, arm=arm)
+
+    def _carrying(self, bundle: ModelBundle) -> ModelBundle:
+        """Put the payload into a model; it may be one of all payloads."""
+        return bundle.at(float(self.value('payload'))) if 'payload' in self.params else bundle
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse a payload that the model knows nothing of."""
+        if 'payload' in values and self._loaded is not None:
+            self._loaded.at(float(values['payload']))
+
+    def apply(self) -> None:
+        """Take a changed payload into use."""
+        if self._loaded is None or 'payload' not in self.params:
+            return
+        payload = float(self.value('payload'))
+        if payload != self._payload:
+            self._payload = payload
+            bundle = self._carrying(self._loaded)
+            self.use(bundle, self.prepare(bundle))
 
     def prepare(self, bundle: ModelBundle) -> Any:
         """Build what works with a model; slow, in a thread of its own when reloading."""
@@ -84,7 +106,8 @@ class ModelNode(TudorNode):
 
         def load() -> None:
             try:
-                bundle = self._load()
+                loaded = self._load()
+                bundle = self._carrying(loaded)
                 prepared = self.prepare(bundle)
             except TudorError as err:
                 text = str(err)
@@ -97,6 +120,7 @@ class ModelNode(TudorNode):
 
             def take() -> None:
                 self.fault = self._reload_fault = ''
+                self._loaded = loaded
                 self.use(bundle, prepared)
                 self.get_logger().info(f'model {self._source} in use')
             self._ready = take
@@ -124,6 +148,13 @@ class ModelNode(TudorNode):
         values['model'] = self._source if self.bundle is not None else 'none'
         if self.bundle is not None:
             values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
+        known = None if self._loaded is None else self._loaded.payload_range
+        if known is not None and 'payload' in self.params:
+            payload = float(self.value('payload'))
+            values['payload [kg]'] = f'{payload:g}'
+            if level == OK and not known[0] <= payload <= known[1]:
+                return WARN, (f'payload {payload:g} kg: the model was fitted to {known[0]:g} to '
+                              f'{known[1]:g} kg'), values
         if self._reload_fault and level == OK:
             return ERROR, f'reload refused: {self._reload_fault}', values
         return level, message, values

@@ -1,0 +1,104 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+from pathlib import Path
+
+import numpy as np
+from payload_making import true_outputs, two_gauge_arm
+import pytest
+from sample_arms import multisine, recording_of
+import yaml
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bags import read_recording, write_bag
+from tudor_dynamics.bags.writer import recording_series
+from tudor_dynamics.cli.main import main
+
+
+def bag(path: Path, payload: float, seed: int, *, stated: str | None = None) -> str:
+    """Write a bag of an arm with a payload, which its metadata may state."""
+    motion = multisine(np.arange(2000) * 0.01, 2, seed)
+    outputs = true_outputs(two_gauge_arm(), motion, payload)
+    recording = replace(recording_of(motion[:, :2], 100.0), **outputs)
+    write_bag(path, recording_series(recording, two_gauge_arm(), namespace='/'),
+              custom=None if stated is None else {'payload': stated})
+    return str(path)
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> str:
+    """Description of the arm."""
+    path = tmp_path / 'arm.yaml'
+    content = two_gauge_arm().spec.model_dump(mode='json', exclude_defaults=True)
+    path.write_text(yaml.safe_dump(content))
+    return str(path)
+
+
+def test_bags_that_say_what_they_carry(arm: str, tmp_path: Path, capsys) -> None:
+    """Two payloads in training, a third one to judge by; evaluated with what the bag says."""
+    train = [bag(tmp_path / f'train{i}', mass, i, stated=str(mass))
+             for i, mass in enumerate((0.0, 0.4, 0.0, 0.4))]
+    test = bag(tmp_path / 'test', 0.25, 9, stated='0.25')
+    model = str(tmp_path / 'model')
+    assert main(['fit', *train, '--test', test, '--arm', arm, '--out', model, '--models',
+                 'analytical', '--json', '--filter', 'zero_phase']) == 0
+    said = json.loads(capsys.readouterr().out)
+    # what is missing is the filter's: exact motion and moments went in
+    assert said['strain']['analytical']['validation']['fit'] > 98.0
+    assert main(['evaluate', '--model', model, test, '--json']) == 0
+    right = json.loads(capsys.readouterr().out)
+    assert main(['evaluate', '--model', model, test, '--payload', '0.1', '--json']) == 0
+    wrong = json.loads(capsys.readouterr().out)
+    assert right['strain']['analytical']['fit'] > 98.0 > 90.0 > wrong['strain']['analytical']['fit']
+    assert '0.25' in (tmp_path / 'model' / 'model.yaml').read_text()
+
+
+def test_payload_of(arm: str, tmp_path: Path, capsys) -> None:
+    """The command line says what the bags do not; one bag left unsaid is asked for."""
+    empty, full = bag(tmp_path / 'a', 0.0, 1), bag(tmp_path / 'b', 0.4, 2)
+    more = ['--arm', arm, '--models', 'analytical', '--force']
+    assert main(['fit', empty, full, *more, '--out', str(tmp_path / 'm1'), '--payload-of',
+                 f'{full}=0.4']) == 0  # one is known only: nothing to tell apart
+    assert 'of all payloads' not in capsys.readouterr().out
+    third = bag(tmp_path / 'c', 0.2, 3)
+    assert main(['fit', empty, full, third, *more, '--out', str(tmp_path / 'm2'), '--payload-of',
+                 f'{empty}=0', f'{full}=0.4']) == 2
+    assert f'that of {third} is not known' in capsys.readouterr().err
+    assert main(['fit', empty, full, '--test', third, *more, '--out', str(tmp_path / 'm3'),
+                 '--payload-of', f'{empty}=0', f'{full}=0.4', f'{third}=0.2']) == 0
+    assert 'one model of all payloads from 0 to 0.4 kg' in capsys.readouterr().out
+    assert main(['evaluate', '--model', str(tmp_path / 'm3'), third]) == 2
+    assert 'payload is not known' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('none=0.2', 'none of the bags'), ('bag', 'expected BAG=KG'), ('bag=-1', 'expected BAG=KG')])
+def test_wrong_payloads(arm: str, tmp_path: Path, capsys, text: str, said: str) -> None:
+    """A bag that is not there and what is no mass are refused in one line."""
+    assert main(['fit', 'bag', '--arm', arm, '--out', str(tmp_path / 'm'), '--payload-of',
+                 text]) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count('\n') == 1
+
+
+def test_metadata_that_make_no_sense(arm: str, tmp_path: Path) -> None:
+    """A payload that is no mass is told of and ignored."""
+    path = bag(tmp_path / 'odd', 0.0, 1, stated='heavy')
+    recording = read_recording(path, load_arm(arm))
+    assert recording.payload is None
+    assert any('no mass in kg' in text for text in recording.warnings)

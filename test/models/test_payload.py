@@ -1,0 +1,124 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from payload_making import true_outputs, two_gauge_arm
+import pytest
+from sample_arms import random_states
+
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
+from tudor_dynamics.models import EffortRegressor, StrainRegressor
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel
+
+ARM = two_gauge_arm()
+RANGE = (0.0, 0.4)
+
+
+def regressor(output: str):
+    """Rows of an output; the strain's as they were made."""
+    return EffortRegressor(ARM) if output == 'effort' else StrainRegressor(ARM, 'paper')
+
+
+def training(output: str) -> tuple[np.ndarray, np.ndarray]:
+    """Motion with payload, and the outputs, for two payloads."""
+    inputs, values = [], []
+    for seed, payload in enumerate(RANGE):
+        motion = random_states(300, 2, seed)
+        inputs.append(np.column_stack([motion, np.full(300, payload)]))
+        values.append(true_outputs(ARM, motion, payload)[output])
+    return np.vstack(inputs), np.vstack(values)
+
+
+def fitted(output: str) -> PayloadModel:
+    """Fit to two payloads."""
+    return PayloadModel(payload_regressor(regressor(output), ARM), 2, RANGE).fit(
+        *training(output))
+
+
+@pytest.mark.parametrize('output', ['effort', 'strain'])
+def test_two_payloads_determine_all_others(output: str) -> None:
+    """A model of 0 and 400 g predicts 150 g to rounding, and 600 g, of which it warns."""
+    model, motion = fitted(output), random_states(100, 2, 7)
+    for payload in (0.15, 0.6):
+        expected = true_outputs(ARM, motion, payload)[output]
+        both = np.column_stack([motion, np.full(100, payload)])
+        assert np.abs(model.predict(both) - expected).max() < 1e-6 * np.abs(expected).max()
+        if payload > RANGE[1]:
+            with pytest.warns(TudorWarning, match='extrapolates'):
+                plain = model.at(payload)
+        else:
+            plain = model.at(payload)
+        assert np.abs(plain.predict(motion) - model.predict(both)).max() < 1e-9
+
+
+def test_no_parameter_too_many() -> None:
+    """A payload adds four parameters to the five of a planar arm's motion, and no friction."""
+    base = fitted('effort').base_[0]
+    columns = [payload_regressor(EffortRegressor(ARM), ARM).columns[i] for i in base.kept]
+    carried = [name for name in columns if name.startswith('payload*')]
+    assert {name.removeprefix('payload*') for name in carried} == {
+        'Izz(j2)', 'mx(j2)', 'my(j2)', 'm(j2)'}
+    assert not any('viscous' in name for name in carried)
+
+
+def test_elm_with_a_payload_put_in() -> None:
+    """The payload as a constant in the biases gives what it gives as an input, clipped too."""
+    model = PayloadELM(ARM.active_joints, RANGE, hidden=30).fit(*training('effort'))
+    motion = random_states(50, 2, 9)
+    for payload in (0.0, 0.3):
+        both = np.column_stack([motion, np.full(50, payload)])
+        assert np.abs(model.at(payload).predict(motion) - model.predict(both)).max() < 1e-9
+    with pytest.warns(TudorWarning, match='extrapolates'):
+        beyond = model.at(0.9).predict(motion)
+    assert np.allclose(beyond, model.at(0.4).predict(motion))
+
+
+def test_a_bundle_keeps_the_payload(tmp_path: Path) -> None:
+    """Saved, read and put in, a model says the same; the range is known."""
+    elm = PayloadELM(ARM.gauge_names, RANGE, hidden=20).fit(*training('strain'))
+    bundle = ModelBundle(ARM, PreprocessingSpec(), {
+        'effort': {'analytical': fitted('effort')},
+        'strain': {'analytical': fitted('strain'), 'elm': elm}})
+    save_bundle(bundle, tmp_path / 'model')
+    found = load_bundle(tmp_path / 'model')
+    assert found.payload_range == RANGE
+    text = (tmp_path / 'model' / 'model.yaml').read_text()
+    assert 'kg m / kg' in text and 'payload_range: [0.0, 0.4]' in text
+    motion, plain = random_states(20, 2, 3), found.at(0.25)
+    assert plain.payload_range is None
+    for output, kinds in bundle.models.items():
+        for kind, model in kinds.items():
+            assert np.allclose(plain.models[output][kind].predict(motion),
+                               model.at(0.25).predict(motion), rtol=0, atol=1e-9)
+
+
+def test_what_cannot_be() -> None:
+    """A payload for a model that knows of none, a negative one, and a model without fit."""
+    plain = ModelBundle(ARM, PreprocessingSpec(), {'effort': {'analytical': fitted('effort').at(
+        0.0)}})
+    assert plain.at(0.0) is plain
+    with pytest.raises(ModelError, match='one payload'):
+        plain.at(0.2)
+    with pytest.raises(FitError, match='impossible'):
+        fitted('effort').at(-0.1)
+    with pytest.raises(NotFittedError):
+        PayloadELM(ARM.active_joints, RANGE).at(0.1)
+    with pytest.raises(NotFittedError):
+        PayloadModel(payload_regressor(EffortRegressor(ARM), ARM), 2, RANGE).at(0.1)

@@ -1,0 +1,78 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor reproduce table1``: Table I of Malzahn et al., and one model for all payloads."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from pathlib import Path
+import time
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from tudor_dynamics.cli.campaign_options import opened
+from tudor_dynamics.cli.console import finite, print_json
+from tudor_dynamics.reproduction.fits import Fits
+from tudor_dynamics.reproduction.pages import write_table
+from tudor_dynamics.reproduction.table1 import build, LABELS, MODELS, Table1
+from tudor_dynamics.reproduction.table_text import Grid, grids, SPLIT_TEXTS
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record, fit, print and write."""
+    begun = time.perf_counter()
+    out = Path(args.out)
+    payloads = 3 if args.quick else 5
+    with opened(args, payloads * (2 if args.split == 'stimulus' else 3) + 1) as campaign:
+        table = build(Fits(campaign), args.split)
+        files = write_table(table, campaign, out)
+    seconds = time.perf_counter() - begun
+    if args.json:
+        print_json(finite({'out': str(out), 'seconds': round(seconds, 1), **_content(table)}))
+        return 0
+    for grid in grids(table):
+        _print(grid)
+    missing = [LABELS[model] for model in MODELS if all(
+        row.cells[model].fit is None for block in table.blocks for row in block.rows)]
+    if missing:
+        print(f'{", ".join(missing)}: no figures, this kind of model was not fitted')
+    print(f'{SPLIT_TEXTS[table.split]}; fit: Eq. (18) as printed')
+    print('expected shape:')
+    for item in table.findings:
+        print(f'  {"yes" if item.holds else "NO "} {item.text} ({item.figures})')
+    print(f'{seconds:.0f} s; {", ".join(str(file) for file in files)}')
+    return 0
+
+
+def _content(table: Table1) -> dict[str, Any]:
+    return asdict(table)
+
+
+def _print(grid: Grid) -> None:
+    table = Table(title=grid.title, title_justify='left')
+    names = [(name, number) for name, count in grid.groups for number in range(count)]
+    for (name, number), head in zip(names, grid.heads, strict=True):
+        text = f'{name}\n{head}' if name and number == 0 else f'\n{head}'
+        table.add_column(text, justify='left' if not name else 'right', no_wrap=True)
+    for number, row in enumerate(grid.rows):
+        if number in grid.breaks:
+            table.add_section()
+        table.add_row(*row)
+    # in pieces of the width of a narrow terminal it would be of no use
+    width = Console(width=400).measure(table).maximum
+    Console(markup=False, width=width).print(table, crop=False)

@@ -1,0 +1,185 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Stages of a long computation that are kept, and used again after an interruption.
+
+The name of a stage's directory ends in a digest of all that its result depends on: settings, arm,
+version of the package and the source of the parts that compute it. Another digest is another
+directory, so nothing out of date is ever taken for a result; what a stage left behind under older
+digests is removed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+import hashlib
+import io
+import json
+from pathlib import Path
+import shutil
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics import __version__
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.models.bundle_files import write_directory
+
+FloatArray = NDArray[np.float64]
+
+FOLDER = 'stages'
+RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation')
+"""Parts of the package that a recording depends on."""
+FITTING = (*RECORDING, 'models', 'identification', 'monitoring')
+"""Parts that a fit depends on."""
+
+
+@lru_cache
+def source_digest(parts: tuple[str, ...]) -> str:
+    """
+    Give the version of some parts of the package.
+
+    Parameters
+    ----------
+    parts : tuple of str
+        Directories below the package.
+
+    Returns
+    -------
+    str
+        Version of the package and digest of the sources.
+
+    """
+    root = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256(__version__.encode())
+    for part in parts:
+        for file in sorted((root / part).glob('*.py')):
+            digest.update(file.name.encode() + file.read_bytes())
+    return f'{__version__} {digest.hexdigest()[:16]}'
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """
+    What a stage came to.
+
+    Attributes
+    ----------
+    content : dict
+        Plain values.
+    arrays : dict of str to ndarray
+        Signals.
+
+    """
+
+    content: dict[str, Any]
+    arrays: dict[str, FloatArray]
+
+
+class Stages:
+    """
+    Results of stages below a directory.
+
+    Parameters
+    ----------
+    root : str or Path
+        Directory, made where it is not there.
+
+    """
+
+    def __init__(self, root: str | Path) -> None:
+        self.root = Path(root) / FOLDER
+        if self.root.exists() and not self.root.is_dir():
+            msg = f'{self.root}: is no directory; give another --out'
+            raise UsageError(msg)
+        self.root.mkdir(parents=True, exist_ok=True)
+
+    def folder(self, name: str, depends: dict[str, Any], parts: tuple[str, ...]) -> Path:
+        """
+        Give the directory of a stage, which may not be there yet.
+
+        Parameters
+        ----------
+        name : str
+            Stage.
+        depends : dict
+            Plain values that the result depends on.
+        parts : tuple of str
+            Parts of the package that it depends on.
+
+        Returns
+        -------
+        Path
+            Directory.
+
+        """
+        text = json.dumps({**depends, 'source': source_digest(parts)}, sort_keys=True)
+        path = self.root / f'{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}'
+        for other in self.root.glob(f'{name}-' + 12 * '[0-9a-f]'):
+            if other != path:
+                shutil.rmtree(other)
+        return path
+
+    def result(
+        self,
+        name: str,
+        depends: dict[str, Any],
+        make: Callable[[], Result],
+        parts: tuple[str, ...] = FITTING,
+    ) -> Result:
+        """
+        Compute a stage, or read what was computed before.
+
+        Parameters
+        ----------
+        name : str
+            Stage.
+        depends : dict
+            Plain values that the result depends on.
+        make : callable
+            Computes it.
+        parts : tuple of str
+            Parts of the package that it depends on.
+
+        Returns
+        -------
+        Result
+            Values and signals.
+
+        """
+        path = self.folder(name, depends, parts)
+        known = _read(path)
+        if known is not None:
+            return known
+        found = make()
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **found.arrays)  # type: ignore[arg-type]
+        text = json.dumps(found.content, indent=1, allow_nan=False)
+        write_directory({'result.json': text.encode(), 'arrays.npz': buffer.getvalue()}, path)
+        # what was written and read again, so that a second run sees the same
+        return Result(json.loads(text), found.arrays)
+
+
+def _read(path: Path) -> Result | None:
+    """Read a stage; one that cannot be read is computed again."""
+    try:
+        content = json.loads((path / 'result.json').read_text(encoding='utf-8'))
+        with np.load(path / 'arrays.npz', allow_pickle=False) as file:
+            return Result(content, {name: file[name] for name in file.files})
+    except (OSError, ValueError, EOFError):
+        return None

@@ -1,0 +1,256 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Table I: all cells of ours, those known of the paper, and what they come to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.identification.dataset import OUTPUTS
+from tudor_dynamics.models.units import output_units
+from tudor_dynamics.reproduction.fits import Fits, hub_gauges
+from tudor_dynamics.reproduction.plan import grams
+
+MODELS = ('analytical', 'elm', 'elastic')
+"""Columns, whether a kind of model is there or not."""
+LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
+PARTS = ('training', 'test')
+FIGURES = ('rmse', 'sigma_e', 'fit_printed', 'fit')
+TITLES = {'strain': 'Strain', 'effort': 'Current'}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """
+    Figures of one model; None where there is no such model.
+
+    Attributes
+    ----------
+    rmse, sigma_e : float or None
+        In the unit of the output.
+    fit_printed, fit : float or None
+        Eq. (18) as printed, and with the measured values in the denominator [%].
+    paper : dict of str to float
+        The paper's own figures, as far as they are known.
+
+    """
+
+    rmse: float | None
+    sigma_e: float | None
+    fit_printed: float | None
+    fit: float | None
+    paper: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells of all models for one payload, in training or test."""
+
+    payload: float
+    part: str
+    cells: dict[str, Cell]
+
+
+@dataclass(frozen=True)
+class Block:
+    """One output: its unit, the channels counted, and rows."""
+
+    output: str
+    title: str
+    unit: str
+    channels: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Test fits (Eq. (18)) of one output and model: separate models, and one for all [%]."""
+
+    output: str
+    model: str
+    separate: dict[float, float | None]
+    together: dict[float, float | None]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the paper found, whether it holds here, and the figures."""
+
+    text: str
+    holds: bool
+    figures: str
+
+
+@dataclass(frozen=True)
+class Table1:
+    """
+    The whole table.
+
+    Attributes
+    ----------
+    split : str
+        How training and test were told apart.
+    blocks : tuple of Block
+        Strain, then current.
+    shared : tuple of Shared
+        One model for all payloads beside separate ones.
+    trained_at : tuple of float
+        Payloads that the one model was fitted to [kg].
+    findings : tuple of Finding
+        The expected shape.
+    notes : tuple of str
+        On the paper's figures.
+    source : str
+        Of the paper's figures.
+
+    """
+
+    split: str
+    blocks: tuple[Block, ...]
+    shared: tuple[Shared, ...]
+    trained_at: tuple[float, float]
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+    source: str
+
+
+@lru_cache
+def published() -> dict[str, Any]:
+    """Give the paper's figures that are known."""
+    text = (Path(__file__).parent / 'published.yaml').read_text(encoding='utf-8')
+    content: dict[str, Any] = yaml.safe_load(text)
+    return content
+
+
+def _paper(output: str, model: str, part: str, payload: float) -> dict[str, float]:
+    for item in published()['cells']:
+        if (item['output'], item['model'], item['part'], item['payload']) == (
+                output, model, part, round(1000 * payload)):
+            return {'fit_printed': float(item['fit'])}
+    return {}
+
+
+def _cell(output: str, model: str, part: str, payload: float, content: dict[str, Any]) -> Cell:
+    paper = _paper(output, model, part, payload)
+    found = content.get(output, {}).get(model)
+    if found is None:
+        return Cell(None, None, None, None, paper)
+    values = [float(found[part][name]) for name in FIGURES]
+    return Cell(values[0], values[1], values[2], values[3], paper)
+
+
+def build(fits: Fits, split: str) -> Table1:
+    """
+    Compute the table, or put it together from what was computed before.
+
+    Parameters
+    ----------
+    fits : Fits
+        Stages.
+    split : {'stimulus', 'random'}
+        How training and test are told apart.
+
+    Returns
+    -------
+    Table1
+        All cells.
+
+    """
+    plan, arm = fits.campaign.plan, fits.campaign.arm
+    separate = {payload: fits.separate(payload, split=split).content for payload in plan.payloads}
+    honest = separate if split == 'stimulus' else {
+        payload: fits.separate(payload).content for payload in plan.payloads}
+    together = fits.of_all_payloads().content
+    blocks = tuple(_block(arm, output, separate) for output in ('strain', 'effort'))
+    shared = []
+    for output in ('strain', 'effort'):
+        for model in MODELS:
+            shared.append(Shared(
+                output, model,
+                {payload: _test_fit(content.get(output, {}).get(model, {}).get('test'))
+                 for payload, content in honest.items()},
+                {payload: _test_fit(together[grams(payload)].get(output, {}).get(model))
+                 for payload in plan.payloads}))
+    notes = [item['note'] for item in published()['cells'] if 'note' in item]
+    notes += [f'{TITLES[item["output"]]}, where single cells are not available: {item["text"]}.'
+              for item in published()['ranges']]
+    return Table1(split, blocks, tuple(shared), (min(plan.payloads), max(plan.payloads)),
+                  tuple(findings(blocks)), tuple(notes), published()['source'])
+
+
+def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> Block:
+    assert output in OUTPUTS
+    units = set(output_units(arm, output).values())
+    sample = next(iter(next(iter(separate.values()))[output].values()))['training']
+    hubs = tuple(sample['channels'])
+    if output == 'strain':
+        hubs = tuple(arm.gauge_names[i] for i in hub_gauges(arm))
+    rows = tuple(
+        Row(payload, part, {model: _cell(output, model, part, payload, content)
+                            for model in MODELS})
+        for part in PARTS for payload, content in separate.items())
+    return Block(output, TITLES[output], units.pop() if len(units) == 1 else 'mixed', hubs, rows)
+
+
+def _test_fit(figures: dict[str, Any] | None) -> float | None:
+    return None if figures is None else float(figures['fit_printed'])
+
+
+def findings(blocks: tuple[Block, ...]) -> list[Finding]:
+    """
+    Compare the shape of the table with what the paper reports.
+
+    Parameters
+    ----------
+    blocks : tuple of Block
+        Strain, then current.
+
+    Returns
+    -------
+    list of Finding
+        Each with the figures that decide.
+
+    """
+    def fits(output: str, model: str, part: str) -> list[float]:
+        block = next(item for item in blocks if item.output == output)
+        return [row.cells[model].fit_printed or 0.0 for row in block.rows if row.part == part]
+
+    def shown(values: list[float]) -> str:
+        return ', '.join(f'{value:.1f}' for value in values)
+
+    result = []
+    for output in ('strain', 'effort'):
+        values = fits(output, 'analytical', 'test')
+        falls = all(a > b for a, b in zip(values, values[1:], strict=False))
+        result.append(Finding(f'{TITLES[output]}: the fit falls with the payload', falls,
+                              f'analytical, test: {shown(values)} %'))
+        for part, better in (('training', True), ('test', False)):
+            rigid, elm = fits(output, 'analytical', part), fits(output, 'elm', part)
+            gaps = [b - a for a, b in zip(rigid, elm, strict=True)]
+            result.append(Finding(
+                f'{TITLES[output]}: the ELM is {"better" if better else "worse"} in {part}',
+                all((gap > 0) == better for gap in gaps),
+                f'points above the analytical model: {shown(gaps)}'))
+    strain, current = (fits(output, 'analytical', 'test') for output in ('strain', 'effort'))
+    result.append(Finding('Current is below strain',
+                          all(a > b for a, b in zip(strain, current, strict=True)),
+                          f'analytical, test: {shown(current)} % against {shown(strain)} %'))
+    return result

@@ -1,0 +1,202 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Table I as grids of text: for the terminal, Markdown and CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import csv
+from dataclasses import dataclass
+import io
+
+from tudor_dynamics.reproduction.table1 import Block, Cell, FIGURES, LABELS, MODELS, Table1
+
+NOT_KNOWN = 'n/a'
+EMPTY = ''
+SPLIT_TEXTS = {
+    'stimulus': 'half of the stimuli for training, the other half for testing',
+    'random': 'half of the samples at random for training, the other half for testing (as the '
+              'paper; optimistic)'}
+
+
+@dataclass(frozen=True)
+class Grid:
+    """
+    A table of text.
+
+    Attributes
+    ----------
+    title : str
+        Above it.
+    groups : tuple of (str, int)
+        Heads over several columns each, with their number.
+    heads : tuple of str
+        Heads of the columns.
+    rows : tuple of tuple of str
+        Cells.
+    breaks : tuple of int
+        Rows before which a rule is drawn.
+
+    """
+
+    title: str
+    groups: tuple[tuple[str, int], ...]
+    heads: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    breaks: tuple[int, ...] = ()
+
+    def look(self, column: int) -> str:
+        """Give the style class of a column: text at the left, a line before each group."""
+        if column < self.groups[0][1]:
+            return 'first'
+        begins, total = set(), 0
+        for _, count in self.groups:
+            begins.add(total)
+            total += count
+        return 'group' if column in begins else 'figure'
+
+
+def _number(value: float | None, digits: int) -> str:
+    return EMPTY if value is None else f'{value:.{digits}f}'
+
+
+def _cells(cell: Cell, digits: int, *, with_paper: bool) -> tuple[str, ...]:
+    own = (_number(cell.rmse, digits), _number(cell.sigma_e, digits),
+           _number(cell.fit_printed, 1), _number(cell.fit, 1))
+    if not with_paper:
+        return own
+    paper = cell.paper.get('fit_printed')
+    return (*own, NOT_KNOWN if paper is None else f'{paper:g}')
+
+
+def block_grid(block: Block) -> Grid:
+    """Lay one output out: a row for payload and part, five columns a model of the paper."""
+    digits = 1 if block.output == 'strain' else 3
+    groups: list[tuple[str, int]] = [(EMPTY, 2)]
+    heads = ['', 'payload']
+    for model in MODELS:
+        own = ['RMSE', 'σ(E)', 'fit', 'NRMSE fit']
+        if model != 'elastic':  # the paper has none
+            own.append('paper fit')
+        groups.append((LABELS[model], len(own)))
+        heads += own
+    rows: list[tuple[str, ...]] = []
+    breaks: list[int] = []
+    last = ''
+    for row in block.rows:
+        if last and row.part != last:
+            breaks.append(len(rows))
+        first = '' if row.part == last else row.part
+        last = row.part
+        cells = [text for model in MODELS
+                 for text in _cells(row.cells[model], digits, with_paper=model != 'elastic')]
+        rows.append((first, f'{1000 * row.payload:.0f} g', *cells))
+    title = (f'{block.title} ({", ".join(block.channels)}); RMSE and σ(E) in {block.unit}, '
+             'fits in %')
+    return Grid(title, tuple(groups), tuple(heads), tuple(rows), tuple(breaks))
+
+
+def shared_grid(table: Table1) -> Grid:
+    """Lay the one model of all payloads out beside the separate ones."""
+    present = [item for item in table.shared
+               if any(value is not None for value in item.separate.values())]
+    low, high = (f'{1000 * value:.0f} g' for value in table.trained_at)
+    titles = {block.output: block.title for block in table.blocks}
+    groups = [(EMPTY, 1)] + [(f'{titles[item.output]}, {LABELS[item.model]}', 2)
+                             for item in present]
+    heads = ['payload'] + [text for _ in present for text in ('separate', 'one model')]
+    rows = []
+    for payload in next(iter(table.shared)).separate:
+        seen = payload in table.trained_at
+        cells = [f'{1000 * payload:.0f} g{" *" if seen else ""}']
+        for item in present:
+            cells += [_number(item.separate[payload], 1), _number(item.together[payload], 1)]
+        rows.append(tuple(cells))
+    return Grid(f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
+                'for each: fit in % on test stimuli', tuple(groups), tuple(heads), tuple(rows))
+
+
+def grids(table: Table1) -> list[Grid]:
+    """Lay out everything."""
+    return [*(block_grid(block) for block in table.blocks), shared_grid(table)]
+
+
+def markdown(table: Table1) -> str:
+    """
+    Write the table as Markdown.
+
+    Parameters
+    ----------
+    table : Table1
+        Table.
+
+    Returns
+    -------
+    str
+        Text.
+
+    """
+    lines = ['# Table I', '', f'Simulated arm; {SPLIT_TEXTS[table.split]}. '
+             f'`fit` is Eq. (18) of the paper; figures of the paper: {table.source}.', '']
+    for grid in grids(table):
+        # Markdown has no heads over several columns: each column is named in full
+        names = [name for name, count in grid.groups for _ in range(count)]
+        heads = [f'{name} {head}'.strip() for name, head in zip(names, grid.heads, strict=True)]
+        lines += [f'## {grid.title}', '', _line(heads), _line(['---'] * len(heads))]
+        lines += [_line(row) for row in grid.rows] + ['']
+    lines += ['## Expected shape', '']
+    lines += [f'* {item.text}: {"yes" if item.holds else "NO"} ({item.figures})'
+              for item in table.findings]
+    lines += ['', "## On the paper's figures", '', *(f'* {note}' for note in table.notes)]
+    return '\n'.join(lines) + '\n'
+
+
+def _line(cells: list[str] | tuple[str, ...]) -> str:
+    return f'| {" | ".join(cells)} |'
+
+
+def csv_text(table: Table1) -> str:
+    """
+    Write all cells, one a line.
+
+    Parameters
+    ----------
+    table : Table1
+        Table.
+
+    Returns
+    -------
+    str
+        CSV with a head; what is not known is empty.
+
+    """
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator='\n')
+    writer.writerow(['output', 'unit', 'payload_g', 'part', 'model', *FIGURES,
+                     'paper_fit_printed', 'one_model_fit_printed'])
+    for block in table.blocks:
+        for row in block.rows:
+            for model in MODELS:
+                cell = row.cells[model]
+                shared = next(item for item in table.shared
+                              if (item.output, item.model) == (block.output, model))
+                together = shared.together[row.payload] if row.part == 'test' else None
+                exact: Callable[[float | None], str] = (
+                    lambda value: EMPTY if value is None else f'{value:.6g}')
+                writer.writerow([
+                    block.output, block.unit, f'{1000 * row.payload:g}', row.part, model,
+                    *(exact(getattr(cell, name)) for name in FIGURES),
+                    exact(cell.paper.get('fit_printed')), exact(together)])
+    return stream.getvalue()
