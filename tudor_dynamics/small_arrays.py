@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reductions of a few numbers, without the microseconds that numpy takes for arrays of any size."""
+"""Reductions of a few numbers, without the microseconds that numpy takes for any array."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Where things stand in CDR messages: JointState and WrenchStamped.
+Where things stand in CDR messages: JointState, WrenchStamped, JointTrajectory of one point.
 
 The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment counts from behind
 the encapsulation header of four bytes.
@@ -36,6 +36,7 @@ HEADER = 4
 MAX_PADDING = 3
 """Bytes that a middleware may append to fill up to four."""
 FIELDS = ('position', 'velocity', 'effort')
+POINT_FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
@@ -127,10 +128,11 @@ class _Cursor:
 
     def finish(
         self, frame_id: str, names: tuple[str, ...], fields: dict[str, tuple[int, int]],
+        spare: int = MAX_PADDING,
     ) -> Layout:
         """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
-        if left > MAX_PADDING:
+        if left > spare:
             raise CdrError(f'has {left} bytes too many')
         present = {name: place for name, place in fields.items() if place[1]}
         dtype = np.dtype({
@@ -143,7 +145,7 @@ class _Cursor:
                       self.significant)
 
 
-def joint_state_layout(buffer: bytes) -> Layout:
+def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     """
     Parse the structure of a JointState.
 
@@ -151,6 +153,8 @@ def joint_state_layout(buffer: bytes) -> Layout:
     ----------
     buffer : bytes
         Message with its encapsulation header.
+    spare : int
+        Bytes that may follow.
 
     Returns
     -------
@@ -171,7 +175,7 @@ def joint_state_layout(buffer: bytes) -> Layout:
         raise CdrError(f'announces {count} names in {len(buffer)} bytes')
     names = tuple(cursor.text() for _ in range(count))
     fields = {field: cursor.doubles() for field in FIELDS}
-    return cursor.finish(frame_id, names, fields)
+    return cursor.finish(frame_id, names, fields, spare)
 
 
 def wrench_layout(buffer: bytes) -> Layout:
@@ -198,3 +202,41 @@ def wrench_layout(buffer: bytes) -> Layout:
     cursor.skip(8, 4)
     frame_id = cursor.text()
     return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})
+
+
+def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
+    """
+    Parse the structure of a JointTrajectory of exactly one point.
+
+    Parameters
+    ----------
+    buffer : bytes
+        Message with its encapsulation header.
+    spare : int
+        Bytes that may follow.
+
+    Returns
+    -------
+    Layout
+        Names, and places of positions, velocities, accelerations and effort; the place of
+        ``time_from_start`` has no length, because it is no float64.
+
+    Raises
+    ------
+    CdrError
+        If the buffer is no JointTrajectory of one point.
+
+    """
+    cursor = _Cursor(buffer)
+    cursor.skip(8, 4)
+    frame_id = cursor.text()
+    count = cursor.count()
+    if count > len(buffer) // 5:
+        raise CdrError(f'announces {count} names in {len(buffer)} bytes')
+    names = tuple(cursor.text() for _ in range(count))
+    points = cursor.count()
+    if points != 1:
+        raise CdrError(f'has {points} points')
+    fields = {field: cursor.doubles() for field in POINT_FIELDS}
+    fields['time_from_start'] = (cursor.skip(8, 4), 0)
+    return cursor.finish(frame_id, names, fields, spare)

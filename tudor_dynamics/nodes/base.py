@@ -29,11 +29,14 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.interfaces import DIAGNOSTICS, NODES, Param, Value
 from tudor_dynamics.nodes.meter import Meter
+from tudor_dynamics.nodes.wire import JointSample, JointStateDecoder, MotionDecoder, PointSample
 
 DEPTH = 10
 """One is too few: at 1 kHz it loses samples."""
@@ -152,6 +155,29 @@ class TudorNode(Node):
         return self.create_subscription(
             kind, topic, callback, weak(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def subscribe_raw(
+        self, kind: Any, topic: str, decoder: Any, callback: Callable[[Any], None],
+    ) -> Subscription:
+        """Subscribe as `subscribe` does, with messages decoded by a decoder of `wire`."""
+        decode = decoder.decode
+
+        def take(data: bytes) -> None:
+            message = decode(data)
+            if message is not None:
+                callback(message)
+        return self.create_subscription(
+            kind, topic, take, weak(), raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def hear_joint_states(self, topic: str, callback: Callable[[JointSample], None],
+                          ) -> Subscription:
+        """Subscribe to JointStates."""
+        return self.subscribe_raw(JointState, topic, JointStateDecoder(self.drops), callback)
+
+    def hear_motions(self, topic: str, callback: Callable[[PointSample], None]) -> Subscription:
+        """Subscribe to JointTrajectories of one point."""
+        return self.subscribe_raw(JointTrajectory, topic, MotionDecoder(self.drops), callback)
 
     def publish_on(self, kind: Any, topic: str, *, latch: bool = False) -> Publisher:
         """Make a publisher that any subscriber matches; overridable by the standard parameters."""

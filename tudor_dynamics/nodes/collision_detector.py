@@ -22,9 +22,6 @@ from functools import partial
 import sys
 from typing import Any
 
-from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
-
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.rehearsal import rehearse
@@ -32,8 +29,9 @@ from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.detect_node import DetectNode
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import MotionReader, NamedReader, nanoseconds
+from tudor_dynamics.nodes.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.wire import JointSample, PointSample
 
 WAITING = 200
 """Motions that may wait for their prediction."""
@@ -50,7 +48,7 @@ class CollisionDetectorNode(DetectNode):
         self._predictions: dict[str, OrderedDict[int, Any]] = {}
         self._sensors: list[Any] = []
         self.start()
-        self._inputs = [self.subscribe(JointTrajectory, JOINT_MOTION, self._on_motion)]
+        self._inputs = [self.hear_motions(JOINT_MOTION, self._on_motion)]
 
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
@@ -70,14 +68,13 @@ class CollisionDetectorNode(DetectNode):
                                     for output in prepared.outputs}
         if first:
             for output in prepared.outputs:
-                self._sensors.append(self.subscribe(
-                    JointState, PREDICTED[output], partial(self._on_predicted, output)))
-                self._sensors.append(self.subscribe(
-                    JointState, topics[output].pop(),
-                    partial(self._on_measured, output)))
+                self._sensors.append(self.hear_joint_states(
+                    PREDICTED[output], partial(self._on_predicted, output)))
+                self._sensors.append(self.hear_joint_states(
+                    topics[output].pop(), partial(self._on_measured, output)))
 
-    def _on_motion(self, message: JointTrajectory) -> None:
-        self.meter.begin()
+    def _on_motion(self, message: PointSample) -> None:
+        self.outlets.look(self.meter.begin())
         if self.watch is None or self._motion_reader is None:
             return
         motion = self._motion_reader.read(message)
@@ -96,13 +93,13 @@ class CollisionDetectorNode(DetectNode):
                 waiting.popitem(last=False)
                 self.drops['no_prediction'] += 1
 
-    def _on_predicted(self, output: str, message: JointState) -> None:
+    def _on_predicted(self, output: str, message: JointSample) -> None:
         if self.watch is None or output not in self._motions:
             return
         values = self._prediction_readers[output].read(message, FIELD[output])
         if values is None:
             return
-        stamp = nanoseconds(message.header.stamp)
+        stamp = message.stamp
         waiting = self._motions[output]
         motion = waiting.get(stamp)
         if motion is None:
@@ -118,8 +115,9 @@ class CollisionDetectorNode(DetectNode):
             self.drops['no_prediction'] += 1
         self.tell(self.watch.add_output(output, motion, values))
 
-    def _on_measured(self, output: str, message: JointState) -> None:
+    def _on_measured(self, output: str, message: JointSample) -> None:
         begun = self.meter.begin()
+        self.outlets.look(begun)
         try:
             self.tell(self.measured(output, message))
         except TudorError as err:

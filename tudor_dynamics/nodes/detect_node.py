@@ -30,14 +30,17 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.calibration import Calibration
 from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Rates
-from tudor_dynamics.monitoring.health import SensorHealth
+from tudor_dynamics.monitoring.health import MOVING, SensorHealth
 from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, Watch
+from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.nodes.base import ERROR, OK, WARN
 from tudor_dynamics.nodes.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
-from tudor_dynamics.nodes.messages import joint_state, NamedReader, nanoseconds, time_message
+from tudor_dynamics.nodes.messages import NamedReader, time_message
 from tudor_dynamics.nodes.model_node import ModelNode
+from tudor_dynamics.nodes.outlets import Outlet, Outlets
+from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder
+from tudor_dynamics.small_arrays import largest_size
 
 
 class DetectNode(ModelNode):
@@ -62,8 +65,12 @@ class DetectNode(ModelNode):
         self._told: dict[Level, bool] = {}
         self._last_event: CollisionEvent | None = None
         self._readers: dict[str, NamedReader] = {}
-        self._residuals = {m: self.publish_on(JointState, RESIDUALS[m]) for m in METHODS}
-        self._thresholds = {m: self.publish_on(JointState, THRESHOLDS[m]) for m in METHODS}
+        self.outlets = Outlets()
+        self._residuals = {m: self.outlets.add(self.publish_on(JointState, RESIDUALS[m]))
+                           for m in METHODS}
+        self._thresholds = {m: self.outlets.add(self.publish_on(JointState, THRESHOLDS[m]))
+                            for m in METHODS}
+        self._encoders: dict[str, JointStateEncoder] = {}
         self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
                        Level.CONTACT: self.publish_on(Bool, CONTACT, latch=True)}
         self._events = self.publish_on(Header, COLLISION_EVENT)
@@ -90,6 +97,9 @@ class DetectNode(ModelNode):
                          for output in watch.outputs}
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
                        for output in watch.outputs}
+        self._encoders = {
+            method: JointStateEncoder(names[SOURCE[method]], (FIELD[method],))
+            for method in watch.methods}
         self._calibration = None
         missing = [m for m in self.value('methods') if m not in watch.stages]
         self._note = '' if not missing else (
@@ -137,7 +147,7 @@ class DetectNode(ModelNode):
         for health in self.health.values():
             health.stuck_time = self.value('stuck_time')
 
-    def measured(self, output: str, message: JointState) -> Found:
+    def measured(self, output: str, message: JointSample) -> Found:
         """Hand a sensor message to the detector."""
         watch, reader = self.watch, self._readers.get(output)
         if watch is None or reader is None:
@@ -145,14 +155,13 @@ class DetectNode(ModelNode):
         values = reader.read(message, FIELD[output])
         if values is None:
             return Found()
-        stamp = nanoseconds(message.header.stamp)
-        self.health[output].step(stamp, values)
-        return watch.add_measured(output, stamp, values)
+        self.health[output].step(message.stamp, values)
+        return watch.add_measured(output, message.stamp, values)
 
     def moving(self, row: Any) -> None:
         """Tell the health of the sensors whether the arm moves."""
         n = len(row) // 3
-        moving = bool(abs(row[n:2 * n]).max() > 0.05)
+        moving = largest_size(row, n, 2 * n) > MOVING
         for health in self.health.values():
             health.moving = moving
 
@@ -161,24 +170,20 @@ class DetectNode(ModelNode):
         for method, residual in found.residuals:
             if self._calibration is not None and method in self._calibration.channels:
                 self._collect(method, residual)
-            publisher = self._residuals[method]
-            if publisher.get_subscription_count():
-                self._publish(publisher, method, residual.motion.stamp, residual.value)
+            outlet = self._residuals[method]
+            if outlet.wanted:
+                self._publish(outlet, method, residual.motion.stamp, residual.value)
         for method, excess in found.excesses:
-            publisher = self._thresholds[method]
-            if publisher.get_subscription_count():
-                self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
+            outlet = self._thresholds[method]
+            if outlet.wanted:
+                self._publish(outlet, method, excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
             self._tell_event(event)
         if self.watch is not None and found.excesses:
             self._tell_level(self.watch.level)
 
-    def _publish(self, publisher: Any, method: str, stamp: int, values: Any) -> None:
-        assert self.bundle is not None
-        arm = self.bundle.arm
-        names = arm.gauge_names if method == 'strain' else arm.active_joints
-        publisher.publish(joint_state(time_message(stamp), list(names),
-                                      **{FIELD[method]: values}))
+    def _publish(self, outlet: Outlet, method: str, stamp: int, values: Any) -> None:
+        outlet.publish(self._encoders[method].encode(stamp, values))
 
     def _tell_level(self, level: Level) -> None:
         for of, publisher in self._flags.items():

@@ -21,16 +21,17 @@ import sys
 from typing import Any
 
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import joint_state, MotionReader
+from tudor_dynamics.nodes.messages import MotionReader
 from tudor_dynamics.nodes.model_node import ModelNode
+from tudor_dynamics.nodes.outlets import Outlets
 from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.wire import JointStateEncoder, PointSample
 
 
 class DynamicsPredictorNode(ModelNode):
@@ -40,10 +41,11 @@ class DynamicsPredictorNode(ModelNode):
         super().__init__('dynamics_predictor', **kwargs)
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
-        self._publishers_of = {output: self.publish_on(JointState, topic)
-                               for output, topic in PREDICTED.items()}
+        self._listeners = Outlets()
+        self._outlets = {output: self._listeners.add(self.publish_on(JointState, topic))
+                         for output, topic in PREDICTED.items()}
         self.start()
-        self._subscription = self.subscribe(JointTrajectory, JOINT_MOTION, self._on_motion)
+        self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
 
     def prepare(self, bundle: ModelBundle) -> Predictor:
         """Build the predictor."""
@@ -55,24 +57,24 @@ class DynamicsPredictorNode(ModelNode):
         self.bundle, self.predictor = bundle, prepared
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
-        self._names = {'effort': list(bundle.arm.active_joints),
-                       'strain': list(bundle.arm.gauge_names)}
+        self._encoders = {
+            'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
+            'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
 
-    def _on_motion(self, message: JointTrajectory) -> None:
+    def _on_motion(self, message: PointSample) -> None:
         begun = self.meter.begin()
         if self.predictor is None or self._reader is None:
             return
         motion = self._reader.read(message)
         if motion is None:
             return
-        wanted = [output for output, publisher in self._publishers_of.items()
-                  if publisher.get_subscription_count()]
+        self._listeners.look(begun)
+        wanted = [output for output, outlet in self._outlets.items() if outlet.wanted]
         predicted = self.predictor.step(motion, wanted)
         if predicted is None:
             return
         for output, values in predicted.items():
-            self._publishers_of[output].publish(joint_state(
-                message.header.stamp, self._names[output], **{FIELD[output]: values}))
+            self._outlets[output].publish(self._encoders[output].encode(motion.stamp, values))
         self.meter.end(begun)
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:

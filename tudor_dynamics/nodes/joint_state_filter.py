@@ -32,9 +32,10 @@ from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
 from tudor_dynamics.nodes.base import TudorNode
 from tudor_dynamics.nodes.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
-from tudor_dynamics.nodes.messages import (
-    floats, joint_state, motion_message, NamedReader, nanoseconds)
+from tudor_dynamics.nodes.messages import NamedReader
+from tudor_dynamics.nodes.outlets import Outlets
 from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, MotionEncoder
 
 
 class JointStateFilterNode(TudorNode):
@@ -59,10 +60,11 @@ class JointStateFilterNode(TudorNode):
         rehearse_filter(spec)
         self.filter = StateFilter(spec, self.value('gap'))
         self._effort = LowPass(spec.output_cutoff)
-        self._states = self.publish_on(JointState, FILTERED_JOINT_STATES)
+        self._outlets = Outlets()
+        self._states = self._outlets.add(self.publish_on(JointState, FILTERED_JOINT_STATES))
         self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
         self.serve(RESET, self._reset)
-        self._subscription = self.subscribe(JointState, topic, self._on_joints)
+        self._subscription = self.hear_joint_states(topic, self._on_joints)
 
     def _spec(self) -> PreprocessingSpec:
         return PreprocessingSpec(
@@ -75,34 +77,35 @@ class JointStateFilterNode(TudorNode):
         self.filter.reset()
         return 'the next sample is a first one'
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
         if self.fault:
             return
         if self._reader is None:
             self._names = self._names or list(message.name)
             self._reader = NamedReader(self._names, self.drops)
+            self._motion_encoder = MotionEncoder(self._names)
+            self._encoder = JointStateEncoder(self._names, ('position', 'velocity'))
+            self._full_encoder = JointStateEncoder(
+                self._names, ('position', 'velocity', 'effort'))
         q = self._reader.read(message, 'position')
         if q is None:
             return
         velocity = self._reader.read(message, 'velocity', optional=True)
-        motion = self.filter.step(nanoseconds(message.header.stamp), q, velocity)
+        motion = self.filter.step(message.stamp, q, velocity)
         if motion is None:
             return
-        n = len(self._names)
-        stamp = message.header.stamp
-        self._motion.publish(motion_message(stamp, self._names, motion))
+        n, row, stamp = len(self._names), motion.row, motion.stamp
+        self._motion.publish(self._motion_encoder.encode(stamp, round(motion.elapsed * 1e9), row))
         effort = self._reader.read(message, 'effort', optional=True)
         if effort is not None:
             effort = self._effort.step(motion.dt, effort)
-        if not self._states.get_subscription_count():
-            self.meter.end(begun)
-            return
-        states = joint_state(stamp, self._names, position=motion.row[:n],
-                             velocity=motion.row[n:2 * n])
-        if effort is not None:
-            states.effort = floats(effort)
-        self._states.publish(states)
+        self._outlets.look(begun)
+        if self._states.wanted:
+            states = (row[:n], row[n:2 * n])
+            self._states.publish(
+                self._encoder.encode(stamp, *states) if effort is None
+                else self._full_encoder.encode(stamp, *states, effort))
         self.meter.end(begun)
 
     def hardware(self) -> str:

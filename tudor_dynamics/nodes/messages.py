@@ -21,13 +21,14 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.nodes.wire import JointSample, PointSample
+from tudor_dynamics.small_arrays import all_finite
 
 FloatArray = NDArray[np.float64]
 
@@ -69,14 +70,14 @@ class NamedReader:
         self._plain = False
 
     def read(
-        self, message: JointState, field: str, *, optional: bool = False,
+        self, message: JointState | JointSample, field: str, *, optional: bool = False,
     ) -> FloatArray | None:
         """
         Read one field.
 
         Parameters
         ----------
-        message : JointState
+        message : JointState or JointSample
             Message.
         field : {'position', 'velocity', 'effort'}
             Field.
@@ -138,42 +139,6 @@ def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointSta
     return message
 
 
-def motion_message(stamp: Time, names: list[str], motion: Motion) -> JointTrajectory:
-    """
-    Make the one-point trajectory that carries a motion.
-
-    ``time_from_start`` is the time since the filter began, or began anew behind a gap: who reads
-    it knows whether the filters have settled.
-
-    Parameters
-    ----------
-    stamp : Time
-        Header stamp of the sample.
-    names : list of str
-        Joints.
-    motion : Motion
-        Motion.
-
-    Returns
-    -------
-    JointTrajectory
-        Message.
-
-    """
-    n = len(names)
-    point = JointTrajectoryPoint()
-    point.positions = floats(motion.row[:n])
-    point.velocities = floats(motion.row[n:2 * n])
-    point.accelerations = floats(motion.row[2 * n:])
-    seconds, rest = divmod(round(motion.elapsed * 1e9), 1_000_000_000)
-    point.time_from_start = Duration(sec=seconds, nanosec=rest)
-    message = JointTrajectory()
-    message.header.stamp = stamp
-    message.joint_names = names
-    message.points = [point]
-    return message
-
-
 class MotionReader:
     """
     Reads motions from one-point trajectories.
@@ -191,28 +156,32 @@ class MotionReader:
         self.names = tuple(names)
         self.drops = drops
         self._last: int | None = None
+        self._seen: list[str] | None = None
+        self._index: list[int] | None = None
+        self._plain = False
 
-    def read(self, message: JointTrajectory) -> Motion | None:
+    def read(self, message: PointSample) -> Motion | None:
         """Read one message; None where it cannot be used."""
-        if len(message.points) != 1:
-            self.drops['not_one_point'] += 1
-            return None
-        seen = list(message.joint_names)
-        if any(seen.count(name) != 1 for name in self.names):
+        if message.name != self._seen:
+            self._seen = list(message.name)
+            known = all(self._seen.count(name) == 1 for name in self.names)
+            self._index = [self._seen.index(name) for name in self.names] if known else None
+            self._plain = self._index == list(range(len(self._seen)))
+        if self._index is None:
             self.drops['unknown_names'] += 1
             return None
-        point = message.points[0]
-        parts = (point.positions, point.velocities, point.accelerations)
-        if any(len(part) != len(seen) for part in parts):
+        parts = (message.positions, message.velocities, message.accelerations)
+        if any(len(part) != len(message.name) for part in parts):
             self.drops['short_array'] += 1
             return None
-        index = [seen.index(name) for name in self.names]
-        row = np.concatenate([np.array(part)[index] for part in parts])
-        if not np.isfinite(row).all():
+        n = len(self.names)
+        row = np.empty(3 * n)
+        for i, part in enumerate(parts):
+            row[i * n:(i + 1) * n] = part if self._plain else part[self._index]
+        if not all_finite(row):
             self.drops['not_finite'] += 1
             return None
-        stamp = nanoseconds(message.header.stamp)
-        elapsed = nanoseconds(point.time_from_start) * 1e-9
+        stamp, elapsed = message.stamp, message.elapsed * 1e-9
         last, self._last = self._last, stamp
         if elapsed == 0.0 or last is None:
             return Motion(stamp, elapsed, 0.0, row)

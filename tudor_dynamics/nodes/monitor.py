@@ -30,9 +30,9 @@ from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.nodes.detect_node import DetectNode
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import (
-    joint_state, motion_message, NamedReader, nanoseconds)
+from tudor_dynamics.nodes.messages import NamedReader
 from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, MotionEncoder
 
 
 class MonitorNode(DetectNode):
@@ -42,8 +42,8 @@ class MonitorNode(DetectNode):
         super().__init__('monitor', **kwargs)
         self.monitor: Monitor | None = None
         self._joints: NamedReader | None = None
-        self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
-        self._predicted = {output: self.publish_on(JointState, topic)
+        self._motion = self.outlets.add(self.publish_on(JointTrajectory, JOINT_MOTION))
+        self._predicted = {output: self.outlets.add(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self._inputs: list[Any] = []
         self.start()
@@ -62,9 +62,10 @@ class MonitorNode(DetectNode):
             prepared.filter = self.monitor.filter
         self.adopt(bundle, prepared.watch)
         self.monitor = prepared
-        self._names = {'joints': list(bundle.arm.active_joints),
-                       'effort': list(bundle.arm.active_joints),
-                       'strain': list(bundle.arm.gauge_names)}
+        self._motion_encoder = MotionEncoder(bundle.arm.active_joints)
+        self._prediction_encoders = {
+            'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
+            'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
         self._joints = NamedReader(bundle.arm.active_joints, self.drops)
         if not first:
             return
@@ -72,13 +73,13 @@ class MonitorNode(DetectNode):
         # one subscription per topic, whatever the topic carries
         others = {output: topics[output].pop() for output in prepared.watch.outputs}
         self._with_joints = [output for output, topic in others.items() if topic == own]
-        self._inputs.append(self.subscribe(JointState, own, self._on_joints))
+        self._inputs.append(self.hear_joint_states(own, self._on_joints))
         for output, topic in others.items():
             if topic != own:
-                self._inputs.append(self.subscribe(
-                    JointState, topic, partial(self._on_measured, output)))
+                self._inputs.append(self.hear_joint_states(
+                    topic, partial(self._on_measured, output)))
 
-    def _on_joints(self, message: JointState) -> None:
+    def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
         monitor, reader = self.monitor, self._joints
         if monitor is None or reader is None:
@@ -87,28 +88,29 @@ class MonitorNode(DetectNode):
         if q is None:
             return
         velocity = reader.read(message, 'velocity', optional=True)
-        monitor.wanted = {output for output, publisher in self._predicted.items()
-                          if output in monitor.watch.outputs
-                          or publisher.get_subscription_count()}
-        found = monitor.add_joints(nanoseconds(message.header.stamp), q, velocity)
+        self.outlets.look(begun)
+        monitor.wanted = {output for output, outlet in self._predicted.items()
+                          if outlet.wanted or output in monitor.watch.outputs}
+        found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
             self.moving(motion.row)
-            stamp = message.header.stamp
-            if self._motion.get_subscription_count():
-                self._motion.publish(motion_message(stamp, self._names['joints'], motion))
+            if self._motion.wanted:
+                self._motion.publish(self._motion_encoder.encode(
+                    motion.stamp, round(motion.elapsed * 1e9), motion.row))
             for output, values in (monitor.predicted or {}).items():
-                publisher = self._predicted[output]
-                if publisher.get_subscription_count():
-                    publisher.publish(joint_state(stamp, self._names[output],
-                                                  **{FIELD[output]: values}))
+                outlet = self._predicted[output]
+                if outlet.wanted:
+                    outlet.publish(self._prediction_encoders[output].encode(
+                        motion.stamp, values))
         self.tell(found)
         for output in self._with_joints:
             self.tell(self.measured(output, message))
         self.meter.end(begun)
 
-    def _on_measured(self, output: str, message: JointState) -> None:
+    def _on_measured(self, output: str, message: JointSample) -> None:
         begun = self.meter.begin()
+        self.outlets.look(begun)
         self.tell(self.measured(output, message))
         self.meter.end(begun)
 

@@ -1,0 +1,73 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Topics that are published only while somebody listens, without asking so at every sample."""
+
+from __future__ import annotations
+
+import math
+
+from rclpy.publisher import Publisher
+
+LOOK = 0.05
+"""Time between two counts of the subscriptions, which take 2 us each [s]."""
+
+
+class Outlet:
+    """
+    A publisher with the knowledge whether anybody listens.
+
+    Parameters
+    ----------
+    publisher : rclpy.publisher.Publisher
+        Publisher.
+
+    Attributes
+    ----------
+    wanted : bool
+        Whether somebody listened at the last look.
+
+    """
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self.wanted = False
+
+    def look(self) -> None:
+        """Count the subscriptions."""
+        self.wanted = self._publisher.get_subscription_count() > 0
+
+    def publish(self, message: bytes) -> None:
+        """Publish a message in its serialised form."""
+        self._publisher.publish(message)
+
+
+class Outlets:
+    """All outlets of a node; `look`, called at every sample, counts from time to time."""
+
+    def __init__(self) -> None:
+        self._all: list[Outlet] = []
+        self._looked = -math.inf
+
+    def add(self, publisher: Publisher) -> Outlet:
+        """Add one."""
+        self._all.append(Outlet(publisher))
+        return self._all[-1]
+
+    def look(self, now: float) -> None:
+        """Count the subscriptions where the last count is too old; ``now`` is monotonic [s]."""
+        if now - self._looked >= LOOK:
+            self._looked = now
+            for outlet in self._all:
+                outlet.look()
