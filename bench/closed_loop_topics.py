@@ -38,10 +38,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 from numpy.typing import NDArray
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rcl_interfaces.srv import SetParameters
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header
@@ -166,7 +166,7 @@ class Listener:
         self.wait(future.done, service)
         return future.result()
 
-    def set(self, node: str, **values: Any) -> None:
+    def configure(self, node: str, **values: Any) -> None:
         """Set parameters."""
         answer = self.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
             parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]))
@@ -239,10 +239,10 @@ def scenario(args: argparse.Namespace, user: Listener) -> dict[str, Any]:
     user.wait(lambda: all(user.raw[t] for t in ('joint_states', 'joint_reference',
                                                 'strain_residuals')), 'the nodes')
     user.hear('joint_states', 'joint_reference', 'link_strains')
-    user.let_pass(1.5)  # the damper finds its mean
+    user.let_pass(1.0)  # the damper finds its mean
     begin = user.now()
     user.go(MOVE)
-    user.let_pass(5.0)
+    user.let_pass(3.5)
     end = user.now()
     false = len(user.events['collision_event'])
     user.hear('joint_states', 'joint_reference', 'applied_wrench')
@@ -281,7 +281,7 @@ def judge_move(user: Listener, begin: float, end: float, save: str | None) -> di
 
 def lower(user: Listener) -> None:
     """Put a floor under the tip and drive onto it."""
-    user.set('arm_simulator', obstacle=True, obstacle_height=0.6)
+    user.configure('arm_simulator', obstacle=True, obstacle_height=0.6)
     user.go(np.radians([20.0, -20.0]))
 
 
@@ -293,12 +293,12 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
     act()
     user.wait(lambda: bool(events) or user.now() > begin + 6.0, 'an event', 120.0)
     seen = {'begin': begin, 'event': events[0] if events else None, 'arrived': user.now()}
-    user.let_pass(3.0)
+    user.let_pass(1.5 if name == 'push' else 3.3)
     seen['end'] = user.now()
     seen['reaction'] = user.status('reference_generator').message
     if name == 'push':
         user.push((0.0, 0.0, 0.0))
-        user.let_pass(1.5)
+        user.let_pass(1.0)
     user.call(Trigger, 'reference_generator/reset', Trigger.Request())
     user.call(Trigger, 'monitor/reset', Trigger.Request())
     return seen
@@ -322,19 +322,21 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     t_ref, q_ref = user.series('joint_reference', 'position', user.arm.active_joints)
     t_ref, q_ref = t_ref[t_ref < seen['end']], q_ref[t_ref < seen['end']]
     reacting = q_ref[t_ref > seen['arrived']]
+    pressing = t[size > 0.01]
     return {**result, 'link': event.frame_id, 'onset_s': onset - touched,
             'sure_s': onset - touched + 1e-3 * float(told['certain after [ms]']),
-            'told_s': seen['arrived'] - touched, 'reaction': seen['reaction'],
+            'told_s': seen['arrived'] - touched,
+            'let_go_s': float(pressing[-1]) - onset, 'reaction': seen['reaction'],
             'reference_moved_deg': float(np.degrees(np.ptp(reacting, axis=0).max()))}
 
 
 def make_model(arm_path: str, folder: Path) -> str:
-    """Record the simulated arm and fit a model to it."""
+    """Record the simulated arm, damped as it will be, and fit a model to it."""
     tudor = [sys.executable, '-m', 'tudor_dynamics']
     subprocess.run([*tudor, 'record', '--arm', arm_path, '--payload', str(PAYLOAD), '--stimuli',
-                    '3', '--seconds', '60', '--jobs', '1', '--out', str(folder / 'bags')],
+                    '2', '--seconds', '50', '--jobs', '1', '--out', str(folder / 'bags')],
                    check=True, capture_output=True)
-    subprocess.run([*tudor, 'fit', *(str(folder / f'bags/stimulus_0{k}') for k in (1, 2, 3)),
+    subprocess.run([*tudor, 'fit', *(str(folder / f'bags/stimulus_0{k}') for k in (1, 2)),
                     '--arm', arm_path, '--models', 'analytical', '--out', str(folder / 'model')],
                    check=True, capture_output=True)
     return str(folder / 'model')

@@ -1,0 +1,54 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The closed loop over topics: each node a process, judged by stamps against one process."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+
+def test_move_push_and_floor(root: Path) -> None:
+    """
+    The arm moves and settles as in one process; push and floor are found, and it lets go.
+
+    Simulated time below real time: a slow machine stretches it and changes little.
+    """
+    done = subprocess.run(
+        [sys.executable, str(root / 'bench/closed_loop_topics.py'), '--arm',
+         str(root / 'config/tudor.yaml'), '--factor', '0.7', '--json'],
+        env={**os.environ, 'PYTHONPATH': str(root)}, capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    move = found['move']
+    assert move['off_goal_deg'] < 0.2
+    assert move['stamps']['joint_states']['rate'] == pytest.approx(500.0, rel=1e-3)
+    link = move['strain']['link2_hub']
+    assert link['offline']['settling'] > 0.2
+    assert link['topics']['settling'] == pytest.approx(link['offline']['settling'], rel=0.2)
+    assert found['false_events'] == 0
+    push, floor = found['push'], found['floor']
+    assert push['found'] and push['link'] == 'link3' and 0.0 < push['sure_s'] < 0.1
+    assert floor['found'] and 0.0 < floor['sure_s'] < 0.15
+    assert 'retreat' in floor['reaction'] and floor['reference_moved_deg'] > 5.0
+    assert floor['largest_N'] > 5.0 and floor['at_the_end_N'] < 1.0
+    assert set(found['exit_codes'].values()) == {0}
