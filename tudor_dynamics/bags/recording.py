@@ -55,6 +55,9 @@ class Recording:
         SHA-256 over the storage files.
     payload : float or None
         Mass at the tip, where the metadata of the bag say [kg].
+    earlier : (ndarray of int64, ndarray) or None
+        Stamps [ns] and positions of the gapless motion just before, where this is a part of a
+        bag.
 
     """
 
@@ -70,6 +73,7 @@ class Recording:
     warnings: tuple[str, ...] = ()
     checksum: str = ''
     payload: float | None = None
+    earlier: tuple[NDArray[np.int64], FloatArray] | None = None
 
     @property
     def t(self) -> FloatArray:

@@ -31,6 +31,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.dataset import common_outputs, load, parse_choice
+from tudor_dynamics.identification.fit import MODEL_KINDS
 from tudor_dynamics.identification.roc_plot import check_plot_path, write_roc
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
@@ -74,7 +75,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='false alarms per hour that are allowed (default: 1)')
     group.add_argument('--debounce', type=float, default=0.01, metavar='S',
                        help='time for which a threshold must be exceeded (default: 0.01 s)')
-    group.add_argument('--kind', choices=('analytical', 'elm'), default='analytical',
+    group.add_argument('--kind', choices=MODEL_KINDS, default='analytical',
                        help='model whose residuals are watched (default: analytical)')
     group.add_argument('--roc', metavar='FILE',
                        help='plot detection rate over false alarms (.png, .svg, .pdf)')

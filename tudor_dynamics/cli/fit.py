@@ -32,7 +32,8 @@ from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
-from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
+from tudor_dynamics.identification.fit import (
+    DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
 from tudor_dynamics.identification.payloads import (
     parse_payloads, PAYLOAD_KINDS, payload_range)
 from tudor_dynamics.identification.report import render
@@ -91,8 +92,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'bags, one model of all payloads is fitted')
     parser.add_argument('--ignore-payload', action='store_true',
                         help='fit as if all bags had the same payload')
-    parser.add_argument('--models', nargs='+', choices=MODEL_KINDS, default=list(MODEL_KINDS),
-                        help='kinds of models (default: all)')
+    parser.add_argument('--models', nargs='+', choices=MODEL_KINDS, default=list(DEFAULT_KINDS),
+                        help='kinds of models (default: analytical elm; elastic needs links)')
     parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')

@@ -160,13 +160,22 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
                'has samples')
         raise UsageError(msg)
 
+    start = next((part.start for part in recording.segments
+                  if part.start < int(first) < part.stop), int(first))
+    earlier = ((recording.stamp[start:first], recording.q[start:first])
+               if start < int(first) else None)
+    if start == 0 and recording.earlier is not None:
+        stamps, places = recording.earlier
+        earlier = (np.concatenate([stamps, recording.stamp[:first]]),
+                   np.vstack([places, recording.q[:first]]))
+
     def take(x: FloatArray | None) -> FloatArray | None:
         return None if x is None else x[first:last]
 
     return replace(
         recording, stamp=recording.stamp[first:last], q=recording.q[first:last],
         dq=take(recording.dq), effort=take(recording.effort), strain=take(recording.strain),
-        segments=tuple(segments))
+        segments=tuple(segments), earlier=earlier)
 
 
 def load(

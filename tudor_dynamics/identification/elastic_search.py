@@ -49,11 +49,13 @@ STARTS = 3
 """Of the factors, improved before one is chosen."""
 EXCERPT = 30.0
 """Length of the pieces that starts are compared on [s]."""
+ENOUGH = 100.0
+"""Length of what the first search by all parameters is done on [s]."""
 COARSE = 5e-3
 """Inner step while starts are compared [s]."""
 HUBER = 2.0
 """Errors beyond this many standard deviations count less."""
-ROUNDS = 3
+ROUNDS = 2
 """Searches with new weights each."""
 CLUSTER = 2.0
 """Errors nearer than this belong together, for the standard errors [s]."""
@@ -171,12 +173,19 @@ def identify(
         pieces = [record.head(EXCERPT) for record in sorted(
             records, key=lambda r: -float(np.std(r.strain)))[:2]]
         x, starts, runs = _compare_starts(arm, pieces, names, center, width, progress)
+    if warm is None:
+        progress('elastic model, all parameters')
+        first = Problem(arm, _some(records), names, {}, center, width, inner=COARSE)
+        _reweight(first, x)
+        x = _improve(first, x, 20)
+        first.close()
+        runs += first.runs
     problem = Problem(arm, records, names, {}, center, width, inner=INNER_STEP)
     try:
-        for number in range(ROUNDS if warm is None else 1):
-            progress(f'elastic model, all parameters, round {number + 1}')
+        for number in range(ROUNDS):
+            progress(f'elastic model, all parameters, round {number + 1} of {ROUNDS}')
             _reweight(problem, x)
-            x = _improve(problem, x, 15 if number == 0 else 8)
+            x = _improve(problem, x, 6)
         moments = problem.moments(x)
         if moments is None:
             msg = (f'{arm.name}: the elastic model cannot be simulated along these bags; check '
@@ -186,6 +195,14 @@ def identify(
         return _result(problem, x, moments, starts, runs)
     finally:
         problem.close()
+
+
+def _some(records: Sequence[Record]) -> list[Record]:
+    """Take as much of each record as makes ENOUGH together."""
+    total = sum(float(record.dt[1:].sum()) for record in records)
+    if total <= ENOUGH:
+        return list(records)
+    return [record.head(float(record.dt[1:].sum()) * ENOUGH / total) for record in records]
 
 
 def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:

@@ -27,6 +27,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
+from tudor_dynamics.identification.elastic import ElasticTrainer
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
@@ -34,13 +35,16 @@ from tudor_dynamics.identification.validation import (
 from tudor_dynamics.identification.verdict import judge, Verdict
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-MODEL_KINDS = ('analytical', 'elm')
+MODEL_KINDS = ('analytical', 'elm', 'elastic')
+DEFAULT_KINDS = ('analytical', 'elm')
+"""The elastic model takes longer, and needs to know the links."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class FitSettings:
     Attributes
     ----------
     kinds : tuple of str
-        Models to fit, of ``analytical`` and ``elm``.
+        Models to fit, of ``analytical``, ``elm`` and ``elastic``.
     estimator : {'wls', 'ols', 'huber'}
         Estimator of the analytical model.
     strain_form : {'exact', 'paper'}
@@ -69,7 +73,7 @@ class FitSettings:
 
     """
 
-    kinds: tuple[str, ...] = MODEL_KINDS
+    kinds: tuple[str, ...] = DEFAULT_KINDS
     estimator: str = 'wls'
     strain_form: str = 'exact'
     elm_hidden: int = 100
@@ -88,7 +92,7 @@ class FittedOutput:
     ----------
     output : {'effort', 'strain'}
         What it predicts.
-    kind : {'analytical', 'elm'}
+    kind : {'analytical', 'elm', 'elastic'}
         What it is.
     model : OutputModel
         Fitted to all training bags; of all payloads where these differ.
@@ -239,10 +243,12 @@ def fit_models(
     for note in notes:
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
+    trainer = ElasticTrainer(arm, settings.payloads, progress)
     for output in outputs:
         for kind in settings.kinds:
             progress(f'{kind} {output}')
-            fitted.append(_fit_one(arm, training, test, holdout, output, kind, settings))
+            fitted.append(_fit_one(
+                arm, training, test, holdout, output, kind, settings, trainer))
     ringing: tuple[Ringing, ...] = ()
     rigid = [item for item in fitted if item.kind == 'analytical']
     if rigid:
@@ -261,9 +267,14 @@ def _fit_one(
     output: str,
     kind: str,
     settings: FitSettings,
+    trainer: ElasticTrainer,
 ) -> FittedOutput:
 
-    def fit_bags(bags: Sequence[BagData]) -> AnalyticalModel | ExtremeLearningMachine:
+    def fit_bags(
+        bags: Sequence[BagData],
+    ) -> AnalyticalModel | ElasticModel | ExtremeLearningMachine:
+        if kind == 'elastic':
+            return trainer.fit(bags, output)
         return new_model(arm, output, kind, settings).fit_blocks(training_blocks(
             bags, output, with_payload=settings.payloads is not None))
 
@@ -286,7 +297,9 @@ def _fit_one(
         msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
         raise FitError(msg)
     seen = validate(model, training, output, 'the training bags themselves')
-    split = random_split(fit_arrays, training, output) if settings.random_split else None
+    # single samples have no past: the elastic model has no random split
+    split = (random_split(fit_arrays, training, output)
+             if settings.random_split and kind != 'elastic' else None)
     condition = 1.0
     unexcited: tuple[str, ...] = ()
     if isinstance(model, AnalyticalModel):

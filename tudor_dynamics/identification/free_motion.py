@@ -26,6 +26,7 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.following import predict_stretch
 from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.threshold_io import thresholds_to_dict
@@ -89,7 +90,7 @@ def free_motion(
             if momentum:
                 residual = MomentumObserver(model).process(s.stamp, motion, measured)
             else:
-                residual = measured - model.predict(motion)
+                residual = measured - predict_stretch(model, s)
             keep = s.decimation.keep
             records.append(FreeMotion(s.stamp[keep], motion[keep], residual[keep]))
     return records

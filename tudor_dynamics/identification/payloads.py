@@ -23,6 +23,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel, Range
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
@@ -142,7 +143,8 @@ def new_payload_model(
 
 def model_for(model: OutputModel, bag: BagData) -> OutputModel:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
-    if isinstance(model, (PayloadModel, PayloadELM)):
+    if isinstance(model, (ElasticModel, PayloadModel, PayloadELM)) and (
+            model.payload_range is not None):
         if bag.payload is None:
             msg = (f'{bag.choice}: its payload is not known, and the model needs it: give '
                    '--payload KG, or --payload-of BAG=KG')

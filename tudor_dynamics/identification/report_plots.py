@@ -36,8 +36,9 @@ BINS = 60
 MEASURED = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-', 'solid_capstyle': 'round'}
 MODELS: dict[str, dict[str, Any]] = {
     'analytical': {'color': '#0072b2', 'linewidth': 1.0, 'linestyle': '-'},
-    'elm': {'color': '#d55e00', 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))}}
-LABELS = {'analytical': 'analytical', 'elm': 'ELM'}
+    'elm': {'color': '#d55e00', 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
+    'elastic': {'color': '#009e73', 'linewidth': 1.1, 'linestyle': (0, (1, 1))}}
+LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +172,7 @@ def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
             axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
         whole.set_xlim(float(series.t[0]), float(series.t[-1]))
         whole.tick_params(labelbottom=False)
-        whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=3, borderpad=0.1)
+        whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
         rest.set_title('Residual, measured - predicted')
         rest.set_xlabel('time [s]')
         detail.set_xlim(*stretch)

@@ -26,6 +26,7 @@ from scipy import signal
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.following import predict_stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -101,7 +102,7 @@ def find_ringing(
             measured = getattr(s, output)
             if len(measured) < length:
                 continue
-            residual = measured - at.predict(s.motion)
+            residual = measured - predict_stretch(at, s)
             grid, density = signal.welch(residual, rate, nperseg=length, axis=0)
             if frequency is None:
                 frequency = grid

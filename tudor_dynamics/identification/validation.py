@@ -32,7 +32,9 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.signals import Decimation
+from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.following import predict_stretch
+from tudor_dynamics.signals import Stretch
 
 FloatArray = NDArray[np.float64]
 
@@ -109,16 +111,17 @@ def trace(model: OutputModel, data: BagData, output: str) -> Trace:
 
     """
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
-              s.decimation(getattr(s, output)), _predict(model, s.motion, s.decimation))
+              s.decimation(getattr(s, output)), _predict(model, s))
              for s in data.stretches]
     t, stamp, measured, predicted = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Trace(str(data.choice), t, stamp, measured, predicted)
 
 
-def _predict(model: OutputModel, motion: FloatArray, decimation: Decimation) -> FloatArray:
-    if decimation.sos is None:  # no need to predict samples that are left out
-        return model.predict(decimation(motion))
-    return decimation(model.predict(motion))
+def _predict(model: OutputModel, stretch: Stretch) -> FloatArray:
+    decimation = stretch.decimation
+    if decimation.sos is None and not isinstance(model, ElasticModel):
+        return model.predict(decimation(stretch.motion))  # not what is left out
+    return decimation(predict_stretch(model, stretch))
 
 
 def validate(

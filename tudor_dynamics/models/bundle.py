@@ -37,13 +37,15 @@ from tudor_dynamics.errors import ArmError, ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
+from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic_io import elastic_from_dict, elastic_to_dict
 from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.payload import PayloadELM, PayloadModel
+from tudor_dynamics.models.payload import payload_range_of, PayloadELM, PayloadModel
 from tudor_dynamics.models.serialise import (
     analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
 
 FloatArray = NDArray[np.float64]
-Model = AnalyticalModel | ExtremeLearningMachine
+Model = AnalyticalModel | ElasticModel | ExtremeLearningMachine
 
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
@@ -62,7 +64,7 @@ class ModelBundle:
     preprocessing : PreprocessingSpec
         Filters and rate.
     models : dict of str to dict of str to model
-        Output (``effort``, ``strain``) to kind (``analytical``, ``elm``) to model.
+        Output (``effort``, ``strain``) to kind (``analytical``, ``elm``, ``elastic``) to model.
     facts : dict
         What else is known: training bags with checksums, validation figures, verdicts,
         thresholds. Plain values only.
@@ -77,9 +79,9 @@ class ModelBundle:
     @property
     def payload_range(self) -> tuple[float, float] | None:
         """Payloads that the models were fitted to [kg]; None where they know of none."""
-        return next((model.payload_range for kinds in self.models.values()
-                     for model in kinds.values()
-                     if isinstance(model, (PayloadModel, PayloadELM))), None)
+        ranges = (payload_range_of(model) for kinds in self.models.values()
+                  for model in kinds.values())
+        return next((found for found in ranges if found is not None), None)
 
     def at(self, payload: float) -> ModelBundle:
         """
@@ -109,7 +111,9 @@ class ModelBundle:
                    'payload; fit it to bags with several (tudor fit --payload-of)')
             raise ModelError(msg)
         return replace(self, models={
-            output: {kind: model.at(payload) if isinstance(model, (PayloadModel, PayloadELM))
+            output: {kind: model.at(payload)
+                     if (isinstance(model, (ElasticModel, PayloadModel, PayloadELM))
+                         and model.payload_range is not None)
                      else model for kind, model in kinds.items()}
             for output, kinds in self.models.items()})
 
@@ -153,6 +157,8 @@ def save_bundle(
         for kind, model in kinds.items():
             if isinstance(model, AnalyticalModel):
                 outputs[output][kind] = analytical_to_dict(model, bundle.arm, output)
+            elif isinstance(model, ElasticModel):
+                outputs[output][kind] = elastic_to_dict(model)
             else:
                 outputs[output][kind], more = elm_to_arrays(model, f'{output}_{kind}')
                 arrays.update(more)
@@ -314,5 +320,8 @@ def _model(
         channels = arm.active_joints if output == 'effort' else arm.gauge_names
         return elm_from_arrays(content, arrays, f'{output}_{kind}', channels,
                                3 * len(arm.active_joints))
-    msg = f'model kind {kind!r}; this version knows analytical and elm: update tudor_dynamics'
+    if kind == 'elastic':
+        return elastic_from_dict(content, arm, output)
+    msg = (f'model kind {kind!r}; this version knows analytical, elm and elastic: update '
+           'tudor_dynamics')
     raise ModelError(msg)

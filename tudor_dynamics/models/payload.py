@@ -42,6 +42,12 @@ FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 
 
+def payload_range_of(model: object) -> Range | None:
+    """Give the payloads that a model of any kind was fitted to; None where it knows of none."""
+    found = getattr(model, 'payload_range', None)
+    return None if found is None else (float(found[0]), float(found[1]))
+
+
 def last_body(model: pin.Model) -> str:
     """Give the joint that moves the body at the end of the longest chain."""
     depth = [0] * model.njoints

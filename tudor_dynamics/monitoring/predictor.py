@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic import ElasticModel, LiveElastic
 from tudor_dynamics.monitoring.state_filter import Motion
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +40,7 @@ class Predictor:
     ----------
     bundle : ModelBundle
         Models.
-    kind : {'analytical', 'elm'}
+    kind : {'analytical', 'elm', 'elastic'}
         Kind of model.
 
     Attributes
@@ -60,6 +61,9 @@ class Predictor:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
             msg = f'the bundle has no model of the kind {kind!r}, it has {have}: choose one'
             raise ModelError(msg)
+        elastic = {output: model for output, model in self.models.items()
+                   if isinstance(model, ElasticModel)}
+        self._elastic = LiveElastic(elastic) if elastic else None
 
     def step(
         self, motion: Motion, wanted: Collection[str] = OUTPUTS,
@@ -80,6 +84,12 @@ class Predictor:
             Output to values in its units; None while the filters settle.
 
         """
+        if self._elastic is not None:
+            # it follows every sample: what it predicts depends on all that was
+            predicted = self._elastic.step(motion.dt, motion.row)
+            if predicted is None or not motion.settled(self.settle):
+                return None
+            return {output: values for output, values in predicted.items() if output in wanted}
         if not motion.settled(self.settle):
             return None
         row = motion.row[None]

@@ -89,7 +89,7 @@ ROBOT = Param('robot', '', 'hardware_id of the diagnostics; the name of the arm 
 TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.0, dynamic=True)
 COMMON = (ROBOT, TIMEOUT)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
-KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm'))
+KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm', 'elastic'))
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
                 'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
 GAP = Param('gap', 0.0, 'longest time between samples that is no gap; 0 for five periods, at '

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, load, OUTPUTS
-from tudor_dynamics.identification.fit import fit_models, FitSettings, MODEL_KINDS, new_model
+from tudor_dynamics.identification.fit import (
+    DEFAULT_KINDS, fit_models, FitSettings, MODEL_KINDS, new_model)
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.payloads import PAYLOAD_KINDS
 from tudor_dynamics.identification.validation import Trace
@@ -116,7 +117,7 @@ class Fits:
 
     def separate(
         self, payload: float, *, damped: bool = True, split: str = 'stimulus',
-        strain_form: str = 'exact', kinds: tuple[str, ...] = MODEL_KINDS,
+        strain_form: str = 'exact', kinds: tuple[str, ...] = DEFAULT_KINDS,
     ) -> Result:
         """
         Fit models of one payload.

@@ -116,6 +116,11 @@ class Stretch:
         From all samples to those used.
     margin : int
         Samples that the anti-alias filter needs on each side of a block.
+    before : ndarray of shape (n_earlier, 1 + n_joints), or None
+        ``[dt, q]`` of the gapless motion just before, where the stretch begins in the middle of
+        it [s, rad or m].
+    since : float
+        Time between the last of these samples and the first of the stretch [s].
 
     """
 
@@ -126,6 +131,8 @@ class Stretch:
     strain: FloatArray | None
     decimation: Decimation
     margin: int = 0
+    before: FloatArray | None = None
+    since: float = 0.0
 
     @property
     def motion(self) -> FloatArray:
@@ -272,13 +279,18 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
         if len(decimation.keep) < 2:
             continue
         cutoff = spec.output_cutoff if spec.filter == 'causal' else None
+        before, since = None, 0.0
+        if recording.earlier is not None and part.start == 0:
+            past, places = recording.earlier
+            before = np.column_stack([np.diff(past, prepend=past[0]) * 1e-9, places])
+            since = float(stamp[0] - past[-1]) * 1e-9
         stretches.append(Stretch(
             t, recording.stamp[part], states,
             None if recording.effort is None else causal_outputs(
                 dt, recording.effort[part], cutoff),
             None if recording.strain is None else causal_outputs(
                 dt, recording.strain[part], cutoff),
-            decimation, margin))
+            decimation, margin, before, since))
     if not stretches:
         msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s '
                f'and {FEWEST} samples and leaves two samples after decimation; record longer, or '

@@ -1,0 +1,198 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From bags to elastic models: strain by search, effort by regression on what came out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError, SimulationError
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.elastic_problem import Record
+from tudor_dynamics.identification.elastic_search import identify, Identified, Progress
+from tudor_dynamics.models.elastic import (
+    driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
+from tudor_dynamics.models.following import sample_times
+from tudor_dynamics.signals import Stretch
+
+FloatArray = NDArray[np.float64]
+
+RUN_IN = 6.0
+"""Left out where a stretch begins in motion whose past is unknown [s]."""
+STILL = 0.02
+"""Speed below which a stretch begins at rest [rad/s or m/s]."""
+LEAST_SECONDS = 8.0
+"""Strain below which nothing can be said of oscillations [s]."""
+
+
+def record_of(stretch: Stretch, payload: float | None) -> Record | None:
+    """
+    Take from a stretch what the search compares with.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        Gapless motion with strain.
+    payload : float or None
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Record or None
+        None where it is too short.
+
+    """
+    if stretch.strain is None:
+        return None
+    dt = sample_times(stretch)
+    if stretch.before is not None:
+        dt[0] = stretch.since
+    skip = int(stretch.decimation.keep[0])
+    t = stretch.t - stretch.t[0]
+    moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
+    if moving and stretch.before is None:
+        skip = max(skip, int(np.searchsorted(t, RUN_IN)))
+    if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
+        return None
+    return Record(stretch.states.q, dt, stretch.strain, skip, payload, stretch.before)
+
+
+class ElasticTrainer:
+    """
+    Fits elastic models to bags; what was found for some bags is where the next search begins.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links`` and gauges.
+    payload_range : (float, float) or None
+        Least and largest payload where the bags differ in it [kg].
+    progress : callable
+        Told what is done next.
+
+    Attributes
+    ----------
+    identified : Identified or None
+        What was found for the first bags.
+
+    """
+
+    def __init__(
+        self, arm: Arm, payload_range: tuple[float, float] | None = None,
+        progress: Progress = lambda _: None,
+    ) -> None:
+        self.arm = arm
+        self.payload_range = payload_range
+        self.progress = progress
+        self.identified: Identified | None = None
+        self._done: dict[tuple[str, ...], Identified] = {}
+
+    def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
+        """
+        Fit the model of one output.
+
+        Parameters
+        ----------
+        bags : sequence of BagData
+            Bags with strain, and with the output.
+        output : {'effort', 'strain'}
+            Output.
+
+        Returns
+        -------
+        ElasticModel
+            Fitted model.
+
+        Raises
+        ------
+        FitError
+            If the arm or the bags do not allow it.
+
+        """
+        found = self._identify(bags)
+        payloads = {bag.payload for bag in bags}
+        physical = found.physical
+        if self.payload_range is None and len(payloads) == 1 and None not in payloads:
+            (payload,) = payloads
+            assert payload is not None
+            physical = (*physical, PhysicalParameter('payload', payload, 'kg'))
+        model = ElasticModel(self.arm, output, physical, payload_range=self.payload_range)
+        if output == 'strain':
+            model.coefficients_ = tuple(found.gauges)
+            model.standard_errors_ = tuple(found.gauge_errors)
+        else:
+            model.coefficients_, model.standard_errors_ = self._effort(model, bags)
+        return model
+
+    def _identify(self, bags: Sequence[BagData]) -> Identified:
+        key = tuple(str(bag.choice) for bag in bags)
+        if key not in self._done:
+            records = [record for bag in bags for stretch in bag.stretches
+                       if (record := record_of(stretch, bag.payload)) is not None]
+            if not records:
+                msg = (f'no stretch of {", ".join(key)} has {LEAST_SECONDS:g} s of strain without '
+                       'a gap, which the elastic model is identified from; record longer, or '
+                       'leave it out of --models')
+                raise FitError(msg)
+            warm = None
+            if self.identified is not None:
+                warm = {p.name: p.value for p in self.identified.physical}
+            try:
+                self._done[key] = identify(self.arm, records, warm=warm, progress=self.progress)
+            except SimulationError as err:
+                msg = f'{err} (the elastic model needs links; leave it out of --models otherwise)'
+                raise FitError(msg) from None
+            if self.identified is None:
+                self.identified = self._done[key]
+        return self._done[key]
+
+    def _effort(
+        self, model: ElasticModel, bags: Sequence[BagData],
+    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+        """Regress the efforts on torque of the gear, acceleration and friction."""
+        driven = driven_arm(self.arm, model.values)
+        rows: list[list[FloatArray]] = []
+        efforts: list[FloatArray] = []
+        for bag in bags:
+            if self.payload_range is not None and bag.payload is not None:
+                driven.set_parameters({'payload': bag.payload})
+            for stretch in bag.stretches:
+                dt = sample_times(stretch)
+                if stretch.before is not None:
+                    dt[0] = stretch.since
+                response = follow_motion(driven, stretch.states.q, dt, stretch.before)
+                made = effort_rows(self.arm, response, stretch.motion)
+                rows.append([stretch.decimation(columns) for columns in made])
+                assert stretch.effort is not None
+                efforts.append(stretch.decimation(stretch.effort))
+        effort = np.vstack(efforts)
+        values, errors = [], []
+        for i in range(effort.shape[1]):
+            columns = np.vstack([part[i] for part in rows])
+            size = np.linalg.norm(columns, axis=0)
+            size[size == 0.0] = 1.0
+            scaled = columns / size
+            solution, _, rank, _ = np.linalg.lstsq(scaled, effort[:, i], rcond=1e-8)
+            left = effort[:, i] - scaled @ solution
+            noise = float(left @ left) / max(len(left) - int(rank), 1)
+            covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) * noise
+            values.append(solution / size)
+            errors.append(np.array([math.sqrt(max(v, 0.0)) for v in np.diag(covariance)]) / size)
+        return tuple(values), tuple(errors)
