@@ -137,8 +137,9 @@ class ElasticTrainer:
         if output == 'strain':
             model.coefficients_ = tuple(found.gauges)
             model.standard_errors_ = tuple(found.gauge_errors)
+            model.noise_ = found.noise
         else:
-            model.coefficients_, model.standard_errors_ = self._effort(model, bags)
+            self._effort(model, bags)
         return model
 
     def _identify(self, bags: Sequence[BagData]) -> Identified:
@@ -163,9 +164,7 @@ class ElasticTrainer:
                 self.identified = self._done[key]
         return self._done[key]
 
-    def _effort(
-        self, model: ElasticModel, bags: Sequence[BagData],
-    ) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
+    def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
         driven = driven_arm(self.arm, model.values)
         rows: list[list[FloatArray]] = []
@@ -183,7 +182,7 @@ class ElasticTrainer:
                 assert stretch.effort is not None
                 efforts.append(stretch.decimation(stretch.effort))
         effort = np.vstack(efforts)
-        values, errors = [], []
+        values, errors, noises = [], [], []
         for i in range(effort.shape[1]):
             columns = np.vstack([part[i] for part in rows])
             size = np.linalg.norm(columns, axis=0)
@@ -193,6 +192,8 @@ class ElasticTrainer:
             left = effort[:, i] - scaled @ solution
             noise = float(left @ left) / max(len(left) - int(rank), 1)
             covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) * noise
+            noises.append(math.sqrt(noise))
             values.append(solution / size)
             errors.append(np.array([math.sqrt(max(v, 0.0)) for v in np.diag(covariance)]) / size)
-        return tuple(values), tuple(errors)
+        model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
+        model.noise_ = np.array(noises)

@@ -72,6 +72,8 @@ class Identified:
         Parameters, with what the description knew of those that were not searched.
     gauges, gauge_errors : ndarray of shape (n_gauges, 2)
         Gain and offset of each gauge, and their standard deviations.
+    noise : ndarray of shape (n_gauges,)
+        Standard deviation of what is left over, without outliers [unit of the gauge].
     fit : float
         Of the strain on the records themselves, all channels together [%].
     starts : tuple of (float, float)
@@ -84,6 +86,7 @@ class Identified:
     physical: tuple[PhysicalParameter, ...]
     gauges: FloatArray
     gauge_errors: FloatArray
+    noise: FloatArray
     fit: float
     starts: tuple[tuple[float, float], ...]
     runs: int
@@ -265,11 +268,15 @@ def _reweight(problem: Problem, x: FloatArray) -> None:
     if moments is None:
         return
     errors = problem.errors(moments)
-    # robust: half of the errors lie within 0.6745 standard deviations
-    scale = np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
-                       1e-3 * problem.strain.std(axis=0) + 1e-12)
+    scale = _scale(problem, errors)
     size = np.abs(errors) / scale
     problem.weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12))) / scale
+
+
+def _scale(problem: Problem, errors: FloatArray) -> FloatArray:
+    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
+    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
+                                 1e-3 * problem.strain.std(axis=0) + 1e-12))
 
 
 def _improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
@@ -296,7 +303,7 @@ def _result(
             bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5)))
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
-    return Identified(tuple(physical), gains, gauge_errors,
+    return Identified(tuple(physical), gains, gauge_errors, _scale(problem, errors),
                       fit_percent(errors, problem.strain), starts, runs + problem.runs)
 
 

@@ -105,6 +105,8 @@ class ElasticModel:
         Coefficients of each channel on its columns.
     standard_errors_ : tuple of ndarray, or None
         Their standard deviations.
+    noise_ : ndarray of shape (n_channels,), or None
+        Standard deviation of what it leaves over of the training data, in their units.
 
     """
 
@@ -119,6 +121,7 @@ class ElasticModel:
         self.n_joints = len(arm.active_joints)
         self.coefficients_: tuple[FloatArray, ...] | None = None
         self.standard_errors_: tuple[FloatArray, ...] | None = None
+        self.noise_: FloatArray | None = None
         if output == 'strain':
             self.channels = arm.gauge_names
             self.columns: tuple[tuple[str, ...], ...] = (
@@ -162,6 +165,7 @@ class ElasticModel:
         model = ElasticModel(self.arm, self.output,
                              (*kept, PhysicalParameter('payload', payload, 'kg')))
         model.coefficients_, model.standard_errors_ = self.coefficients_, self.standard_errors_
+        model.noise_ = self.noise_
         return model
 
     def follow(
@@ -340,58 +344,3 @@ def follow_motion(
     else:
         dt[0] = 0.0
     return driven.follow(q, dt)
-
-
-class LiveElastic:
-    """
-    Elastic models of one arm, sample by sample, on one simulated arm.
-
-    Parameters
-    ----------
-    models : mapping of str to ElasticModel
-        Output to model.
-
-    """
-
-    def __init__(self, models: Mapping[str, ElasticModel]) -> None:
-        self._models: list[tuple[DrivenArm, dict[str, ElasticModel]]] = []
-        for output, model in models.items():
-            for driven, group in self._models:
-                if next(iter(group.values())).values == model.values:
-                    group[output] = model
-                    break
-            else:
-                self._models.append((driven_arm(model.arm, model.values), {output: model}))
-        self._lost = False
-
-    def step(self, dt: float, row: FloatArray) -> dict[str, FloatArray] | None:
-        """
-        Go to the next sample and predict.
-
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s]; 0 to begin anew, at rest.
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]``.
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,), or None
-            Output to values in its units; None where the motion made the model diverge, which
-            then begins anew with the next sample.
-
-        """
-        motion = row[None]
-        step = np.array([0.0 if self._lost else dt])
-        predicted: dict[str, FloatArray] = {}
-        for driven, group in self._models:
-            try:
-                response = driven.follow(motion[:, :len(row) // 3], step)
-            except SimulationError:
-                self._lost = True
-                return None
-            for output, model in group.items():
-                predicted[output] = model.outputs(response, motion)[0]
-        self._lost = False
-        return predicted

@@ -48,7 +48,8 @@ def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
         If it has learned nothing yet.
 
     """
-    if model.coefficients_ is None or model.standard_errors_ is None:
+    if (model.coefficients_ is None or model.standard_errors_ is None
+            or model.noise_ is None):
         msg = 'the elastic model has no coefficients yet: fit it before saving it'
         raise NotFittedError(msg)
     content: dict[str, Any] = {
@@ -58,13 +59,13 @@ def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
              'standard_error': None if math.isnan(p.standard_error) else float(p.standard_error),
              'shown': p.shown} for p in model.physical],
         'channels': [
-            {'channel': channel,
+            {'channel': channel, 'residual_std': float(noise),
              'coefficients': [
                  {'column': column, 'value': float(value), 'standard_error': float(error)}
                  for column, value, error in zip(columns, values, errors, strict=True)]}
-            for channel, columns, values, errors in zip(
+            for channel, columns, values, errors, noise in zip(
                 model.channels, model.columns, model.coefficients_, model.standard_errors_,
-                strict=True)]}
+                model.noise_, strict=True)]}
     if model.payload_range is not None:
         content['payload_range'] = [float(value) for value in model.payload_range]
     return content
@@ -131,4 +132,8 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
             msg = f'a coefficient of {item["channel"]} is not finite'
             raise ModelError(msg)
     model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
+    model.noise_ = np.array([float(item['residual_std']) for item in content['channels']])
+    if not (np.all(np.isfinite(model.noise_)) and np.all(model.noise_ >= 0.0)):
+        msg = f'residual_std {model.noise_.tolist()} of {channels}; expected 0 or more'
+        raise ModelError(msg)
     return model

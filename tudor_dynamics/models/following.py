@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic_live import LiveElastic
 from tudor_dynamics.signals import Stretch
 
 FloatArray = NDArray[np.float64]
@@ -54,3 +55,45 @@ def predict_stretch(model: OutputModel, stretch: Stretch) -> FloatArray:
     if stretch.before is not None:
         dt[0] = stretch.since
     return model.follow(stretch.motion, dt, stretch.before)
+
+
+def observe_stretch(
+    model: OutputModel, stretch: Stretch, output: str, strain_model: ElasticModel | None = None,
+    observer: str = 'ringing',
+) -> FloatArray:
+    """
+    Predict the outputs at all samples, each from the strain measured until the sample before.
+
+    Parameters
+    ----------
+    model : OutputModel
+        Fitted model; one without memory predicts as ever.
+    stretch : Stretch
+        Gapless motion.
+    output : {'effort', 'strain'}
+        What the model predicts.
+    strain_model : ElasticModel, optional
+        Model of the strain that corrects; ``model`` itself where that predicts strain.
+    observer : {'off', 'ringing', 'contact'}
+        Observer.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_channels)
+        Outputs in their units.
+
+    """
+    if output == 'strain' and isinstance(model, ElasticModel):
+        strain_model = model
+    if (not isinstance(model, ElasticModel) or stretch.strain is None or observer == 'off'
+            or strain_model is None):
+        return predict_stretch(model, stretch)
+    live = LiveElastic({output: model, 'strain': strain_model}, observer)
+    motion, dt = stretch.motion, sample_times(stretch)
+    predicted = np.full((len(motion), len(model.channels)), np.nan)
+    for k in range(len(motion)):
+        values = live.step(float(dt[k]), motion[k])
+        if values is not None:
+            predicted[k] = values[output]
+        live.measure(stretch.strain[k])
+    return predicted

@@ -33,7 +33,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.kinematics import unit_vector
 from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation import driven_kernel as kernel, layout as at
+from tudor_dynamics.simulation import (
+    driven_kernel as kernel, layout as at, observer_kernel as observer)
 from tudor_dynamics.simulation.loads import LOADS
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.stiffness import stiffness_matrix
@@ -44,6 +45,10 @@ INNER_STEP = 2.5e-3
 """Longest inner step [s]: 1 % of phase at 15 Hz."""
 ROUNDING = 0.1
 """The edge of a play is rounded over this part of it."""
+SAMPLE = 0.01
+"""Sample time that deviations of measurements belong to [s]."""
+CONTACT_BANDWIDTH = 30.0
+"""Rate at which the estimated force at the tip follows [1/s]."""
 RIGID_GEAR = 30.0
 """A gear of unknown stiffness is this often as stiff as the link behind it."""
 
@@ -102,6 +107,8 @@ class DrivenArm:
         backlash [rad], ``tight(joint)`` and ``loose(joint)``, damping of the gear where its teeth
         touch and inside the play [N m s/rad], ``beta``, structural damping by stiffness [s],
         ``payload`` [kg].
+    contact : ndarray of shape (3,)
+        Force at the tip as the observer has it, base frame [N].
 
     Raises
     ------
@@ -137,6 +144,7 @@ class DrivenArm:
         self._base = -mechanism.gravity
         self._wrench = np.zeros((mechanism.points, 6))
         self._loaded = False
+        self.contact = np.zeros(observer.FORCES)
         self._columns, self._owner = np.zeros((n, 6)), np.zeros(n, dtype=np.int64)
         self._inertias = np.zeros((bodies + 1, 10))
         self._moving, self._reaction = np.zeros((bodies, at.MOVING)), np.zeros((bodies, 6))
@@ -240,6 +248,114 @@ class DrivenArm:
                    + '; its parameters are impossible for this motion')
             raise SimulationError(msg)
         return Response(moment, torque)
+
+    def start_observer(
+        self, deviation: FloatArray, bandwidth: float, *, contact: bool = False,
+    ) -> None:
+        """
+        Let measured moments correct the state from now on, see ``correct``.
+
+        Parameters
+        ----------
+        deviation : ndarray of shape (n_gauges,)
+            Standard deviation of what a sample of 0.01 s measures [N m].
+        bandwidth : float
+            Rate at which an error of the first vibration dies out [1/s].
+        contact : bool, default=False
+            Estimate a lasting force at the tip as well.
+
+        Raises
+        ------
+        SimulationError
+            If the arm has no equilibrium where it starts.
+
+        """
+        m = self._free.size
+        n = 2 * m + observer.FORCES
+        self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
+        self._covariance = np.zeros((n, n))
+        self._small = np.zeros((3, m, m))
+        self._pushed = np.zeros((m, observer.FORCES))
+        self._shown = self._moment_rows()
+        # how far a force at the tip shows, and the slowest vibration, where the arm starts
+        start = self._vectors[kernel.Z, self._spring_at].copy()
+        self.contact[:] = 0.0
+        self._use_contact()
+        self.follow(np.tile(start, (2, 1)), np.array([0.0, 1e-3]))
+        self._linearise()
+        mass, _, stiffness = self._small
+        lever = float(np.linalg.norm(self._shown @ np.linalg.solve(stiffness, self._pushed)
+                                     / self._deviation[:, None], 2))
+        slowest = float(np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real.min()))
+        # an oscillator that a white force of density q drives and white noise of density r hides
+        # has a filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation)
+        self._noise = SAMPLE * (2.0 * bandwidth / max(lever * slowest, 1e-12)) ** 2
+        self._walk = self._noise * CONTACT_BANDWIDTH**2 if contact else 0.0
+
+    def forget(self) -> None:
+        """Forget contact and uncertainty: the arm begins anew, at rest."""
+        self._covariance[:] = 0.0
+        self.contact[:] = 0.0
+        self._use_contact()
+
+    def correct(self, innovation: FloatArray, dt: float) -> bool:
+        """
+        Correct the state behind the newest sample.
+
+        Parameters
+        ----------
+        innovation : ndarray of shape (n_gauges,)
+            Measured less predicted moment at each gauge; NaN for one that does not count [N m].
+        dt : float
+            Time since the correction before [s].
+
+        Returns
+        -------
+        bool
+            False where the arm as it stands cannot be linearised.
+
+        """
+        self._linearise()
+        mass, damping, stiffness = self._small
+        good = observer.propagate(self._covariance, mass, damping, stiffness, self._pushed, dt,
+                                  self._noise, self._walk)
+        good = good and observer.correct(
+            self._covariance, self._shown, self._deviation**2 * (SAMPLE / dt), innovation, mass,
+            damping, stiffness, self._vectors, self._free, self.contact)
+        self._use_contact()
+        return bool(good)
+
+    def _linearise(self) -> None:
+        mechanism = self.mechanism
+        observer.reduce_matrices(self._vectors, self._matrices, self._free, self._aim,
+                                 self._springs, self._spring_at, *self._small)
+        observer.tip_directions(
+            self._vectors, self._free, mechanism.tip, self._base, self._wrench, self._loaded,
+            mechanism.body_int, mechanism.body_float, mechanism.coordinate, self._moving,
+            self._reaction, self._pushed)
+
+    def _moment_rows(self) -> FloatArray:
+        """Moment at each gauge by coordinate: stiffness times curvature of the cubic."""
+        rows = np.zeros((len(self._gauge_body), self._free.size))
+        floats = self.mechanism.body_float
+        for g, body in enumerate(self._gauge_body):
+            length = floats[body, at.LENGTH]
+            place = self._gauge_place[g] / length
+            bend = (12.0 * place - 6.0) / length**2
+            turn = (6.0 * place - 2.0) / length
+            first = int(self.mechanism.body_int[body, at.FIRST])
+            if self._gauge_axis[g] == 2:
+                stiff, parts = floats[body, at.EIZ], ((first + 1, -bend), (first + 5, turn))
+            else:
+                stiff, parts = floats[body, at.EIY], ((first + 2, bend), (first + 4, turn))
+            for coordinate, factor in parts:
+                rows[g, np.flatnonzero(self._free == coordinate)] = (
+                    self._gauge_gain[g, 0] * stiff * factor)
+        return rows
+
+    def _use_contact(self) -> None:
+        self._wrench[self.mechanism.tip, :3] = self.contact
+        self._loaded = bool(np.any(self.contact != 0.0))
 
     def _gauges(self, arm: Arm) -> None:
         mechanism = self.mechanism

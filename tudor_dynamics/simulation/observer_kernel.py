@@ -1,0 +1,220 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Extended Kalman filter for a driven arm: strain corrects twists, bending and a force at the tip.
+
+Between samples the covariance follows the arm linearised where it is, by the implicit midpoint
+rule, which is stable for the stiffest mode at any sample rate. The unknown is a force at the tip:
+white noise, that lets the state follow what nobody modelled, and a random walk, the contact.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.simulation.cholesky import cholesky, solve
+from tudor_dynamics.simulation.compiled import compiled
+from tudor_dynamics.simulation.driven_kernel import (
+    ACC, DAMPING, DDZ, DZ, FORCE, gear, MASS, STIFFNESS, Z)
+from tudor_dynamics.simulation.equations import inverse_dynamics
+
+FORCES = 3  # components of the force at the tip, base axes
+SMALL, CHOLESKY, PUSHED = range(3)
+
+
+@compiled
+def tip_directions(
+    vectors: NDArray, free: NDArray, tip: int, base: NDArray, wrench: NDArray, loaded: bool,
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray, moving: NDArray,
+    reaction: NDArray, pushed: NDArray,
+) -> None:
+    """Write the generalised forces of a unit force at the tip, shape (m, FORCES)."""
+    force = vectors[FORCE]
+    z, dz, ddz = vectors[Z], vectors[DZ], vectors[DDZ]
+    inverse_dynamics(z, dz, ddz, base, wrench, loaded, 1.0, body_int, body_float, coordinate,
+                     moving, reaction, force)
+    for a in range(free.shape[0]):
+        for j in range(FORCES):
+            pushed[a, j] = force[free[a]]
+    for j in range(FORCES):
+        wrench[tip, j] += 1.0
+        inverse_dynamics(z, dz, ddz, base, wrench, True, 1.0, body_int, body_float, coordinate,
+                         moving, reaction, force)
+        wrench[tip, j] -= 1.0
+        for a in range(free.shape[0]):
+            pushed[a, j] -= force[free[a]]
+
+
+@compiled
+def reduce_matrices(
+    vectors: NDArray, matrices: NDArray, free: NDArray, aim: NDArray, springs: NDArray,
+    spring_at: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray,
+) -> None:
+    """Copy mass, damping and stiffness of the free coordinates, gears as they stand."""
+    for a in range(free.shape[0]):
+        for c in range(free.shape[0]):
+            i, j = free[a], free[c]
+            mass[a, c] = matrices[MASS, i, j]
+            damping[a, c] = matrices[DAMPING, i, j]
+            stiffness[a, c] = matrices[STIFFNESS, i, j]
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+        for a in range(free.shape[0]):
+            if free[a] == i:
+                stiffness[a, a] += slope
+                damping[a, a] += rate_slope
+
+
+@compiled
+def propagate(
+    covariance: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray, pushed: NDArray,
+    dt: float, noise: float, walk: float,
+) -> bool:
+    """
+    Carry the covariance over one sample.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (2 m + FORCES, 2 m + FORCES)
+        Of coordinates, rates and force; overwritten.
+    mass, damping, stiffness : ndarray of shape (m, m)
+        Of the free coordinates.
+    pushed : ndarray of shape (m, FORCES)
+        Generalised forces of a unit force at the tip.
+    dt : float
+        [s]
+    noise : float
+        Power density of the white force [N^2 s].
+    walk : float
+        Growth of the variance of the contact force [N^2/s].
+
+    Returns
+    -------
+    bool
+        False where a matrix is singular.
+
+    """
+    m = mass.shape[0]
+    n = 2 * m + FORCES
+    s = mass + 0.5 * dt * damping + 0.25 * dt * dt * stiffness
+    if not cholesky(s):
+        return False
+    step = np.zeros((n, n))
+    column = np.empty(m)
+    for j in range(n):
+        for a in range(m):
+            if j < m:
+                column[a] = -dt * stiffness[a, j]
+            elif j < 2 * m:
+                k = j - m
+                column[a] = (mass[a, k] - 0.5 * dt * damping[a, k]
+                             - 0.25 * dt * dt * stiffness[a, k])
+            else:
+                column[a] = dt * pushed[a, j - 2 * m]
+        solve(s, column)
+        for a in range(m):
+            step[m + a, j] = column[a]
+            step[a, j] = 0.5 * dt * column[a]
+        if j < m:
+            step[j, j] += 1.0
+        elif j < 2 * m:
+            step[j - m, j] += 0.5 * dt
+        else:
+            step[j, j] = 1.0
+    covariance[:] = step @ covariance @ step.T
+    for j in range(FORCES):
+        for i in range(2 * m):
+            for k in range(2 * m):
+                covariance[i, k] += (noise / dt) * step[i, 2 * m + j] * step[k, 2 * m + j]
+        covariance[2 * m + j, 2 * m + j] += walk * dt
+    return True
+
+
+@compiled
+def correct(
+    covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray,
+    mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
+    contact: NDArray,
+) -> bool:
+    """
+    Correct the state by what the gauges say.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (n, n)
+        Overwritten.
+    shown : ndarray of shape (n_gauges, m)
+        Moment at each gauge by coordinate [N m].
+    variance : ndarray of shape (n_gauges,)
+        Of the measured moments [N^2 m^2].
+    innovation : ndarray of shape (n_gauges,)
+        Measured less predicted moments; NaN for a gauge that does not count [N m].
+    mass, damping, stiffness, vectors, free
+        As above; the state in ``vectors`` is changed.
+    contact : ndarray of shape (FORCES,)
+        Force at the tip, changed [N].
+
+    Returns
+    -------
+    bool
+        False where a matrix is singular.
+
+    """
+    m = mass.shape[0]
+    n = covariance.shape[0]
+    change = np.zeros(n)
+    # one gauge after the other: their noise is independent
+    done = np.zeros(innovation.shape[0])
+    for g in range(innovation.shape[0]):
+        if math.isnan(innovation[g]):
+            continue
+        row = np.zeros(n)
+        for i in range(n):
+            for a in range(m):
+                row[i] += covariance[i, a] * shown[g, a]
+        spread = variance[g]
+        expected = 0.0
+        for a in range(m):
+            spread += row[a] * shown[g, a]
+            expected += change[a] * shown[g, a]
+        left = innovation[g] - expected
+        done[g] = left
+        for i in range(n):
+            change[i] += row[i] / spread * left
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] -= row[i] * row[k] / spread
+    bent = np.empty(m)
+    for a in range(m):
+        bent[a] = 0.0
+        for c in range(m):
+            bent[a] -= stiffness[a, c] * change[c] + damping[a, c] * change[m + c]
+    factor = mass.copy()
+    if not cholesky(factor):
+        return False
+    solve(factor, bent)
+    for a in range(m):
+        i = free[a]
+        vectors[Z, i] += change[a]
+        vectors[DZ, i] += change[m + a]
+        vectors[DDZ, i] += bent[a]
+        vectors[ACC, i] += bent[a]
+    for j in range(FORCES):
+        contact[j] += change[2 * m + j]
+    return True
