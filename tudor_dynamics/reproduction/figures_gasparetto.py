@@ -83,7 +83,7 @@ def _curves(axes: object, run: Result, signal: str, x: object, y: object) -> Non
     values = np.asarray(y)
     labels, unit = run.content[signal]['labels'], run.content[signal]['unit']
     for column, label in enumerate(labels):
-        if np.abs(values[:, column]).max() <= 1e-9 * np.abs(values).max():
+        if np.abs(values[:, column]).max() <= 1e-3 * np.abs(values).max():
             continue  # nothing happens there
         getattr(axes, 'plot')(x, values[:, column], linewidth=0.9,
                               label=label if len(labels) > 1 else None,

@@ -157,7 +157,7 @@ def measured_and_predicted(arm: Arm, output: str, fit: Result) -> Figure:
                        **{**look.MODELS[kind], 'linewidth': 0.9})
         unit = look.unit(units[names[channel]])
         upper.set_ylabel(f'{names[channel]} [{unit}]')
-        lower.set_ylabel(f'residual [{unit}]')
+        lower.set_ylabel(f'residual\n[{unit}]', fontsize=8.0)
         upper.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), ncols=4, borderpad=0.0)
     axes[-1, 0].set_xlabel('time [s]')
     axes[-1, 0].set_xlim(begin, float(t[part][-1]))

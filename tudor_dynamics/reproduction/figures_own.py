@@ -22,6 +22,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.schema import GaugeSpec
+from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.reproduction import look
 from tudor_dynamics.reproduction.stages import Result
 from tudor_dynamics.reproduction.table1 import LABELS, Shared, TITLES
@@ -29,6 +31,8 @@ from tudor_dynamics.reproduction.table1 import LABELS, Shared, TITLES
 OUTPUTS = ('strain', 'effort')
 METHODS = {'strain': 'strain', 'effort': 'current', 'momentum': 'momentum observer (current)'}
 METHOD_MARKERS = ('o', 's', '^')
+MOST_ALARMS = 600.0
+"""False alarms per hour beyond which a detector is of no use, and they run into each other."""
 
 
 def _payload_axis(axes: Any, payloads: list[float]) -> None:
@@ -67,7 +71,7 @@ def with_and_without_damping(damped: dict[float, Result], undamped: dict[float, 
         item.set_title(TITLES[output])
         _payload_axis(item, payloads)
         item.set_ylim(30.0, 100.0)
-    axes[0, 0].set_ylabel('fit on unseen stimuli [%]')
+    axes[0, 0].set_ylabel('NRMSE fit on unseen stimuli [%]')
     look.legend_above(figure, axes[0, 0], 4)
     return figure
 
@@ -109,7 +113,7 @@ def one_model(shared: tuple[Shared, ...], trained_at: tuple[float, float]) -> Fi
         item.set_title(TITLES[output])
         _payload_axis(item, payloads)
         item.set_ylim(40.0, 100.0)
-    axes[0, 0].set_ylabel('fit on unseen stimuli [%]')
+    axes[0, 0].set_ylabel('NRMSE fit on unseen stimuli [%]')
     look.legend_above(figure, axes[0, 0], 2)
     return figure
 
@@ -133,7 +137,9 @@ def collisions(found: Result) -> Figure:
     left, right = axes[0]
     for (method, item), how, marker in zip(found.content['methods'].items(), look.CURVES,
                                            METHOD_MARKERS, strict=False):
-        roc = np.array(item['roc'])
+        roc = np.array(sorted(item['roc'], reverse=True))  # from high thresholds to low ones
+        beyond = np.flatnonzero(roc[:, 1] > MOST_ALARMS)
+        roc = roc[:beyond[0] if len(beyond) else len(roc)]
         score = item['score']
         left.plot(roc[:, 1], 100.0 * roc[:, 2], drawstyle='steps-post', linewidth=1.3, **how,
                   label=METHODS[method])
@@ -151,17 +157,15 @@ def collisions(found: Result) -> Figure:
     left.set_xscale('symlog', linthresh=10.0)
     left.set(xlabel='false alarms per hour', ylabel='pushes found [%]', ylim=(0.0, 103.0),
              title='marker: threshold in force')
-    left.set_xlim(left=0.0)
-    left.set_xticks([0, 10, 100, 1000], ['0', '10', '100', '1000'])
+    left.set_xlim(0.0, MOST_ALARMS)
+    left.set_xticks([0, 5, 10, 50, 100, 500], ['0', '5', '10', '50', '100', '500'])
     right.set(xlabel='time since the begin of the push [ms]', ylabel='pushes found [%]',
               xlim=(0.0, 600.0), ylim=(0.0, 103.0), title='marker: median latency')
     look.legend_above(figure, left, 3)
     return figure
 
 
-def strain_forms(
-    arm: Arm, moments: Result, exact: dict[float, Result], paper: dict[float, Result],
-) -> Figure:
+def strain_forms(arm: Arm, moments: Result, exact: Result, paper: Result) -> Figure:
     """
     Draw what the paper's strain regressor leaves out, and what that costs.
 
@@ -171,8 +175,8 @@ def strain_forms(
         Arm.
     moments : Result
         As from ``experiments.gauge_moments``.
-    exact, paper : dict of float to Result
-        Payload [kg] to ``Fits.separate`` with either form.
+    exact, paper : Result
+        ``Fits.separate`` with either form, for the payload of the moments.
 
     Returns
     -------
@@ -180,33 +184,46 @@ def strain_forms(
         Difference of the moments over time; fit of each gauge.
 
     """
-    figure, axes = look.new_figure(3.4, 1, 2, width_ratios=[1.15, 1.0])
+    figure, axes = look.new_figure(3.6, 1, 2, width_ratios=[1.15, 1.0])
     left, right = axes[0]
     joint = arm.gauges[0].joint
-    at_joint = moments.arrays[f'{joint}_0']
     own = sorted((gauge for gauge in arm.gauges if gauge.joint == joint),
                  key=lambda gauge: gauge.distance)
     t = moments.arrays['t']
     shown = t <= 20.0
     for gauge, how in zip(own, look.CURVES, strict=False):
-        delta = at_joint - moments.arrays[f'{joint}_{1000 * gauge.distance:.0f}']
+        delta = moments.arrays[f'{joint}_0'] - moments.arrays[_moment(gauge)]
         left.plot(t[shown], delta[shown], linewidth=1.1, **how,
                   label=f'{gauge.name}, {1000 * gauge.distance:.0f} mm from the joint')
     left.set(xlabel='time [s]', ylabel='Δτ [N m]', title='moment at the joint minus at the gauge')
     left.legend(loc='upper right', fontsize=7.5)
     left.set_ylim(top=left.get_ylim()[1] + 0.22 * np.ptp(left.get_ylim()))
-    payloads = list(exact)
-    looks = zip(arm.gauge_names, ('o', 's', '^', 'D'), (*look.CURVES, *look.CURVES), strict=False)
-    for name, marker, how in looks:
-        for results, face, size in ((paper, 'white', 7.5), (exact, how['color'], 4.5)):
-            right.plot([1000.0 * p for p in payloads],
-                       [results[p].content['strain']['analytical']['test']['channels'][name][
-                           'fit'] for p in payloads],
-                       marker=marker, markersize=size, markerfacecolor=face, color=how['color'],
-                       linewidth=0.8, linestyle='-' if face != 'white' else (0, (2, 1.5)),
-                       label=name if face != 'white' else None)
-    _payload_axis(right, payloads)
-    right.set(ylabel='fit on unseen stimuli [%]',
-              title="filled: at the gauge; open: paper's, at the joint")
-    right.legend(fontsize=7.5, ncols=2, loc='lower left')
+    places = np.arange(len(arm.gauges))
+    rows = [('paper, taken literally: k τ(joint) + b', '^', look.CURVES[1], 'white',
+             [_literal_fit(moments, gauge) for gauge in arm.gauges])]
+    for name, marker, how, face, result in (
+            ("paper's form, parameters free", 'o', look.CURVES[2], 'white', paper),
+            ('moment at the gauge, parameters free', 'o', look.CURVES[0],
+             look.CURVES[0]['color'], exact)):
+        channels = result.content['strain']['analytical']['test']['channels']
+        rows.append((name, marker, how, face, [channels[g]['fit'] for g in arm.gauge_names]))
+    for (name, marker, how, face, values), size in zip(rows, (8, 9, 4.5), strict=True):
+        right.plot(places, values, linestyle='', marker=marker, markersize=size, label=name,
+                   markerfacecolor=face, color=how['color'])
+    right.set_xticks(places, arm.gauge_names)
+    right.set(ylabel='NRMSE fit [%]', xlim=(-0.5, len(places) - 0.5), ylim=(50.0, 101.0))
+    right.grid(axis='x', visible=False)
+    right.legend(fontsize=7.5, loc='lower left')
     return figure
+
+
+def _moment(gauge: GaugeSpec) -> str:
+    return f'{gauge.joint}_{1000 * gauge.distance:.0f}'
+
+
+def _literal_fit(moments: Result, gauge: GaugeSpec) -> float:
+    """Fit a scale and an offset of the joint's moment to that at the gauge, free of noise."""
+    at_joint, own = moments.arrays[f'{gauge.joint}_0'], moments.arrays[_moment(gauge)]
+    rows = np.column_stack([at_joint, np.ones(len(own))])
+    predicted = rows @ np.linalg.lstsq(rows, own, rcond=None)[0]
+    return float(score(own[:, None], predicted[:, None], [gauge.name]).fit)
