@@ -124,8 +124,9 @@ def shared_grid(table: Table1) -> Grid:
         for item in present:
             cells += [_number(item.separate[payload], 1), _number(item.together[payload], 1)]
         rows.append(tuple(cells))
-    return Grid(f'One model for all payloads, fitted at {low} and {high} (*) only, beside a '
-                'model for each: NRMSE fit in % on test stimuli', tuple(groups), tuple(heads), tuple(rows))
+    title = (f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
+             'for each: NRMSE fit in % on test stimuli')
+    return Grid(title, tuple(groups), tuple(heads), tuple(rows))
 
 
 def grids(table: Table1) -> list[Grid]:
