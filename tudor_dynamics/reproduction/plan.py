@@ -68,7 +68,7 @@ class Plan:
     def quick(self) -> Plan:
         """Give a small one that takes seconds, to see that all of it works."""
         # one process: starting others takes longer than so little takes to compute
-        return Plan(self.arm, (0.0, 0.2, 0.4), 2, 16.0, self.seed, 1, 1)
+        return Plan(self.arm, (0.0, 0.2, 0.4), 2, 12.0, self.seed, 1, 1)
 
 
 def grams(payload: float) -> str:

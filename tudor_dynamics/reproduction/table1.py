@@ -82,7 +82,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shared:
-    """Test fits (Eq. (18)) of one output and model: separate models, and one for all [%]."""
+    """Test fits (NRMSE) of one output and model: separate models, and one for all [%]."""
 
     output: str
     model: str
@@ -211,7 +211,7 @@ def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> Bloc
 
 
 def _test_fit(figures: dict[str, Any] | None) -> float | None:
-    return None if figures is None else float(figures['fit_printed'])
+    return None if figures is None else float(figures['fit'])
 
 
 def findings(blocks: tuple[Block, ...]) -> list[Finding]:

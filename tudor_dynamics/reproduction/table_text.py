@@ -124,8 +124,9 @@ def shared_grid(table: Table1) -> Grid:
         for item in present:
             cells += [_number(item.separate[payload], 1), _number(item.together[payload], 1)]
         rows.append(tuple(cells))
-    return Grid(f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
-                'for each: fit in % on test stimuli', tuple(groups), tuple(heads), tuple(rows))
+    title = (f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
+             'for each: NRMSE fit in % on test stimuli')
+    return Grid(title, tuple(groups), tuple(heads), tuple(rows))
 
 
 def grids(table: Table1) -> list[Grid]:
@@ -185,7 +186,7 @@ def csv_text(table: Table1) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator='\n')
     writer.writerow(['output', 'unit', 'payload_g', 'part', 'model', *FIGURES,
-                     'paper_fit_printed', 'one_model_fit_printed'])
+                     'paper_fit_printed', 'one_model_fit'])
     for block in table.blocks:
         for row in block.rows:
             for model in MODELS:

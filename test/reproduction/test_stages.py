@@ -1,0 +1,84 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics import __version__
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.reproduction.fits import hub_gauges
+from tudor_dynamics.reproduction.stages import FITTING, RECORDING, Result, source_digest, Stages
+
+
+def test_computed_once(tmp_path: Path) -> None:
+    """The same settings are read again, from another object too; others are computed."""
+    calls = []
+
+    def make() -> Result:
+        calls.append(1)
+        return Result({'n': len(calls)}, {'x': np.arange(3.0)})
+
+    first = Stages(tmp_path).result('fit', {'seed': 1}, make)
+    second = Stages(tmp_path).result('fit', {'seed': 1}, make)
+    assert first.content == second.content == {'n': 1}
+    assert second.arrays['x'].tolist() == [0.0, 1.0, 2.0]
+    assert Stages(tmp_path).result('fit', {'seed': 2}, make).content == {'n': 2}
+    # one directory a stage: what belongs to older settings is gone
+    assert len(list((tmp_path / 'stages').iterdir())) == 1
+
+
+def test_other_stages_are_left_alone(tmp_path: Path) -> None:
+    """A stage whose name begins alike, and files of the user, stay when one is replaced."""
+    stages = Stages(tmp_path)
+    for name in ('fit_200g', 'fit_200g_damped'):
+        stages.result(name, {'seed': 1}, lambda: Result({}, {}))
+    mine = stages.root / 'fit_200g-notes'
+    mine.mkdir()
+    stages.result('fit_200g', {'seed': 2}, lambda: Result({}, {}))
+    assert mine.is_dir()
+    assert len(list(stages.root.glob('fit_200g_damped-*'))) == 1
+
+
+def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
+    """What is interrupted is not taken for a result."""
+    def fail() -> Result:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Stages(tmp_path).result('fit', {}, fail)
+    assert Stages(tmp_path).result('fit', {}, lambda: Result({'n': 1}, {})).content == {'n': 1}
+
+
+def test_the_source_counts() -> None:
+    """Recordings depend on fewer parts of the package than fits, and both on its version."""
+    assert source_digest(RECORDING) != source_digest(FITTING)
+    assert source_digest(FITTING).startswith(__version__)
+
+
+def test_no_directory(tmp_path: Path) -> None:
+    """A file where the stages should go is refused."""
+    (tmp_path / 'stages').write_text('')
+    with pytest.raises(UsageError, match='no directory'):
+        Stages(tmp_path)
+
+
+def test_gauges_near_the_hubs(root: Path) -> None:
+    """Of two gauges on a link, the one nearer to its joint counts for the table."""
+    arm = load_arm(root / 'config/tudor.yaml')
+    assert [arm.gauge_names[i] for i in hub_gauges(arm)] == ['link2_hub', 'link3_hub']

@@ -1,0 +1,235 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Single experiments behind figures: a move with and without damping, pushes, gauges, the L."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.identification.bundling import bundle_of
+from tudor_dynamics.identification.collisions import evaluate_collisions, LATE, MethodResult
+from tudor_dynamics.identification.fit import fit_models, FitSettings
+from tudor_dynamics.monitoring.detector import DetectorSettings
+from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.monitor import MonitorSettings
+from tudor_dynamics.reproduction.fits import halves, read
+from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
+from tudor_dynamics.reproduction.stages import RECORDING, Result
+from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
+from tudor_dynamics.simulation.campaign import stimulus_motion, stimulus_seeds
+from tudor_dynamics.simulation.closed_loop import ClosedLoop
+from tudor_dynamics.simulation.drive import Imperfections
+from tudor_dynamics.simulation.lshape import run_paper
+from tudor_dynamics.simulation.plots import pick_signal, spectrum
+
+FloatArray = NDArray[np.float64]
+
+MOVE = (45.0, -45.0)
+"""Targets of the move that shows the damping, from stretched out and horizontal [deg]."""
+MOVE_AT = 1.0
+MOVE_SECONDS = 9.0
+JOINT = 1e-6
+"""Distance of a gauge that is at its joint [m]."""
+LSHAPE = ('effort:motor', 'acceleration:motor', 'acceleration:tip', 'moment:corner')
+FALSE_ALARMS = 1.0
+"""Per hour, that thresholds are asked for."""
+
+
+def damping_move(campaign: Campaign, payload: float) -> Result:
+    """
+    Move two joints at once, with and without damping, as in Figure 2 of Malzahn et al.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Arm and stages.
+    payload : float
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Result
+        ``t`` [s], ``end`` of the reference [s], and for ``damped`` and ``undamped`` ``_q`` [rad],
+        ``_strain`` [units of the gauges] and ``_current`` [A]; ``q_ref`` [rad].
+
+    """
+    def make() -> Result:
+        arrays: dict[str, FloatArray] = {}
+        for name, damping in (('damped', 1.0), ('undamped', 0.0)):
+            loop = ClosedLoop(campaign.carrying(payload), damping=damping, seed=1)
+            n = len(campaign.arm.active_joints)
+            loop.reset(np.zeros(n))
+            targets = [np.radians([MOVE[i] if i < len(MOVE) else 0.0]) for i in range(n)]
+            reference = follow_targets([0.0] * n, [np.array([MOVE_AT])] * n, targets,
+                                       motion_limits(campaign.arm), loop.dt,
+                                       int(MOVE_SECONDS / loop.dt))
+            seen = loop.run(reference.q, reference.dq, every=4)
+            arrays |= {'t': seen.t, 'q_ref': seen.q_ref, f'{name}_q': seen.q,
+                       f'{name}_strain': seen.strain, f'{name}_current': seen.current}
+            moving = np.flatnonzero(np.abs(seen.dq_ref).max(axis=1) > 1e-9)
+        return Result({'end': float(arrays['t'][moving[-1]])}, arrays)
+
+    return _staged(campaign, f'move_{grams(payload)}', {'payload': payload, 'move': MOVE}, make)
+
+
+def _staged(campaign: Campaign, name: str, depends: dict[str, Any], make: Any) -> Result:
+    text = name.replace('_', ' ')
+    campaign.progress(text, 0.0)
+    result = campaign.stages.result(name, {'arm': arm_content(campaign.arm), **depends}, make,
+                                    RECORDING)
+    campaign.progress(text, 1.0)
+    return result
+
+
+def _at_joints(arm: Arm) -> Arm:
+    """Move all gauges but those that the damper needs to their joints."""
+    assert arm.spec.damper is not None
+    used = {item.gauge for item in arm.spec.damper.joints}
+    gauges = tuple(gauge if gauge.name in used else gauge.model_copy(update={'distance': JOINT})
+                   for gauge in arm.gauges)
+    spec = arm.spec.model_copy(update={'gauges': gauges})
+    return Arm(spec, arm.full_model, arm.source, arm.urdf)
+
+
+def gauge_moments(campaign: Campaign, payload: float) -> Result:
+    """
+    Compare the bending moments at the gauges with those at the joints before them.
+
+    The paper takes their difference, Delta tau of its Eq. (12), for constant.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Arm with a gauge beside the damper's on each link, and stages.
+    payload : float
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Result
+        ``t`` [s], and for each joint ``JOINT_0`` and ``JOINT_DISTANCE in mm``: bending moments at
+        the joint and at its gauges [N m].
+
+    """
+    plan = campaign.plan
+
+    def make() -> Result:
+        arm = campaign.carrying(payload)
+        gain = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
+        arrays: dict[str, FloatArray] = {}
+        for variant in (arm, _at_joints(arm)):
+            loop = ClosedLoop(variant, imperfections=Imperfections.none())
+            motion = stimulus_seeds(plan.seed + round(1000 * payload), 0)[0]
+            reference = stimulus_motion(arm, 'aprbs', min(plan.seconds, 40.0), motion, loop.dt)
+            loop.reset(reference.q[0])
+            seen = loop.run(reference.q, reference.dq, every=20)
+            arrays['t'] = seen.t
+            for index, gauge in enumerate(variant.gauges):
+                name = f'{gauge.joint}_{1000 * gauge.distance:.0f}'
+                arrays[name] = seen.strain[:, index] / gain[gauge.name]
+        return Result({}, arrays)
+
+    return _staged(campaign, 'gauge_moments',
+                   {'payload': payload, 'seed': plan.seed, 'seconds': plan.seconds}, make)
+
+
+def collisions(campaign: Campaign, payload: float) -> Result:
+    """
+    Let pushes be found by strain, by current, and by a momentum observer on the currents.
+
+    Models are learned from half of the free recordings, thresholds from the other half; judged
+    are recordings with pushes, of other motions.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Recordings.
+    payload : float
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Result
+        ``content['methods'][METHOD]`` has ``score``, ``roc`` (factor, false alarms per hour,
+        detection rate), and for each push its ``force`` [N] and ``latency`` [s] (None: not found).
+
+    """
+    free = campaign.record(payload)
+    pushed = campaign.record(payload, pushes=campaign.plan.pushes)
+    campaign.progress('find collisions', 0.0)
+
+    def make() -> Result:
+        arm = campaign.arm
+        training, test = (read(arm, part) for part in halves(free))
+        result = fit_models(arm, training, test, None, arm.spec.preprocessing,
+                            FitSettings(kinds=('analytical',)))
+        bundle = bundle_of(result)
+        if not bundle.facts['thresholds']:
+            return Result({'methods': {}}, {})
+        campaign.progress('find collisions', 0.2)
+        bags = [(str(path), bag.recording)
+                for path, bag in zip(pushed, read(arm, pushed), strict=True)]
+        found = evaluate_collisions(bundle, bags, MonitorSettings(
+            rates=Rates(FALSE_ALARMS, 60.0 * FALSE_ALARMS), detector=DetectorSettings()))
+        return Result({'methods': {item.method: {
+            'score': item.score.as_dict(), 'roc': [list(point) for point in item.roc],
+            'pushes': _pushes(item)} for item in found}}, {})
+
+    depends = {**campaign.described(payload, damped=True), 'pushes': campaign.plan.pushes}
+    result = campaign.stages.result('collisions', depends, make)
+    campaign.progress('find collisions', 1.0)
+    return result
+
+
+def _pushes(item: MethodResult) -> list[dict[str, float | None]]:
+    """Give force and latency of each push, as `evaluate_collisions` counts them."""
+    rows: list[dict[str, float | None]] = []
+    for bag in item.watched:
+        times = np.array([event.stamp for event in bag.events], dtype=np.int64)
+        for push in bag.pushes:
+            hits = times[(times >= push.begin) & (times <= push.end + round(LATE * 1e9))]
+            rows.append({'force': push.force,
+                         'latency': float(hits[0] - push.begin) * 1e-9 if len(hits) else None})
+    return rows
+
+
+def l_shape_run(campaign: Campaign) -> Result:
+    """
+    Repeat the experiment of Gasparetto et al. on the L-shaped mechanism.
+
+    Returns
+    -------
+    Result
+        ``t`` [s], and for each of `LSHAPE` its curves, ``SIGNAL spectrum`` and ``f`` [Hz]; labels
+        and units in ``content[SIGNAL]``.
+
+    """
+    def make() -> Result:
+        plant, run = run_paper(2, 2.5e-4)
+        arrays: dict[str, FloatArray] = {'t': run.t}
+        content: dict[str, Any] = {}
+        for name in LSHAPE:
+            signal = pick_signal(run, plant.mechanism, (), name)
+            arrays[name] = signal.values
+            arrays['f'], arrays[f'{name} spectrum'] = spectrum(
+                signal.values, float(run.t[1] - run.t[0]))
+            content[name] = {'labels': list(signal.labels), 'unit': signal.unit}
+        return Result(content, arrays)
+
+    return _staged(campaign, 'lshape', {}, make)

@@ -1,0 +1,127 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How all figures of a reproduction look: widths, colours that differ in grey too, files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import io
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from tudor_dynamics.reproduction.pages import write_file
+
+WIDTH = 7.2
+"""Inches: two columns of a paper."""
+DPI = 130
+
+# Colours of Okabe and Ito (safe for colour-blind readers); line style and marker tell the models
+# apart in grey as well.
+MEASURED: dict[str, Any] = {'color': '#a3a3a3', 'linewidth': 2.6, 'linestyle': '-',
+                            'solid_capstyle': 'round', 'label': 'measured'}
+MODELS: dict[str, dict[str, Any]] = {
+    'analytical': {'color': '#0072b2', 'linewidth': 1.1, 'linestyle': '-'},
+    'elm': {'color': '#d55e00', 'linewidth': 1.1, 'linestyle': (0, (4, 1.6))},
+    'elastic': {'color': '#00785a', 'linewidth': 1.1, 'linestyle': (0, (5, 1.4, 1, 1.4))}}
+MARKERS = {'analytical': 'o', 'elm': 's', 'elastic': '^'}
+DAMPED: dict[str, Any] = {'color': '#0072b2', 'linewidth': 1.5, 'linestyle': '-',
+                          'label': 'damped'}
+UNDAMPED: dict[str, Any] = {'color': '#e08b3a', 'linewidth': 1.1, 'linestyle': '-',
+                            'label': 'undamped'}
+CURVES: tuple[dict[str, Any], ...] = (
+    {'color': '#0072b2', 'linestyle': '-'}, {'color': '#d55e00', 'linestyle': (0, (4, 1.6))},
+    {'color': '#111111', 'linestyle': (0, (1, 1.2))},
+    {'color': '#b2669a', 'linestyle': (0, (5, 1.4, 1, 1.4))})
+
+STYLE: Any = {
+    'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.titlelocation': 'left',
+    'axes.labelsize': 9.0, 'legend.fontsize': 8.5, 'xtick.labelsize': 8.5,
+    'ytick.labelsize': 8.5, 'axes.spines.top': False, 'axes.spines.right': False,
+    'axes.grid': True, 'grid.color': '#dddddd', 'grid.linewidth': 0.6, 'axes.axisbelow': True,
+    'legend.frameon': False, 'legend.handlelength': 2.8, 'svg.hashsalt': 'tudor_dynamics',
+    'svg.fonttype': 'path', 'path.simplify': True}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw figures in one look."""
+    with matplotlib.rc_context(STYLE):
+        yield
+
+
+def new_figure(height: float, rows: int, columns: int = 1, **more: Any) -> tuple[Figure, Any]:
+    """
+    Make a figure with axes.
+
+    Parameters
+    ----------
+    height : float
+        [inch]
+    rows, columns : int
+        Axes.
+    **more
+        As for ``Figure.subplots``.
+
+    Returns
+    -------
+    figure : Figure
+        Figure.
+    axes : ndarray of Axes, shape (rows, columns)
+        Axes.
+
+    """
+    figure = Figure(figsize=(WIDTH, height), layout='constrained')
+    return figure, figure.subplots(rows, columns, squeeze=False, **more)
+
+
+def legend_above(figure: Figure, axes: Any, columns: int = 4) -> None:
+    """Put the legend of some axes above the figure, where it covers nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside upper right', ncols=columns, borderpad=0.1)
+
+
+def unit(text: str) -> str:
+    """Write a unit as it is printed."""
+    return text.replace('um/m', 'µm/m')
+
+
+def save(figure: Figure, out: Path, name: str) -> None:
+    """
+    Write a figure as SVG and PNG; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure, made within `style`.
+    out : Path
+        Directory.
+    name : str
+        File without suffix.
+
+    """
+    for suffix, canvas, metadata in (
+            ('svg', FigureCanvasSVG, {'Date': None, 'Creator': 'tudor_dynamics'}),
+            ('png', FigureCanvasAgg, {'Software': 'tudor_dynamics'})):
+        stream = io.BytesIO()
+        chosen: Any = canvas
+        chosen(figure)
+        figure.savefig(stream, format=suffix, dpi=DPI, metadata=metadata)
+        write_file(out / f'{name}.{suffix}', stream.getvalue())
