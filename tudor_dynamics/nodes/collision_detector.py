@@ -70,9 +70,9 @@ class CollisionDetectorNode(DetectNode):
             for output in prepared.outputs:
                 self._sensors.append(self.subscribe(
                     JointState, PREDICTED[output], partial(self._on_predicted, output)))
-                self._sensors.append(self.subscribe(
-                    JointState, topics[output].pop(),
-                    partial(self._on_measured, output)))
+                self._sensors += [self.subscribe(
+                    JointState, topic, partial(self._on_measured, output, topic))
+                    for topic in topics[output]]
 
     def _on_motion(self, message: JointTrajectory) -> None:
         self.meter.begin()
@@ -116,10 +116,10 @@ class CollisionDetectorNode(DetectNode):
             self.drops['no_prediction'] += 1
         self.tell(self.watch.add_output(output, motion, values))
 
-    def _on_measured(self, output: str, message: JointState) -> None:
+    def _on_measured(self, output: str, topic: str, message: JointState) -> None:
         begun = self.meter.begin()
         try:
-            self.tell(self.measured(output, message))
+            self.measured(output, topic, message)
         except TudorError as err:
             self.drops['error'] += 1
             self.get_logger().error(str(err), throttle_duration_sec=5.0)

@@ -25,11 +25,12 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header
 
-from tudor_dynamics.errors import ModelError, TudorError
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.calibration import Calibration
 from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.health import SensorHealth
 from tudor_dynamics.monitoring.monitor import Found, METHODS, MonitorSettings, Watch
 from tudor_dynamics.monitoring.residuals import Residual
@@ -50,6 +51,8 @@ class DetectNode(ModelNode):
         Residuals, thresholds and detector.
     health : dict of str to SensorHealth
         Output to the health of its sensors.
+    gathering : dict of str to Gathering
+        Output to what puts its topics together.
 
     """
 
@@ -61,7 +64,8 @@ class DetectNode(ModelNode):
         self._note = ''
         self._told: dict[Level, bool] = {}
         self._last_event: CollisionEvent | None = None
-        self._readers: dict[str, NamedReader] = {}
+        self._readers: dict[tuple[str, str], NamedReader] = {}
+        self.gathering: dict[str, Gathering] = {}
         self._residuals = {m: self.publish_on(JointState, RESIDUALS[m]) for m in METHODS}
         self._thresholds = {m: self.publish_on(JointState, THRESHOLDS[m]) for m in METHODS}
         self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
@@ -86,8 +90,11 @@ class DetectNode(ModelNode):
         """Put another model into use."""
         self.bundle, self.watch = bundle, watch
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
-        self._readers = {output: NamedReader(names[output], self.drops)
-                         for output in watch.outputs}
+        topics = {output: of for output, of in self.sensor_topics(bundle).items()
+                  if output in watch.outputs}
+        self._readers = {(output, topic): NamedReader(channels, self.drops)
+                         for output, of in topics.items() for topic, channels in of.items()}
+        self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
                        for output in watch.outputs}
         self._calibration = None
@@ -96,24 +103,14 @@ class DetectNode(ModelNode):
             f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
             'call ~/calibrate while the arm moves freely')
 
-    def sensor_topics(self, bundle: ModelBundle) -> dict[str, set[str]]:
-        """
-        Give the topic of each output that is listened to.
-
-        Raises
-        ------
-        ModelError
-            If an output comes on several topics.
-
-        """
+    def sensor_topics(self, bundle: ModelBundle) -> dict[str, dict[str, list[str]]]:
+        """Give for each output its topics with their channels, in the order of the arm."""
         arm = bundle.arm
-        topics = {'effort': {joint.effort.topic for joint in arm.joints},
-                  'strain': {gauge.topic for gauge in arm.gauges}}
-        for output, names in topics.items():
-            if len(names) > 1:
-                msg = (f'{output} comes on several topics ({", ".join(sorted(names))}); merge '
-                       'them on one for the nodes')
-                raise ModelError(msg)
+        topics: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
+        for joint in arm.joints:
+            topics['effort'].setdefault(joint.effort.topic, []).append(joint.name)
+        for gauge in arm.gauges:
+            topics['strain'].setdefault(gauge.topic, []).append(gauge.name)
         return topics
 
     def check(self, values: dict[str, Any]) -> None:
@@ -135,17 +132,18 @@ class DetectNode(ModelNode):
         for health in self.health.values():
             health.stuck_time = self.value('stuck_time')
 
-    def measured(self, output: str, message: JointState) -> Found:
-        """Hand a sensor message to the detector."""
-        watch, reader = self.watch, self._readers.get(output)
+    def measured(self, output: str, topic: str, message: JointState) -> None:
+        """Hand a sensor message to the detector and tell what it found."""
+        watch, reader = self.watch, self._readers.get((output, topic))
         if watch is None or reader is None:
-            return Found()
+            return
         values = reader.read(message, FIELD[output])
         if values is None:
-            return Found()
-        stamp = nanoseconds(message.header.stamp)
-        self.health[output].step(stamp, values)
-        return watch.add_measured(output, stamp, values)
+            return
+        for stamp, whole in self.gathering[output].add(
+                topic, nanoseconds(message.header.stamp), values):
+            self.health[output].step(stamp, whole)
+            self.tell(watch.add_measured(output, stamp, whole))
 
     def moving(self, row: Any) -> None:
         """Tell the health of the sensors whether the arm moves."""
@@ -246,7 +244,8 @@ class DetectNode(ModelNode):
         """Add the drops of the pairing."""
         if self.watch is None:
             return [self.drops]
-        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values())]
+        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values()),
+                *(drops for item in self.gathering.values() for drops in item.drops)]
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Tell level, dead sensors and the last event."""
@@ -261,7 +260,9 @@ class DetectNode(ModelNode):
         silent = [output for output, pairing in (self.watch.pairing if self.watch else {}).items()
                   if pairing.waiting > 50]
         if silent and level == OK:
-            return WARN, f'no {" and no ".join(silent)} for the motion that comes in', values
+            mute = [topic for output in silent for topic in self.gathering[output].silent()]
+            where = f': nothing on {", ".join(mute)}' if mute else ''
+            return WARN, f'no {" and no ".join(silent)} for the motion that comes in{where}', values
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link

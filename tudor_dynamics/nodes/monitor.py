@@ -66,15 +66,17 @@ class MonitorNode(DetectNode):
         self._joints = NamedReader(bundle.arm.active_joints, self.drops)
         if not first:
             return
-        own = bundle.arm.spec.joint_topic
+        own = self._own = bundle.arm.spec.joint_topic
         # one subscription per topic, whatever the topic carries
-        others = {output: topics[output].pop() for output in prepared.watch.outputs}
-        self._with_joints = [output for output, topic in others.items() if topic == own]
+        carried: dict[str, list[str]] = {own: []}
+        for output in prepared.watch.outputs:
+            for topic in topics[output]:
+                carried.setdefault(topic, []).append(output)
+        self._with_joints = carried.pop(own)
         self._inputs.append(self.subscribe(JointState, own, self._on_joints))
-        for output, topic in others.items():
-            if topic != own:
-                self._inputs.append(self.subscribe(
-                    JointState, topic, partial(self._on_measured, output)))
+        for topic, outputs in carried.items():
+            self._inputs.append(self.subscribe(
+                JointState, topic, partial(self._on_measured, topic, tuple(outputs))))
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -102,12 +104,13 @@ class MonitorNode(DetectNode):
                                                   **{FIELD[output]: values}))
         self.tell(found)
         for output in self._with_joints:
-            self.tell(self.measured(output, message))
+            self.measured(output, self._own, message)
         self.meter.end(begun)
 
-    def _on_measured(self, output: str, message: JointState) -> None:
+    def _on_measured(self, topic: str, outputs: tuple[str, ...], message: JointState) -> None:
         begun = self.meter.begin()
-        self.tell(self.measured(output, message))
+        for output in outputs:
+            self.measured(output, topic, message)
         self.meter.end(begun)
 
     def counters(self) -> list[Counter[str]]:
