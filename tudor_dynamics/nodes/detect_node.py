@@ -207,6 +207,9 @@ class DetectNode(ModelNode):
         if self.watch is None or self.bundle is None:
             msg = f'nothing to calibrate: {self.fault or "no model"}'
             raise TudorError(msg)
+        if self.meter.stale(float(self.value('timeout'))):
+            msg = 'nothing to learn from: no samples come in; start the robot and call again'
+            raise TudorError(msg)
         arm = self.bundle.arm
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
@@ -219,7 +222,7 @@ class DetectNode(ModelNode):
         calibration = self._calibration
         assert calibration is not None
         calibration.add(method, residual)
-        if not calibration.done:
+        if not calibration.done or self._loader is not None:
             return
         self._calibration = None
         bundle, settings = self.bundle, self.settings()
@@ -228,7 +231,12 @@ class DetectNode(ModelNode):
             try:
                 learned = calibration.learn()
             except TudorError as err:
-                self._note = f'calibration failed: {err}'
+                text = f'calibration failed, the thresholds before stay in use: {err}'
+
+                def refuse() -> None:
+                    self._note = text
+                    self.get_logger().error(text)
+                self._ready = refuse
                 return
 
             def take() -> None:
