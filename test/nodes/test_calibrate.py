@@ -64,7 +64,7 @@ def let_pass(world: World, node: MonitorNode, recording: Recording, **how: objec
 def test_free_motion_gives_thresholds_that_find_a_push(
     world: World, model: Path, free: Recording, recording: Recording,
 ) -> None:
-    """Nothing comes in: refused. Half a minute of motion: other thresholds, and a push is found."""
+    """Nothing comes in: refused. Half a minute of motion: other thresholds, a push is found."""
     node = start(world, model)
     answer = calibrate(world)
     assert not answer.success and 'no samples' in answer.message

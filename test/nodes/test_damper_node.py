@@ -75,7 +75,6 @@ class Arm:
         """Make several steps."""
         return np.array([self.step(**how) for _ in range(count)])
 
-
     def told(self) -> Any:
         """Give a diagnosis of this moment."""
         heard = self.world.heard['/diagnostics']

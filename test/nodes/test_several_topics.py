@@ -111,7 +111,7 @@ def test_a_silent_topic_is_named(world: World, several: Path, recording) -> None
 
 
 def test_the_simulator_lays_them_out(world: World, root: Path, tmp_path: Path) -> None:
-    """Each topic carries its own joints and gauges; those with the positions come in one message."""
+    """Each topic carries its own joints and gauges; what comes with positions is one message."""
     content = yaml.safe_load((root / 'config/tudor.yaml').read_text())
     content['kinematics']['urdf'] = str(root / 'config/tudor.urdf')
     content['joints'][2]['effort'] = {'topic': 'joint_states', 'unit': 'A'}
@@ -123,8 +123,8 @@ def test_the_simulator_lays_them_out(world: World, root: Path, tmp_path: Path) -
         world.listen(topic)
     node = world.add(ArmSimulatorNode, arm=str(path), rate=100.0)
     assert not node.fault
-    assert world.spin(lambda: all(world.heard[t] for t in ('joint_states', 'a', 'b',
-                                                          'motor_currents')))
+    topics = ('joint_states', 'a', 'b', 'motor_currents')
+    assert world.spin(lambda: all(world.heard[topic] for topic in topics))
     names = {topic: list(world.heard[topic][-1].name) for topic in world.heard
              if topic != '/diagnostics'}
     assert names == {'joint_states': [*JOINTS, 'link2_mid'], 'motor_currents': ['joint2'],

@@ -270,7 +270,8 @@ class DetectNode(ModelNode):
         if silent and level == OK:
             mute = [topic for output in silent for topic in self.gathering[output].silent()]
             where = f': nothing on {", ".join(mute)}' if mute else ''
-            return WARN, f'no {" and no ".join(silent)} for the motion that comes in{where}', values
+            text = f'no {" and no ".join(silent)} for the motion that comes in{where}'
+            return WARN, text, values
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link
