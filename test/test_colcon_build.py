@@ -96,3 +96,46 @@ def test_start(workspace: Path, prefix: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
     assert 'usage: tudor' in run.stdout
     assert run.stdout.splitlines()[-1].startswith(str(prefix))
+
+
+def test_ros2_run(workspace: Path, prefix: Path) -> None:
+    """
+    What `ros2 run` does: the prefix from ament's index, the executable, its ROS arguments.
+
+    Namespace, remapping, the installed parameter file and simulated time; parameters and graph as
+    `ros2 node list` and `ros2 param get` see them.
+    """
+    pytest.importorskip('rclpy')
+    from rcl_interfaces.srv import GetParameters
+    from ros_world import World
+    config = prefix / 'share' / PACKAGE / 'config' / 'nodes.yaml'
+    found = ('from ament_index_python.packages import get_package_prefix; '
+             f'print(get_package_prefix("{PACKAGE}"))')
+    script = (f'source install/setup.bash && at="$("{sys.executable}" -c \'{found}\')" && '
+              f'exec "$at/lib/{PACKAGE}/oscillation_damper" --ros-args -r __ns:=/left -r '
+              f'velocity_commands:=speeds --params-file "{config}" -p damping:=0.25 '
+              '-p use_sim_time:=true -p "arm:=$at/share/tudor_dynamics/config/tudor.yaml"')
+    bash = shutil.which('bash')
+    assert bash
+    world = World()
+    process = subprocess.Popen([bash, '-c', script], cwd=workspace, stdin=subprocess.DEVNULL,
+                               stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        assert world.spin(lambda: ('oscillation_damper', '/left')
+                          in world.probe.get_node_names_and_namespaces(), 60.0)
+        client = world.probe.create_client(
+            GetParameters, '/left/oscillation_damper/get_parameters')
+        assert world.spin(client.service_is_ready)
+        future = client.call_async(GetParameters.Request(
+            names=['damping', 'use_sim_time', 'timeout']))
+        assert world.spin(future.done)
+        damping, simulated, timeout = future.result().values
+        assert damping.double_value == 0.25 and simulated.bool_value
+        assert timeout.double_value == 0.5
+        assert world.spin(lambda: world.probe.count_publishers('/left/speeds') == 1)
+        assert world.probe.count_subscribers('/left/joint_states') == 1
+    finally:
+        process.terminate()
+        said, _ = process.communicate(timeout=20)
+        world.close()
+    assert process.returncode == 0, said

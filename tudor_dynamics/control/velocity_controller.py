@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.control.damper import arm_damping, Damper
@@ -77,7 +77,7 @@ class VelocityController:
         q_ref: FloatArray,
         dq_ref: FloatArray,
         strain: FloatArray,
-        fresh: bool,
+        fresh: ArrayLike,
     ) -> FloatArray:
         """
         Give the commands for one sample.
@@ -92,8 +92,8 @@ class VelocityController:
             Reference [rad, rad/s or m, m/s].
         strain : ndarray of shape (n_gauges,)
             Readings in units of the gauges; not a number where missing.
-        fresh : bool
-            Whether the readings are new.
+        fresh : array of bool, shape (n_gauges,)
+            Whether each reading is new.
 
         Returns
         -------
@@ -102,9 +102,10 @@ class VelocityController:
 
         """
         self.damper.dt = dt
+        new = np.broadcast_to(np.asarray(fresh, dtype=bool), strain.shape)
         wanted = dq_ref + self.position_gain * (q_ref - q)
         wanted[self._to] += self.share * self.damper.step(
-            strain[self._from], fresh, self._limited[self._to])
+            strain[self._from], new[self._from], self._limited[self._to])
         command = np.clip(wanted, -self._limit, self._limit)
         self._limited = command != wanted
         return np.asarray(command)

@@ -26,7 +26,8 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.following import predict_stretch
+from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.following import observe_stretch
 from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.threshold_io import thresholds_to_dict
@@ -58,6 +59,7 @@ def free_motion(
     spec: PreprocessingSpec,
     *,
     momentum: bool = False,
+    strain: Sequence[tuple[OutputModel, BagData]] = (),
 ) -> list[FreeMotion]:
     """
     Compute the residuals of every sample as the running robot has them.
@@ -72,6 +74,8 @@ def free_motion(
         Preprocessing of the models.
     momentum : bool, default=False
         Residuals of the momentum observer in place of plain ones.
+    strain : sequence of (model, bag)
+        Models of the strain, by which an elastic model of the effort is corrected.
 
     Returns
     -------
@@ -79,6 +83,7 @@ def free_motion(
         One for each gapless stretch.
 
     """
+    correcting = {id(bag): model for model, bag in strain if isinstance(model, ElasticModel)}
     records = []
     for model, bag in cases:
         try:
@@ -90,7 +95,7 @@ def free_motion(
             if momentum:
                 residual = MomentumObserver(model).process(s.stamp, motion, measured)
             else:
-                residual = measured - predict_stretch(model, s)
+                residual = measured - observe_stretch(model, s, output, correcting.get(id(bag)))
             keep = s.decimation.keep
             records.append(FreeMotion(s.stamp[keep], motion[keep], residual[keep]))
     return records
@@ -134,7 +139,9 @@ def fit_thresholds(
 
     for output, kind, cases in unseen:
         channels = cases[0][0].channels
-        learn(output, kind, free_motion(cases, output, spec), channels)
+        strain = next((other for what, of, other in unseen
+                       if what == 'strain' and of == kind), ())
+        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels)
         if output == 'effort' and kind == 'analytical':
             learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels)
     if reasons:

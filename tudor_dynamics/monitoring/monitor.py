@@ -65,8 +65,10 @@ class Monitor:
         thresholds: dict[str, MethodThresholds] | None = None,
     ) -> None:
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
-        self.predictor = Predictor(bundle, settings.kind)
         self.watch = Watch(bundle, settings, thresholds)
+        self.predictor = Predictor(
+            bundle, settings.kind,
+            settings.observer if 'strain' in self.watch.outputs else 'off')
         self.wanted = set(self.watch.outputs)
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
@@ -101,4 +103,6 @@ class Monitor:
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """Take efforts or strains into account, as `Watch.add_measured` does."""
+        if output == 'strain':
+            self.predictor.add_strain(stamp, values)
         return self.watch.add_measured(output, stamp, values)

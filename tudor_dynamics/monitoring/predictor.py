@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic import ElasticModel, LiveElastic
+from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic_live import LiveElastic
 from tudor_dynamics.monitoring.state_filter import Motion
 
 FloatArray = NDArray[np.float64]
@@ -42,6 +43,8 @@ class Predictor:
         Models.
     kind : {'analytical', 'elm', 'elastic'}
         Kind of model.
+    observer : {'off', 'ringing', 'contact'}, default='off'
+        Whether measured strain corrects the elastic model, see `LiveElastic`.
 
     Attributes
     ----------
@@ -50,7 +53,9 @@ class Predictor:
 
     """
 
-    def __init__(self, bundle: ModelBundle, kind: str = 'analytical') -> None:
+    def __init__(
+        self, bundle: ModelBundle, kind: str = 'analytical', observer: str = 'off',
+    ) -> None:
         self.bundle = bundle
         self.kind = kind
         self.settle = bundle.preprocessing.settle
@@ -63,7 +68,28 @@ class Predictor:
             raise ModelError(msg)
         elastic = {output: model for output, model in self.models.items()
                    if isinstance(model, ElasticModel)}
-        self._elastic = LiveElastic(elastic) if elastic else None
+        self.observing = bool(elastic) and observer != 'off' and 'strain' in elastic
+        self._elastic = (LiveElastic(elastic, observer if self.observing else 'off')
+                         if elastic else None)
+        self._stamp = 0
+        self._strain: tuple[int, FloatArray] | None = None
+
+    def add_strain(self, stamp: int, values: FloatArray) -> None:
+        """
+        Give a measured strain to the observer; of no effect without one.
+
+        It counts for the sample of the same stamp, if it comes before the next one.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        values : ndarray of shape (n_gauges,)
+            Readings in their units, NaN for a gauge that does not count.
+
+        """
+        if self.observing:
+            self._strain = stamp, values
 
     def step(
         self, motion: Motion, wanted: Collection[str] = OUTPUTS,
@@ -86,6 +112,9 @@ class Predictor:
         """
         if self._elastic is not None:
             # it follows every sample: what it predicts depends on all that was
+            if self._strain is not None and self._strain[0] == self._stamp:
+                self._elastic.measure(self._strain[1])
+            self._stamp = motion.stamp
             predicted = self._elastic.step(motion.dt, motion.row)
             if predicted is None or not motion.settled(self.settle):
                 return None

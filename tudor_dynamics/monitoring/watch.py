@@ -49,8 +49,10 @@ class MonitorSettings:
 
     Attributes
     ----------
-    kind : {'analytical', 'elm'}
+    kind : {'analytical', 'elm', 'elastic'}
         Model.
+    observer : {'off', 'ringing', 'contact'}
+        Whether measured strain corrects an elastic model.
     methods : tuple of str
         What the detector listens to, of `METHODS`.
     rates : Rates
@@ -65,6 +67,7 @@ class MonitorSettings:
     """
 
     kind: str = 'analytical'
+    observer: str = 'ringing'
     methods: tuple[str, ...] = ('strain',)
     rates: Rates = Rates()
     detector: DetectorSettings = DetectorSettings()

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import sys
 from threading import Event, Lock, Thread
 import time
@@ -24,6 +24,7 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
+from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -39,6 +40,14 @@ from tudor_dynamics.simulation.arm_process import ArmProcess, Floor
 
 BEHIND = 0.2
 """A process that is so late gives up real time instead of hurrying [s]."""
+
+
+def _by_topic(topics: Iterable[str]) -> dict[str, list[int]]:
+    """Give each topic the places of what it carries."""
+    found: dict[str, list[int]] = {}
+    for place, topic in enumerate(topics):
+        found.setdefault(topic, []).append(place)
+    return found
 
 
 class ArmSimulatorNode(TudorNode):
@@ -77,16 +86,25 @@ class ArmSimulatorNode(TudorNode):
         self._names = list(arm.active_joints)
         self._gauges = list(arm.gauge_names)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
-        efforts = {joint.effort.topic for joint in arm.joints} - {arm.spec.joint_topic}
-        self._efforts = [self.publish_on(JointState, topic) for topic in sorted(efforts)]
-        self._strains = [self.publish_on(JointState, topic)
-                         for topic in sorted({gauge.topic for gauge in arm.gauges})]
+        efforts = _by_topic(joint.effort.topic for joint in arm.joints)
+        strains = _by_topic(gauge.topic for gauge in arm.gauges)
+        # what comes with the positions: others have no effort there
+        self._own_efforts = efforts.pop(arm.spec.joint_topic, [])
+        self._own_strains = strains.pop(arm.spec.joint_topic, [])
+        self._efforts = self._outputs(efforts, self._names)
+        self._strains = self._outputs(strains, self._gauges)
         self._wrench = self.publish_on(WrenchStamped, APPLIED_WRENCH)
         self._ticks = self.create_publisher(Clock, CLOCK, 10) if self.value('clock') else None
         self._inputs = [
             self.subscribe(Float64MultiArray, VELOCITY_COMMANDS, self._on_command),
             self.subscribe(WrenchStamped, EXTERNAL_WRENCH, self._on_wrench)]
         self.serve(RESET, self._reset)
+
+    def _outputs(
+        self, topics: dict[str, list[int]], names: list[str],
+    ) -> list[tuple[Publisher, list[int], list[str]]]:
+        return [(self.publish_on(JointState, topic), index, [names[k] for k in index])
+                for topic, index in topics.items()]
 
     def apply(self) -> None:
         """Take a changed floor into use."""
@@ -156,19 +174,31 @@ class ArmSimulatorNode(TudorNode):
         stamp = time_message(origin + round(sample.t * 1e9))
         if self._ticks is not None:
             self._ticks.publish(Clock(clock=stamp))
-        effort = {} if self._efforts else {'effort': sample.current}
-        for publisher in self._efforts:
-            publisher.publish(joint_state(stamp, self._names, effort=sample.current))
-        for publisher in self._strains:
-            publisher.publish(joint_state(stamp, self._gauges, position=sample.strain))
-        self._joints.publish(joint_state(stamp, self._names, position=sample.q,
-                                         velocity=sample.dq, **effort))
+        for publisher, index, names in self._efforts:
+            publisher.publish(joint_state(stamp, names, effort=sample.current[index]))
+        for publisher, index, names in self._strains:
+            publisher.publish(joint_state(stamp, names, position=sample.strain[index]))
+        self._joints.publish(self._own_message(stamp, sample))
         if self._wrench.get_subscription_count():
             message = WrenchStamped()
             message.header.stamp, message.header.frame_id = stamp, 'base'
             force = message.wrench.force
             force.x, force.y, force.z = (float(x) for x in sample.force)
             self._wrench.publish(message)
+
+    def _own_message(self, stamp: Any, sample: Any) -> JointState:
+        """Make the message of positions, with efforts and strains where they come with them."""
+        if not self._own_efforts and not self._own_strains:
+            return joint_state(stamp, self._names, position=sample.q, velocity=sample.dq)
+        gauges = self._own_strains
+        missing = np.full(len(gauges), np.nan)
+        fields = {'position': np.concatenate([sample.q, sample.strain[gauges]]),
+                  'velocity': np.concatenate([sample.dq, missing])}
+        if self._own_efforts:
+            effort = np.full(len(self._names), np.nan)
+            effort[self._own_efforts] = sample.current[self._own_efforts]
+            fields['effort'] = np.concatenate([effort, missing])
+        return joint_state(stamp, self._names + [self._gauges[k] for k in gauges], **fields)
 
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the arm."""

@@ -70,8 +70,9 @@ class CollisionDetectorNode(DetectNode):
             for output in prepared.outputs:
                 self._sensors.append(self.hear_joint_states(
                     PREDICTED[output], partial(self._on_predicted, output)))
-                self._sensors.append(self.hear_joint_states(
-                    topics[output].pop(), partial(self._on_measured, output)))
+                self._sensors += [self.hear_joint_states(
+                    topic, partial(self._on_measured, output, topic))
+                    for topic in topics[output]]
 
     def _on_motion(self, message: PointSample) -> None:
         self.outlets.look(self.meter.begin())
@@ -115,11 +116,11 @@ class CollisionDetectorNode(DetectNode):
             self.drops['no_prediction'] += 1
         self.tell(self.watch.add_output(output, motion, values))
 
-    def _on_measured(self, output: str, message: JointSample) -> None:
+    def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.outlets.look(begun)
         try:
-            self.tell(self.measured(output, message))
+            self.measured(output, topic, message)
         except TudorError as err:
             self.drops['error'] += 1
             self.get_logger().error(str(err), throttle_duration_sec=5.0)

@@ -25,6 +25,7 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import partial
 import math
 import sys
 import time
@@ -73,26 +74,29 @@ class SignTester(Node):
         self._limits = motion_limits(arm)
         drops: Counter[str] = Counter()
         self._reader = NamedReader(arm.active_joints, drops)
-        self._gauges = NamedReader(arm.gauge_names, drops)
+        self._gauges = [NamedReader([gauge.name], drops) for gauge in arm.gauges]
         self._goal: Any = None
-        self._strain: list[tuple[int, Any]] = []
+        self._strain: list[list[tuple[int, float]]] = [[] for _ in arm.gauges]
         self._executor = new_executor('single', self.context)
         self._executor.add_node(self)
         self._goals = self.create_publisher(JointTrajectory, JOINT_TRAJECTORY, strong())
         self._damping = self.create_client(SetParameters, 'oscillation_damper/set_parameters')
         self.create_subscription(JointState, arm.spec.joint_topic, self._on_joints, weak())
         for topic in dict.fromkeys(gauge.topic for gauge in arm.gauges):
-            self.create_subscription(JointState, topic, self._on_strains, weak())
+            self.create_subscription(JointState, topic, partial(self._on_strains, topic), weak())
 
     def _on_joints(self, message: JointState) -> None:
         q = self._reader.read(message, 'position')
         if self._goal is None and q is not None and np.isfinite(q).all():
             self._goal = q.copy()
 
-    def _on_strains(self, message: JointState) -> None:
-        values = self._gauges.read(message, 'position')
-        if values is not None:
-            self._strain.append((nanoseconds(message.header.stamp), values))
+    def _on_strains(self, topic: str, message: JointState) -> None:
+        for place, gauge in enumerate(self.arm.gauges):
+            if gauge.topic == topic:
+                values = self._gauges[place].read(message, 'position')
+                if values is not None:
+                    self._strain[place].append(
+                        (nanoseconds(message.header.stamp), float(values[0])))
 
     def spin_until(self, done: Callable[[], bool], seconds: float) -> bool:
         """Handle messages until something is done or the time is over."""
@@ -109,7 +113,7 @@ class SignTester(Node):
                 (self._damping.service_is_ready, 'the node oscillation_damper'),
                 (lambda: self._goals.get_subscription_count() > 0, 'the node reference_generator'),
                 (lambda: self._goal is not None, f'positions on {self.arm.spec.joint_topic}'),
-                (lambda: len(self._strain) > 1, 'strains of the gauges')):
+                (lambda: all(len(heard) > 1 for heard in self._strain), 'strains of the gauges')):
             if not self.spin_until(done, PATIENCE):
                 msg = (f'{what} did not come within {PATIENCE:g} s; start the arm and its '
                        'nodes first')
@@ -126,7 +130,7 @@ class SignTester(Node):
 
     def listen(self, gauge: int, seconds: float, *, watch: bool = False) -> StepResponse:
         """Record the strain of a gauge; with ``watch`` the damper goes off where it grows."""
-        self._strain.clear()
+        self._strain[gauge].clear()
         end = time.monotonic() + seconds
         watching = watch
         while time.monotonic() < end:
@@ -142,16 +146,19 @@ class SignTester(Node):
         return response
 
     def _response(self, gauge: int) -> StepResponse | None:
-        if len(self._strain) < 20:
+        heard = self._strain[gauge]
+        if len(heard) < 20:
             return None
-        stamp = np.array([item[0] for item in self._strain]) * 1e-9
-        strain = np.array([item[1][gauge] for item in self._strain])
+        stamp, strain = np.array([item[0] for item in heard]) * 1e-9, np.array(
+            [item[1] for item in heard])
         grid = np.linspace(stamp[0], stamp[-1], len(stamp))  # lost messages leave no dent
         return StepResponse(float(grid[1] - grid[0]), np.interp(grid, stamp, strain))
 
     def _gauge(self, joint: str) -> int:
-        """Give the first gauge behind a joint."""
-        return [gauge.joint for gauge in self.arm.gauges].index(joint)
+        """Give the gauge that the damper of a joint listens to."""
+        assert self.arm.spec.damper is not None
+        return self.arm.gauge_names.index(
+            next(item.gauge for item in self.arm.spec.damper.joints if item.joint == joint))
 
     def measure(self, joint: str, step: float, share: float) -> StepResponse:
         """Make a step with a share of the damper's gain and record what the link does."""
@@ -185,14 +192,20 @@ def _parser() -> argparse.ArgumentParser:
                         help='joints to test (default: all with a damper and a gauge)')
     parser.add_argument('--step', type=float, default=3.0, metavar='DEG',
                         help='size of the steps (default: 3)')
+    parser.add_argument('--slide', type=float, default=10.0, metavar='MM',
+                        help='size of the steps of prismatic joints (default: 10)')
     return parser
+
+
+def step_size(arm: Arm, joint: str, degrees: float, millimetres: float) -> float:
+    """Give the step of a joint by its kind [rad or m]."""
+    return 1e-3 * millimetres if arm.is_prismatic(joint) else math.radians(degrees)
 
 
 def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
     """Give the joints to test; a TudorError for one that cannot be."""
     damped = [joint.joint for joint in arm.spec.damper.joints] if arm.spec.damper else []
-    able = [name for name in arm.active_joints
-            if name in damped and name in [gauge.joint for gauge in arm.gauges]]
+    able = [name for name in arm.active_joints if name in damped]
     for name in wanted or ():
         if name not in able:
             msg = f'joint {name!r} has no damper with a gauge; those that have: {able}'
@@ -224,12 +237,16 @@ def main(args: Sequence[str] | None = None) -> int:
         if not 0.0 < options.step <= 20.0:
             msg = f'--step {options.step:g}: expected more than 0 and at most 20 degrees'
             raise ArmError(msg)
+        if not 0.0 < options.slide <= 100.0:
+            msg = f'--slide {options.slide:g}: expected more than 0 and at most 100 mm'
+            raise ArmError(msg)
         rclpy.init(args=words)
         node = SignTester(arm)
         node.wait()
         results = []
         for joint in joints:
-            results.append(node.test(joint, math.radians(options.step)))
+            results.append(node.test(joint, step_size(
+                arm, joint, options.step, options.slide)))
             print(results[-1].text, flush=True)
         right = all(result.sign is Sign.RIGHT for result in results)
         node.set_damping(1.0 if right else 0.0)

@@ -25,11 +25,12 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, Header
 
-from tudor_dynamics.errors import ModelError, TudorError
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.calibration import Calibration
 from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.health import MOVING, SensorHealth
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
@@ -53,6 +54,8 @@ class DetectNode(ModelNode):
         Residuals, thresholds and detector.
     health : dict of str to SensorHealth
         Output to the health of its sensors.
+    gathering : dict of str to Gathering
+        Output to what puts its topics together.
 
     """
 
@@ -64,7 +67,8 @@ class DetectNode(ModelNode):
         self._note = ''
         self._told: dict[Level, bool] = {}
         self._last_event: CollisionEvent | None = None
-        self._readers: dict[str, NamedReader] = {}
+        self._readers: dict[tuple[str, str], NamedReader] = {}
+        self.gathering: dict[str, Gathering] = {}
         self.outlets = Outlets()
         self._residuals = {m: self.outlets.add(self.publish_on(JointState, RESIDUALS[m]))
                            for m in METHODS}
@@ -81,7 +85,9 @@ class DetectNode(ModelNode):
     def settings(self) -> MonitorSettings:
         """Give the settings that the parameters stand for."""
         return MonitorSettings(
-            kind=self.value('kind'), methods=self.value('methods'),
+            kind=self.value('kind'),
+            observer=self.value('observer') if 'observer' in self.params else 'off',
+            methods=self.value('methods'),
             rates=Rates(self.value('false_alarms_per_hour'),
                         self.value('contact_alarms_per_hour')),
             detector=DetectorSettings(self.value('debounce'), self.value('release'),
@@ -93,8 +99,11 @@ class DetectNode(ModelNode):
         """Put another model into use."""
         self.bundle, self.watch = bundle, watch
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
-        self._readers = {output: NamedReader(names[output], self.drops)
-                         for output in watch.outputs}
+        topics = {output: of for output, of in self.sensor_topics(bundle).items()
+                  if output in watch.outputs}
+        self._readers = {(output, topic): NamedReader(channels, self.drops)
+                         for output, of in topics.items() for topic, channels in of.items()}
+        self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
                        for output in watch.outputs}
         self._encoders = {
@@ -105,26 +114,6 @@ class DetectNode(ModelNode):
         self._note = '' if not missing else (
             f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
             'call ~/calibrate while the arm moves freely')
-
-    def sensor_topics(self, bundle: ModelBundle) -> dict[str, set[str]]:
-        """
-        Give the topic of each output that is listened to.
-
-        Raises
-        ------
-        ModelError
-            If an output comes on several topics.
-
-        """
-        arm = bundle.arm
-        topics = {'effort': {joint.effort.topic for joint in arm.joints},
-                  'strain': {gauge.topic for gauge in arm.gauges}}
-        for output, names in topics.items():
-            if len(names) > 1:
-                msg = (f'{output} comes on several topics ({", ".join(sorted(names))}); merge '
-                       'them on one for the nodes')
-                raise ModelError(msg)
-        return topics
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a contact rate below that of collisions."""
@@ -147,16 +136,21 @@ class DetectNode(ModelNode):
         for health in self.health.values():
             health.stuck_time = self.value('stuck_time')
 
-    def measured(self, output: str, message: JointSample) -> Found:
-        """Hand a sensor message to the detector."""
-        watch, reader = self.watch, self._readers.get(output)
+    def measured(self, output: str, topic: str, message: JointSample) -> None:
+        """Hand a sensor message to the detector and tell what it found."""
+        watch, reader = self.watch, self._readers.get((output, topic))
         if watch is None or reader is None:
-            return Found()
+            return
         values = reader.read(message, FIELD[output])
         if values is None:
-            return Found()
-        self.health[output].step(message.stamp, values)
-        return watch.add_measured(output, message.stamp, values)
+            return
+        for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
+            self.health[output].step(stamp, whole)
+            self.tell(self.take(watch, output, stamp, whole))
+
+    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
+        """Take a whole measurement into account."""
+        return watch.add_measured(output, stamp, values)
 
     def moving(self, row: Any) -> None:
         """Tell the health of the sensors whether the arm moves."""
@@ -216,6 +210,9 @@ class DetectNode(ModelNode):
         if self.watch is None or self.bundle is None:
             msg = f'nothing to calibrate: {self.fault or "no model"}'
             raise TudorError(msg)
+        if self.meter.stale(float(self.value('timeout'))):
+            msg = 'nothing to learn from: no samples come in; start the robot and call again'
+            raise TudorError(msg)
         arm = self.bundle.arm
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
@@ -228,7 +225,7 @@ class DetectNode(ModelNode):
         calibration = self._calibration
         assert calibration is not None
         calibration.add(method, residual)
-        if not calibration.done:
+        if not calibration.done or self._loader is not None:
             return
         self._calibration = None
         bundle, settings = self.bundle, self.settings()
@@ -237,7 +234,12 @@ class DetectNode(ModelNode):
             try:
                 learned = calibration.learn()
             except TudorError as err:
-                self._note = f'calibration failed: {err}'
+                text = f'calibration failed, the thresholds before stay in use: {err}'
+
+                def refuse() -> None:
+                    self._note = text
+                    self.get_logger().error(text)
+                self._ready = refuse
                 return
 
             def take() -> None:
@@ -253,7 +255,8 @@ class DetectNode(ModelNode):
         """Add the drops of the pairing."""
         if self.watch is None:
             return [self.drops]
-        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values())]
+        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values()),
+                *(drops for item in self.gathering.values() for drops in item.drops)]
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Tell level, dead sensors and the last event."""
@@ -268,7 +271,10 @@ class DetectNode(ModelNode):
         silent = [output for output, pairing in (self.watch.pairing if self.watch else {}).items()
                   if pairing.waiting > 50]
         if silent and level == OK:
-            return WARN, f'no {" and no ".join(silent)} for the motion that comes in', values
+            mute = [topic for output in silent for topic in self.gathering[output].silent()]
+            where = f': nothing on {", ".join(mute)}' if mute else ''
+            text = f'no {" and no ".join(silent)} for the motion that comes in{where}'
+            return WARN, text, values
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link

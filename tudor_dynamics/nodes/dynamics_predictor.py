@@ -17,21 +17,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 import sys
 from typing import Any
 
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import MotionReader
+from tudor_dynamics.nodes.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.model_node import ModelNode
 from tudor_dynamics.nodes.outlets import Outlets
 from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.nodes.wire import JointStateEncoder, PointSample
+from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, PointSample
 
 
 class DynamicsPredictorNode(ModelNode):
@@ -41,6 +43,7 @@ class DynamicsPredictorNode(ModelNode):
         super().__init__('dynamics_predictor', **kwargs)
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
+        self._gauges: list[Any] = []
         self._listeners = Outlets()
         self._outlets = {output: self._listeners.add(self.publish_on(JointState, topic))
                          for output, topic in PREDICTED.items()}
@@ -50,16 +53,34 @@ class DynamicsPredictorNode(ModelNode):
     def prepare(self, bundle: ModelBundle) -> Predictor:
         """Build the predictor."""
         rehearse(bundle, MonitorSettings(kind=self.value('kind')))
-        return Predictor(bundle, self.value('kind'))
+        return Predictor(bundle, self.value('kind'), self.value('observer'))
 
     def use(self, bundle: ModelBundle, prepared: Predictor) -> None:
         """Put another predictor into use."""
         self.bundle, self.predictor = bundle, prepared
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
+        if prepared.observing and not self._gauges:
+            self._hear_strain(bundle)
         self._encoders = {
             'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
             'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
+
+    def _hear_strain(self, bundle: ModelBundle) -> None:
+        """Listen to the gauges, which the observer of an elastic model needs."""
+        topics = self.sensor_topics(bundle)['strain']
+        self._gathering = Gathering(bundle.arm.gauge_names, topics)
+        for topic, channels in topics.items():
+            reader = NamedReader(channels, self.drops)
+            self._gauges.append(self.hear_joint_states(
+                topic, partial(self._on_strain, topic, reader)))
+
+    def _on_strain(self, topic: str, reader: NamedReader, message: JointSample) -> None:
+        values = reader.read(message, FIELD['strain'])
+        if values is None or self.predictor is None:
+            return
+        for stamp, whole in self._gathering.add(topic, message.stamp, values):
+            self.predictor.add_strain(stamp, whole)
 
     def _on_motion(self, message: PointSample) -> None:
         begun = self.meter.begin()

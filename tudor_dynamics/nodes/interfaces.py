@@ -90,6 +90,9 @@ TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.
 COMMON = (ROBOT, TIMEOUT)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm', 'elastic'))
+OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
+                 'nothing, ringing that no motion explains, or also a force at the tip',
+                 choices=('off', 'ringing', 'contact'))
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
                 'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
 GAP = Param('gap', 0.0, 'longest time between samples that is no gap; 0 for five periods, at '
@@ -178,9 +181,9 @@ SIMULATE = (
 
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
-    'dynamics_predictor': (*PREDICT, *COMMON),
+    'dynamics_predictor': (*PREDICT, OBSERVER, *COMMON),
     'collision_detector': (*PREDICT, *DETECT, *COMMON),
-    'monitor': (*PREDICT, GAP, *DETECT, *COMMON),
+    'monitor': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
     'oscillation_damper': (*DAMP, *COMMON),
     'reference_generator': (*REFERENCE, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),

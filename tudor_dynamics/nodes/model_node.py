@@ -137,6 +137,16 @@ class ModelNode(TudorNode):
         self._poll.cancel()
         ready()
 
+    def sensor_topics(self, bundle: ModelBundle) -> dict[str, dict[str, list[str]]]:
+        """Give for each output its topics with their channels, in the order of the arm."""
+        arm = bundle.arm
+        topics: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
+        for joint in arm.joints:
+            topics['effort'].setdefault(joint.effort.topic, []).append(joint.name)
+        for gauge in arm.gauges:
+            topics['strain'].setdefault(gauge.topic, []).append(gauge.name)
+        return topics
+
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the model's arm."""
         arm = '' if self.bundle is None else self.bundle.arm.name

@@ -28,6 +28,7 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.watch import Found, Watch
 from tudor_dynamics.nodes.detect_node import DetectNode
 from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.messages import NamedReader
@@ -69,15 +70,17 @@ class MonitorNode(DetectNode):
         self._joints = NamedReader(bundle.arm.active_joints, self.drops)
         if not first:
             return
-        own = bundle.arm.spec.joint_topic
+        own = self._own = bundle.arm.spec.joint_topic
         # one subscription per topic, whatever the topic carries
-        others = {output: topics[output].pop() for output in prepared.watch.outputs}
-        self._with_joints = [output for output, topic in others.items() if topic == own]
+        carried: dict[str, list[str]] = {own: []}
+        for output in prepared.watch.outputs:
+            for topic in topics[output]:
+                carried.setdefault(topic, []).append(output)
+        self._with_joints = carried.pop(own)
         self._inputs.append(self.hear_joint_states(own, self._on_joints))
-        for output, topic in others.items():
-            if topic != own:
-                self._inputs.append(self.hear_joint_states(
-                    topic, partial(self._on_measured, output)))
+        for topic, outputs in carried.items():
+            self._inputs.append(self.hear_joint_states(
+                topic, partial(self._on_measured, topic, tuple(outputs))))
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
@@ -105,14 +108,20 @@ class MonitorNode(DetectNode):
                         motion.stamp, values))
         self.tell(found)
         for output in self._with_joints:
-            self.tell(self.measured(output, message))
+            self.measured(output, self._own, message)
         self.meter.end(begun)
 
-    def _on_measured(self, output: str, message: JointSample) -> None:
+    def _on_measured(self, topic: str, outputs: tuple[str, ...], message: JointSample) -> None:
         begun = self.meter.begin()
         self.outlets.look(begun)
-        self.tell(self.measured(output, message))
+        for output in outputs:
+            self.measured(output, topic, message)
         self.meter.end(begun)
+
+    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
+        """Take a whole measurement into account, also in the model."""
+        monitor = self.monitor
+        return Found() if monitor is None else monitor.add_measured(output, stamp, values)
 
     def counters(self) -> list[Counter[str]]:
         """Add the filter's drops."""

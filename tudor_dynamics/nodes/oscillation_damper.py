@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 import sys
 import time
 from typing import Any
@@ -28,7 +29,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
-from tudor_dynamics.control.damper import Status
+from tudor_dynamics.control.damper import MEANING, Status
+from tudor_dynamics.control.damper_law import SEEN, STATUS
 from tudor_dynamics.control.velocity_controller import VelocityController
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.monitoring.stamps import StampGate
@@ -55,12 +57,15 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         self.controller: VelocityController | None = None
         self.gate = StampGate()
         self.active = False
-        self._strain: Any = None
-        self._fresh = False
+        self._strain = np.zeros(0)
+        self._fresh = np.zeros(0, dtype=bool)
+        self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
         self._q_ref: Any = None
         self._dq_ref: Any = None
         self._reference_at = self._joints_at = -np.inf
         self._stopped = ''
+        self._referred = False
+        self._faults: dict[int, Status] = {}
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
         self._inputs: list[Any] = []
@@ -87,12 +92,20 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         self.apply()
         self._joints = NamedReader(self.controller.joints, self.drops)
         self._references = NamedReader(self.controller.joints, self.drops)
-        self._gauges = NamedReader(self.controller.gauges, self.drops)
-        topics = {arm.spec.joint_topic: self._on_joints, JOINT_REFERENCE: self._on_reference}
+        self._strain = np.full(len(arm.gauges), np.nan)
+        self._fresh = np.zeros(len(arm.gauges), dtype=bool)
+        wanted: dict[str, list[str]] = {}
         for gauge in arm.gauges:
-            topics.setdefault(gauge.topic, self._on_strains)
-        self._inputs = [self.subscribe(JointState, topic, callback)
-                        for topic, callback in topics.items()]
+            if gauge.name in self.controller.damper.gauges:
+                wanted.setdefault(gauge.topic, []).append(gauge.name)
+        self._gauges = {
+            topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
+            for topic, names in wanted.items()}
+        self._own = arm.spec.joint_topic
+        self._inputs = [self.subscribe(JointState, self._own, self._on_joints),
+                        self.subscribe(JointState, JOINT_REFERENCE, self._on_reference)]
+        self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
+                         for topic in wanted if topic != self._own]
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -136,12 +149,15 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             self.controller.reset()
         self.gate.reset()
         self._q_ref = self._dq_ref = None
+        self._referred = False
+        self._faults = {}
         return 'the damper fades in anew'
 
-    def _on_strains(self, message: JointState) -> None:
-        values = self._gauges.read(message, 'position')
+    def _on_strains(self, topic: str, message: JointState) -> None:
+        reader, index = self._gauges[topic]
+        values = reader.read(message, 'position')
         if values is not None:
-            self._strain, self._fresh = values, True
+            self._strain[index], self._fresh[index] = values, True
 
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
@@ -151,7 +167,7 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
             self.drops['not_finite'] += 1
             return
-        self._q_ref, self._dq_ref = q, dq
+        self._q_ref, self._dq_ref, self._referred = q, dq, True
         self._reference_at = time.monotonic()
 
     def _on_joints(self, message: JointState) -> None:
@@ -165,6 +181,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         if not np.isfinite(q).all():
             self.drops['not_finite'] += 1
             return
+        if self._own in self._gauges:
+            self._on_strains(self._own, message)
         tick = self.gate.step(nanoseconds(message.header.stamp))
         if tick is None:
             return
@@ -177,11 +195,14 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         stale = now - self._reference_at > self.value('timeout')
         if tick.first:
             return
-        strain = np.full(len(controller.gauges), np.nan) if self._strain is None else self._strain
         dq_ref = np.zeros_like(q) if stale else self._dq_ref
         q_ref = q if stale and np.any(self._dq_ref) else self._q_ref
-        command = controller.step(tick.dt, q, q_ref, dq_ref, strain, self._fresh)
-        self._fresh = False
+        command = controller.step(tick.dt, q, q_ref, dq_ref, self._strain, self._fresh)
+        self._fresh[:] = False
+        state = controller.damper.state
+        for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
+            # a jump is over before anybody looks: remembered until the gauge is trusted again
+            self._faults[int(place)] = controller.damper.status[place]
         self._stopped = ''
         self._output.publish(Float64MultiArray(data=floats(command)))
         self.meter.end(begun)
@@ -209,20 +230,35 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         """Tell what the damper of each joint does."""
         level, message, values = super().status()
         values['state'] = 'active' if self.active else 'inactive'
-        if self.controller is not None:
-            for joint, text in zip(self.controller.damper.joints,
-                                   self.controller.damper.report(), strict=True):
-                values[f'damper {joint}'] = text
-            bad = [text for text, status in zip(self.controller.damper.report(),
-                                                self.controller.damper.status, strict=True)
-                   if status >= Status.MISSING]
-            if level == OK and self.active and bad:
-                return ERROR, '; '.join(bad), values
+        if self.controller is None:
+            return level, message, values
+        damper = self.controller.damper
+        for joint, text in zip(damper.joints, damper.report(), strict=True):
+            values[f'damper {joint}'] = text
+        bad = self._gauge_faults()
+        if level == OK and self.active and bad:
+            return ERROR, '; '.join(bad), values
         if self._stopped and self.active:
             return STALE, self._stopped, values
         if level == OK and not self.active:
             return WARN, 'inactive', values
+        if level == OK and not self._referred:
+            return WARN, 'no reference yet: the joints are held where they are', values
+        if level == OK and time.monotonic() - self._reference_at > self.value('timeout'):
+            return STALE, 'no reference: the joints are held', values
         return level, message, values
+
+    def _gauge_faults(self) -> list[str]:
+        """Name the gauges that are not trusted, and why; forget those that are again."""
+        assert self.controller is not None
+        damper = self.controller.damper
+        faults = self._faults | {place: status for place, status in enumerate(damper.status)
+                                 if status >= Status.MISSING}
+        told = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
+                for place, fault in faults.items()]
+        self._faults = {place: fault for place, fault in self._faults.items()
+                        if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}
+        return told
 
     def close(self) -> None:
         """Leave the joints at standstill."""

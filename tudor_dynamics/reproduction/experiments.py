@@ -27,7 +27,7 @@ from tudor_dynamics.identification.collisions import evaluate_collisions, LATE, 
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.excess import Rates
-from tudor_dynamics.monitoring.monitor import MonitorSettings
+from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.reproduction.fits import halves, read
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
