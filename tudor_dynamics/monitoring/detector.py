@@ -90,10 +90,31 @@ class CollisionEvent:
 
 @dataclass(slots=True)
 class _Track:
-    """Since when a method has been above, and until when it was not below."""
+    """Since when a method has been above, and whether it has been quiet since."""
 
     since: int | None = None
-    busy: int = -1
+    quiet: bool = True
+    begin: int | None = None
+    total: float = 0.0
+    count: int = 0
+
+    def listen(self, stamp: int, ratio: float, settings: DetectorSettings) -> None:
+        """
+        Judge whether it is quiet.
+
+        By the mean over a window, because the peaks of a good model's residual, which is noise,
+        come near the threshold all the time.
+        """
+        if not ratio < 1.0:
+            self.quiet, self.begin = False, None
+            return
+        if self.begin is None:
+            self.begin, self.total, self.count = stamp, 0.0, 0
+        self.total += ratio
+        self.count += 1
+        if (stamp - self.begin) * 1e-9 >= settings.rearm:
+            self.quiet = self.quiet or self.total < settings.release * self.count
+            self.begin = None
 
 
 class CollisionDetector:
@@ -163,15 +184,14 @@ class CollisionDetector:
                 if level is Level.COLLISION:
                     event = self._event(method, excess)
                 self.level = level
-        if self.level and not self._holds(self.level, stamp):
+        if self.level and not self._holds(self.level):
             self.level = (Level.CONTACT if self.level is Level.COLLISION
-                          and self._holds(Level.CONTACT, stamp) else Level.FREE)
+                          and self._holds(Level.CONTACT) else Level.FREE)
         return event
 
     def _follow(self, track: _Track, stamp: int, ratio: float) -> bool:
         """Say whether the threshold has been exceeded long enough."""
-        if not ratio < self.settings.release:
-            track.busy = stamp
+        track.listen(stamp, ratio, self.settings)
         if not ratio > 1.0:
             track.since = None
             return False
@@ -179,9 +199,8 @@ class CollisionDetector:
             track.since = stamp
         return (stamp - track.since) * 1e-9 >= self.settings.debounce - 1e-9
 
-    def _holds(self, level: Level, stamp: int) -> bool:
-        return any(track.busy >= 0 and (stamp - track.busy) * 1e-9 < self.settings.rearm
-                   for (_, of), track in self._tracks.items() if of is level)
+    def _holds(self, level: Level) -> bool:
+        return any(not track.quiet for (_, of), track in self._tracks.items() if of is level)
 
     def _event(self, method: str, excess: Excess) -> CollisionEvent:
         stamp = excess.residual.motion.stamp
