@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import os
 from pathlib import Path
+import shutil
 from typing import Any
 
 from tudor_dynamics.arm import Arm, load_arm
@@ -164,6 +165,8 @@ class Campaign:
             steps = len(specs) * plan.seconds * self._rate()
             record_stimuli(plan.arm, specs, [paths[k] for k in missing], plan.jobs,
                            lambda done: self.progress(text, done / steps))
+        for scratch in folder.glob('.stimulus_*'):  # of a run that was interrupted
+            shutil.rmtree(scratch, ignore_errors=True)
         self.progress(text, 1.0)
         return paths
 
