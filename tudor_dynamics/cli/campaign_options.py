@@ -64,7 +64,8 @@ def opened(args: argparse.Namespace, stages: int) -> Iterator[Campaign]:
     if args.seed < 0 or args.jobs < 1:
         msg = f'--seed {args.seed} --jobs {args.jobs}: give a seed of 0 or more and 1 job or more'
         raise UsageError(msg)
-    plan = Plan(str(args.arm or default_arm()), seed=args.seed, jobs=args.jobs)
+    plan = Plan(str(args.arm or default_arm()), seed=args.seed, jobs=args.jobs,
+                kinds=tuple(dict.fromkeys(args.models)))
     if args.quick:
         plan = replace(plan.quick(), seed=args.seed)
     campaign = Campaign(plan, Stages(args.out))

@@ -22,6 +22,7 @@ import os
 from typing import Any
 
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.fit import MODEL_KINDS
 
 EXAMPLES = """\
 examples:
@@ -47,8 +48,8 @@ and compared too.
 
 EXPERIMENTS = ('table1', 'figures', 'lshape')
 OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
-       'table1': ('arm', 'quick', 'seed', 'jobs', 'split'),
-       'figures': ('arm', 'quick', 'seed', 'jobs')}
+       'table1': ('arm', 'models', 'quick', 'seed', 'jobs', 'split'),
+       'figures': ('arm', 'models', 'quick', 'seed', 'jobs')}
 """Options that an experiment knows, beside --out and --json."""
 
 
@@ -68,11 +69,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arm = parser.add_argument_group('table1 and figures')
     arm.add_argument('--arm', metavar='YAML',
                      help='arm description with links, motors and damper (config/tudor.yaml)')
+    arm.add_argument('--models', nargs='+', choices=MODEL_KINDS, help='kinds of models (all)')
     arm.add_argument('--split', choices=('stimulus', 'random'),
                      help='train on half of the stimuli, or on half of the samples at random as '
                           'the paper, which flatters (table1; stimulus)')
     arm.add_argument('--quick', action='store_true', default=None,
-                     help='three payloads, two short stimuli each: to see that it works')
+                     help='three payloads, two short stimuli each, fast models: to see that it '
+                          'works')
     arm.add_argument('--seed', type=int, metavar='N', help='of motions, noise and pushes (0)')
     arm.add_argument('--jobs', type=int, metavar='N', help='processes (one a core)')
     shape = parser.add_argument_group('lshape')
@@ -84,7 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 DEFAULTS: dict[str, Any] = {
     'elements': 2, 'dt': 2.5e-4, 'split': 'stimulus', 'quick': False, 'seed': 0,
-    'jobs': os.cpu_count() or 1}
+    'jobs': os.cpu_count() or 1, 'models': MODEL_KINDS}
 
 
 def run(args: argparse.Namespace) -> int:

@@ -95,8 +95,9 @@ def pictures(fits: Fits) -> list[Picture]:
     plan, arm = campaign.plan, campaign.arm
     heavy = max(plan.payloads)
     middle = sorted(plan.payloads)[len(plan.payloads) // 2]
-    damped = {payload: fits.separate(payload) for payload in plan.payloads}
-    undamped = {payload: fits.separate(payload, damped=False) for payload in plan.payloads}
+    damped, undamped = (
+        {payload: fits.separate(payload, damped=on) for payload in plan.payloads}
+        for on in (True, False))
     paper = fits.separate(heavy, strain_form='paper', kinds=('analytical',))
     table = build(fits, 'stimulus')
     moves = {payload: experiments.damping_move(campaign, payload) for payload in (middle, heavy)}

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 import warnings
@@ -28,8 +27,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, load, OUTPUTS
-from tudor_dynamics.identification.fit import (
-    DEFAULT_KINDS, fit_models, FitSettings, MODEL_KINDS, new_model)
+from tudor_dynamics.identification.fit import fit_models, FitSettings, new_model
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.payloads import PAYLOAD_KINDS
 from tudor_dynamics.identification.validation import Trace
@@ -117,7 +115,7 @@ class Fits:
 
     def separate(
         self, payload: float, *, damped: bool = True, split: str = 'stimulus',
-        strain_form: str = 'exact', kinds: tuple[str, ...] = DEFAULT_KINDS,
+        strain_form: str = 'exact', kinds: tuple[str, ...] | None = None,
     ) -> Result:
         """
         Fit models of one payload.
@@ -132,8 +130,8 @@ class Fits:
             Half of the recordings, or half of the samples at random as in the paper.
         strain_form : {'exact', 'paper'}, default='exact'
             Where the bending moment is taken.
-        kinds : tuple of str
-            Models.
+        kinds : tuple of str, optional
+            Models, in place of those of the plan.
 
         Returns
         -------
@@ -143,6 +141,7 @@ class Fits:
 
         """
         campaign = self.campaign
+        kinds = campaign.plan.kinds if kinds is None else kinds
         paths = campaign.record(payload, damped=damped)
         name = f'fit_{grams(payload)}_{"damped" if damped else "undamped"}'
         name += ('_random' if split == 'random' else '') + (
@@ -178,26 +177,29 @@ class Fits:
         payloads = campaign.plan.payloads
         recorded = {payload: campaign.record(payload) for payload in payloads}
         ends = (min(payloads), max(payloads))
+        kinds = tuple(kind for kind in campaign.plan.kinds if kind in PAYLOAD_KINDS)
         campaign.progress('one model of all payloads', 0.0)
 
         def make() -> Result:
             arm = campaign.arm
             training = [bag for end in ends for bag in read(arm, halves(recorded[end])[0])]
-            settings = replace(
-                FitSettings(), payloads=ends,
-                kinds=tuple(kind for kind in MODEL_KINDS if kind in PAYLOAD_KINDS))
-            content: dict[str, Any] = {}
-            for number, payload in enumerate(payloads):
-                campaign.progress('one model of all payloads', number / len(payloads))
-                test = read(arm, halves(recorded[payload])[1])
-                # the same models each time; fitting them again takes less than a second
-                found = fit_models(arm, training, test, None, arm.spec.preprocessing, settings)
-                for item in found.fitted:
-                    content.setdefault(grams(payload), {}).setdefault(item.output, {})[
-                        item.kind] = _joined(arm, item.output, item.validation.traces)
+            test = [(grams(payload), bag) for payload in payloads
+                    for bag in read(arm, halves(recorded[payload])[1])]
+            settings = FitSettings(kinds=kinds, payloads=ends)
+            found = fit_models(
+                arm, training, [bag for _, bag in test], None, arm.spec.preprocessing, settings,
+                lambda what: campaign.progress(f'one model of all payloads: {what}', 0.3))
+            content: dict[str, Any] = {name: {} for name, _ in test}
+            for item in found.fitted:
+                for name, outputs in content.items():
+                    traces = [trace for trace, (own, _) in zip(
+                        item.validation.traces, test, strict=True) if own == name]
+                    outputs.setdefault(item.output, {})[item.kind] = _joined(
+                        arm, item.output, traces)
             return Result(content, {})
 
-        depends = {'of': [campaign.described(payload, damped=True) for payload in payloads]}
+        depends = {'of': [campaign.described(payload, damped=True) for payload in payloads],
+                   'kinds': kinds}
         result = campaign.stages.result('fit_all_payloads', depends, make)
         campaign.progress('one model of all payloads', 1.0)
         return result

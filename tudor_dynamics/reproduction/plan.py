@@ -20,15 +20,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import os
 from pathlib import Path
+import shutil
 from typing import Any
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.fit import MODEL_KINDS
 from tudor_dynamics.reproduction.stages import RECORDING, Stages
 from tudor_dynamics.simulation.campaign import stimulus_seeds, StimulusSpec
 from tudor_dynamics.simulation.campaign_pool import record_stimuli
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 
+QUICK_KINDS = ('analytical', 'elm')
+"""Kinds of models that are fitted in a second."""
 Progress = Callable[[str, float], None]
 """Told what is done now, and how much of it (0 to 1)."""
 
@@ -54,6 +58,8 @@ class Plan:
         In each recording with collisions.
     jobs : int
         Processes that record.
+    kinds : tuple of str
+        Models.
 
     """
 
@@ -64,11 +70,13 @@ class Plan:
     seed: int = 0
     pushes: int = 6
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
+    kinds: tuple[str, ...] = MODEL_KINDS
 
     def quick(self) -> Plan:
         """Give a small one that takes seconds, to see that all of it works."""
         # one process: starting others takes longer than so little takes to compute
-        return Plan(self.arm, (0.0, 0.2, 0.4), 2, 12.0, self.seed, 1, 1)
+        return Plan(self.arm, (0.0, 0.2, 0.4), 2, 12.0, self.seed, 1, 1,
+                    tuple(kind for kind in self.kinds if kind in QUICK_KINDS))
 
 
 def grams(payload: float) -> str:
@@ -157,6 +165,8 @@ class Campaign:
             steps = len(specs) * plan.seconds * self._rate()
             record_stimuli(plan.arm, specs, [paths[k] for k in missing], plan.jobs,
                            lambda done: self.progress(text, done / steps))
+        for scratch in folder.glob('.stimulus_*'):  # of a run that was interrupted
+            shutil.rmtree(scratch, ignore_errors=True)
         self.progress(text, 1.0)
         return paths
 

@@ -16,10 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
 import multiprocessing
 from pathlib import Path
+import signal
+import threading
 from typing import Any
 
 from tudor_dynamics.arm import load_arm
@@ -80,16 +83,35 @@ def record_stimuli(
             results.append(_work(str(source), spec, str(path)))
             progress(counter.value)
         return results
+    before = set(multiprocessing.active_children())
     with ProcessPoolExecutor(min(jobs, len(specs)), mp_context=context,
                              initializer=_begin, initargs=(counter,)) as pool:
-        futures = [pool.submit(_work, str(source), spec, str(path))
-                   for spec, path in zip(specs, paths, strict=True)]
+        with _no_interrupt():  # an interrupt is this process's to handle; workers inherit that
+            futures = [pool.submit(_work, str(source), spec, str(path))
+                       for spec, path in zip(specs, paths, strict=True)]
+        workers = set(multiprocessing.active_children()) - before
         pending: set[Future[StimulusResult]] = set(futures)
-        while pending:
-            finished, pending = wait(pending, timeout=0.2)
-            progress(counter.value)
-            for future in finished:
-                if future.exception() is not None:
-                    pool.shutdown(cancel_futures=True)
-                future.result()
+        try:
+            while pending:
+                finished, pending = wait(pending, timeout=0.2)
+                progress(counter.value)
+                for future in finished:
+                    future.result()
+        except BaseException:  # else the pool would go through all that is left
+            for worker in workers:
+                worker.terminate()
+            pool.shutdown(cancel_futures=True)
+            raise
         return [future.result() for future in futures]
+
+
+@contextmanager
+def _no_interrupt() -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)

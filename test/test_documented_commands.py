@@ -1,0 +1,132 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Every command that README and docs show is run, or at least understood.
+
+Blocks of shell carry ``sh``. What follows says why a block is not run here: ``long`` takes more
+than some seconds, ``own`` needs bags of the reader, ``ros`` needs a running ROS or a workspace. Of
+those the ``tudor`` commands are still parsed, so that no option in them is out of date.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', *(ROOT / 'docs').glob('*.md')])
+REASONS = ('long', 'own', 'ros')
+FENCE = re.compile(r'^```([^\n]*)\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+
+
+def blocks() -> list[tuple[str, str, str]]:
+    """Give page, info string and text of every fenced block."""
+    return [(str(page.relative_to(ROOT)), match[1].strip(), match[2])
+            for page in PAGES for match in FENCE.finditer(page.read_text(encoding='utf-8'))]
+
+
+def shell(*, run: bool) -> list[tuple[str, str]]:
+    """Give the blocks of shell that are run here, or those that are not."""
+    return [(page, text) for page, info, text in blocks()
+            if info.split()[:1] == ['sh'] and (info == 'sh') == run]
+
+
+def commands(text: str) -> list[list[str]]:
+    """Split a block into commands and words."""
+    lines = text.replace('\\\n', ' ').splitlines()
+    return [words for words in (shlex.split(line, comments=True) for line in lines) if words]
+
+
+def test_blocks_say_what_they_are() -> None:
+    """No command stands in a block of another kind, and reasons are known ones."""
+    for page, info, text in blocks():
+        words = info.split()
+        if words[:1] == ['sh']:
+            assert len(words) == 1 or (len(words) == 2 and words[1] in REASONS), (page, info)
+        else:
+            assert not re.search(r'^\s*(tudor|ros2|make) ', text, re.MULTILINE), (page, text)
+    for page in PAGES:  # nor in an indented block
+        found = re.search(r'^ {4,}(tudor|ros2) .*', page.read_text(encoding='utf-8'), re.MULTILINE)
+        outside = FENCE.sub('', page.read_text(encoding='utf-8'))
+        assert not re.search(r'^ {4,}(tudor|ros2) ', outside, re.MULTILINE), (page, found)
+
+
+@pytest.mark.parametrize('run', [True, False])
+def test_options_are_known(run: bool, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every ``tudor`` command is one that the parser takes."""
+    parsed = 0
+    for page, text in shell(run=run):
+        for words in commands(text):
+            if words[0] != 'tudor':
+                continue
+            assert words[1] in SUBCOMMANDS, (page, words)
+            try:
+                build_parser(words[1]).parse_args(words[1:])
+            except SystemExit:
+                pytest.fail(f'{page}: {words}: {capsys.readouterr().err}')
+            parsed += 1
+    assert parsed > 3
+
+
+@pytest.fixture(scope='module')
+def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Place to run them in, with what a checkout has, and ``tudor`` on its path."""
+    folder = tmp_path_factory.mktemp('checkout')
+    for name in ('config', 'bags'):
+        shutil.copytree(ROOT / name, folder / name)
+    tool = folder / 'bin' / 'tudor'
+    tool.parent.mkdir()
+    tool.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m tudor_dynamics "$@"\n')
+    tool.chmod(0o755)
+    return folder
+
+
+@pytest.mark.parametrize('page', sorted({page for page, _ in shell(run=True)}))
+def test_commands_run(page: str, checkout: Path, tmp_path: Path) -> None:
+    """The blocks of a page, one after the other, in a fresh copy: all of them end well."""
+    place = tmp_path / 'work'
+    shutil.copytree(checkout, place)
+    script = 'set -e\n' + '\n'.join(text for own, text in shell(run=True) if own == page)
+    done = subprocess.run(
+        ['bash', '-c', script], cwd=place, capture_output=True, text=True, check=False,
+        timeout=600, env={**os.environ, 'PATH': f'{place}/bin:{os.environ["PATH"]}',
+                          'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1'})
+    assert done.returncode == 0, f'{page}:\n{script}\n{done.stderr[-2000:]}'
+
+
+def test_links_lead_somewhere() -> None:
+    """Links and pictures of the pages are there, and so are the headings that they name."""
+    for page in PAGES:
+        text = page.read_text(encoding='utf-8')
+        for target in re.findall(r'\]\(([^)\s]+)\)', text):
+            if '://' in target:
+                continue
+            name, _, anchor = target.partition('#')
+            file = (page.parent / name).resolve() if name else page
+            assert file.exists(), (page, target)
+            if anchor:
+                headings = [re.sub(r'[^\w\- ]', '', line.lstrip('# ').lower()).replace(' ', '-')
+                            for line in file.read_text(encoding='utf-8').splitlines()
+                            if line.startswith('#')]
+                assert anchor in headings, (page, target)
