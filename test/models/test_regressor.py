@@ -113,7 +113,7 @@ def test_effort_rows(changes: dict[str, Any], active: list[str] | None) -> None:
 
 
 def same_as_rows(regressor: Regressor, motion: np.ndarray, parameters: np.ndarray) -> None:
-    """Outputs are rows times parameters, whatever the parameters are."""
+    """Check that outputs are rows times parameters, whatever the parameters are."""
     expected = np.einsum('kcp,cp->kc', regressor.rows(motion), parameters)
     found = regressor.outputs(motion, parameters)
     assert np.max(np.abs(found - expected)) < 1e-12 * np.max(np.abs(expected))

@@ -20,7 +20,7 @@ import math
 
 from rclpy.publisher import Publisher
 
-LOOK = 0.05
+LOOK = 0.01
 """Time between two counts of the subscriptions, which take 2 us each [s]."""
 
 

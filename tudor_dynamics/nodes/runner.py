@@ -26,7 +26,6 @@ from typing import Any
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
-from rclpy.task import Future
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.base import TudorNode
@@ -68,12 +67,48 @@ def new_executor(kind: str, context: Any = None) -> Any:
     return SingleThreadedExecutor(context=context)
 
 
-def spin_for(executor: Any, seconds: float) -> None:
+class Halt:
+    """
+    What an executor waits for in order to return: a future without rclpy's lock.
+
+    A signal handler runs in the thread that it interrupts, and would wait for ever for a lock
+    that this thread holds.
+
+    Attributes
+    ----------
+    asked : bool
+        Whether the executor is to return.
+
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._callback: Callable[[Halt], None] | None = None
+
+    def ask(self, *_: Any) -> None:
+        """Ask the executor to return once the running callback is done; a signal handler."""
+        self.asked = True
+        if self._callback is not None:
+            self._callback(self)
+
+    def add_done_callback(self, callback: Callable[[Halt], None]) -> None:
+        """Take what ends the executor's waiting; called by the executor."""
+        self._callback = callback
+        if self.asked:
+            callback(self)
+
+    def remove_done_callback(self, _: Callable[[Halt], None]) -> None:
+        """Forget it; called by the executor."""
+        self._callback = None
+
+
+def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
     """
     Do what there is to do, for a while.
 
     The events executor is not asked message by message, which would cost a way out to Python and
-    back for each: it waits for a future that never comes.
+    back for each: it waits for a future. It looks at the clock only where nothing waits to be
+    done, so that without that future a node with more to do than it can would never end.
 
     Parameters
     ----------
@@ -81,12 +116,15 @@ def spin_for(executor: Any, seconds: float) -> None:
         Executor of `new_executor`.
     seconds : float
         How long; the single-threaded executor may return earlier [s].
+    halt : Halt, optional
+        To be asked from a signal handler or a callback to return at once.
 
     """
     if isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=seconds)
     else:
-        executor.spin_until_future_complete(Future(), timeout_sec=seconds)
+        executor.spin_until_future_complete(
+            Halt() if halt is None else halt, timeout_sec=seconds)
 
 
 def _take_executor(args: Sequence[str]) -> tuple[str, list[str]]:
@@ -121,10 +159,7 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
 
     """
     node: TudorNode | None = None
-    stopping: list[int] = []
-
-    def stop(number: int, _: Any) -> None:
-        stopping.append(number)
+    halt = Halt()
 
     try:
         kind, rest = _take_executor(sys.argv if args is None else args)
@@ -132,14 +167,14 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
         # not command standstill any more.
         rclpy.init(args=rest, signal_handler_options=SignalHandlerOptions.NO)
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, stop)
+            signal.signal(number, halt.ask)
         executor = new_executor(kind)
         node = factory()
         executor.add_node(node)
         gc.collect()
         gc.freeze()  # shortens the pauses of the collector: p99 0.56 instead of 0.81 ms
-        while rclpy.ok() and not stopping:
-            spin_for(executor, LOOK)
+        while rclpy.ok() and not halt.asked:
+            spin_for(executor, LOOK, halt)
     except ExternalShutdownException:
         pass
     except TudorError as err:
