@@ -31,7 +31,7 @@ from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings, MODEL_KINDS
-from tudor_dynamics.identification.report import render
+from tudor_dynamics.identification.report import report_bytes
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
@@ -151,7 +151,7 @@ def run(args: argparse.Namespace) -> int:
         clock.lap('collision thresholds')
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,
-                    extra={'report.html': render(result).encode()})
+                    extra={'report.html': report_bytes(result)})
     clock.lap('save and report')
     report = out / 'report.html'
     levels = [item.verdict.level for item in result.fitted]

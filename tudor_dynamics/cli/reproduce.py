@@ -53,15 +53,7 @@ FIGURES = (
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """
-    Add the options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the subcommand.
-
-    """
+    """Add the options of ``tudor reproduce``."""
     parser.add_argument('experiment', choices=('lshape',), help='experiment')
     parser.add_argument('--out', metavar='DIR', required=True, help='results go there')
     parser.add_argument('--elements', type=int, default=2, help='elements a beam (2)')
@@ -72,20 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Repeat the experiment.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Parsed options.
-
-    Returns
-    -------
-    int
-        0; errors are raised.
-
-    """
+    """Repeat the experiment."""
     if args.animate is not None:
         check_target(Path(args.animate))
     if not 1 <= args.elements <= 60 or not 0.0 < args.dt < 1.0:
