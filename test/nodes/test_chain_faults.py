@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -31,7 +32,7 @@ from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
-from tudor_dynamics.nodes.messages import floats
+from tudor_dynamics.nodes.messages import floats, nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
@@ -156,6 +157,22 @@ def test_simulator_takes_no_impossible_command(world: World, root: Path) -> None
     assert world.spin(lambda: len(heard) > 20)
     assert np.ptp([message.position[0] for message in heard]) < 1e-3
     assert not node.fault
+
+
+def test_simulator_stays_with_the_clock(world: World, root: Path) -> None:
+    """A process that was held up for half a second goes on with stamps of now, and tells it."""
+    node = world.add(ArmSimulatorNode, arm=str(root / 'config/tudor.yaml'), rate=100.0)
+    heard = world.listen('joint_states')
+    assert world.spin(lambda: len(heard) > 20)
+    with node._lock:
+        time.sleep(0.5)
+    heard.clear()
+    assert world.spin(lambda: len(heard) > 20)
+    now = node.get_clock().now().nanoseconds
+    assert abs(now - nanoseconds(heard[-1].header.stamp)) < 0.25e9
+    stamps, _ = series(heard, 'position')
+    assert (np.diff(stamps) > 0).all()
+    assert int(values_of(world.status('arm_simulator'))['gave up real time']) >= 1
 
 
 def test_reference_refuses_goals(world: World, root: Path) -> None:
