@@ -41,5 +41,6 @@ def compiled(function: Function) -> Function:
         The same function, compiled at its first call.
 
     """
-    jit = numba.njit(cache=True, nogil=True, error_model='numpy', fastmath={'contract', 'reassoc', 'nsz'})
+    jit = numba.njit(cache=True, nogil=True, error_model='numpy',
+                     fastmath={'contract', 'reassoc', 'nsz'})
     return cast(Function, jit(function))

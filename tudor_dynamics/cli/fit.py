@@ -36,7 +36,7 @@ from tudor_dynamics.identification.fit import (
     DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
 from tudor_dynamics.identification.payloads import (
     parse_payloads, PAYLOAD_KINDS, payload_range)
-from tudor_dynamics.identification.report import render
+from tudor_dynamics.identification.report import report_bytes
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
@@ -166,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
         clock.lap('collision thresholds')
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,
-                    extra={'report.html': render(result).encode()})
+                    extra={'report.html': report_bytes(result)})
     clock.lap('save and report')
     report = out / 'report.html'
     levels = [item.verdict.level for item in result.fitted]

@@ -31,15 +31,7 @@ eps21, eps22, eps31, eps32 [um/m], ddq1..ddq3 [rad/s^2]. The bag has /joint_stat
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """
-    Add the options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the subcommand.
-
-    """
+    """Add the options of ``tudor import-merit``."""
     parser.add_argument('file', metavar='FILE.csv', help='recording of the MERIt dataset')
     parser.add_argument('--out', metavar='BAG', required=True,
                         help='directory to make; must not exist')
@@ -48,20 +40,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Convert the file.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Parsed options.
-
-    Returns
-    -------
-    int
-        0; errors are raised.
-
-    """
+    """Convert the file."""
     count = import_merit(args.file, args.out, storage=args.storage)
     print(f'{args.out}: {count} samples of /joint_states, /motor_currents and /link_strains')
     return 0

@@ -46,15 +46,7 @@ REAL_TIME = 1e8
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """
-    Add the options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the subcommand.
-
-    """
+    """Add the options of ``tudor info``."""
     parser.add_argument('bags', metavar='BAG', nargs='+',
                         help='rosbag2 directory, .mcap or .db3 file')
     parser.add_argument('--arm', metavar='ARM.yaml',
@@ -63,20 +55,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Describe the bags.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Parsed options.
-
-    Returns
-    -------
-    int
-        0, or 2 if a bag could not be read; the others are described nevertheless.
-
-    """
+    """Describe the bags; 2 if one could not be read, the others are described nevertheless."""
     arm = None if args.arm is None else load_arm(args.arm)
     console = Console(highlight=False, markup=False, emoji=False)
     if not console.is_terminal:

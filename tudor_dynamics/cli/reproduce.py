@@ -54,15 +54,7 @@ OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """
-    Add the options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the subcommand.
-
-    """
+    """Add the options of ``tudor reproduce``."""
     parser.add_argument('experiment', choices=EXPERIMENTS, help='experiment')
     parser.add_argument('--out', metavar='DIR', required=True, help='results go there')
     parser.add_argument('--json', action='store_true', help='print figures as JSON')
@@ -91,20 +83,7 @@ DEFAULTS: dict[str, Any] = {
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Repeat the experiment.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Parsed options.
-
-    Returns
-    -------
-    int
-        0; errors are raised.
-
-    """
+    """Repeat the experiment."""
     own = OWN[args.experiment]
     for name in sorted({name for names in OWN.values() for name in names}):
         if getattr(args, name) is None:

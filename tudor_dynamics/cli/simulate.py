@@ -57,15 +57,7 @@ abs, sign, tanh, min, max, step(x), ramp(x, width).
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """
-    Add the options.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser
-        Parser of the subcommand.
-
-    """
+    """Add the options of ``tudor simulate``."""
     parser.add_argument('arm', metavar='ARM.yaml', help='arm description with links')
     parser.add_argument('--torque', metavar='T', nargs='+', default=[],
                         help='CSV file, expression in t, or JOINT=EXPRESSION [N m or N]')
@@ -187,20 +179,7 @@ def file_name(signal: str) -> str:
 
 
 def run(args: argparse.Namespace) -> int:
-    """
-    Check the mechanism, then list modes, draw, or simulate.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        Parsed options.
-
-    Returns
-    -------
-    int
-        0; errors are raised.
-
-    """
+    """Check the mechanism, then list modes, draw, or simulate."""
     arm = load_arm(args.arm)
     mechanism = build_mechanism(arm)
     _check(args, mechanism)

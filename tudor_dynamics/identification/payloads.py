@@ -27,7 +27,7 @@ from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel, Range
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
-PAYLOAD_KINDS = ('analytical', 'elm')
+PAYLOAD_KINDS = ('analytical', 'elm', 'elastic')
 """Kinds of models that can be fitted to several payloads at once."""
 SAME = 1e-6
 """Payloads that differ by less are the same [kg]."""

@@ -17,9 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import os
 from pathlib import Path
-import tempfile
 from typing import Any
 
 import jinja2
@@ -59,34 +57,9 @@ class OutputSection:
     groups: tuple[report_tables.CoefficientGroup, ...]
 
 
-def write_report(result: FitResult, path: Path, *, date: str | None = None) -> None:
-    """
-    Write the report of a fit.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit.
-    path : Path
-        HTML file; replaced as a whole, so that a reader never sees half of it.
-    date : str, optional
-        Date to stand in the head; without it the same fit gives the same bytes.
-
-    """
-    page = render(result, date=date)
-    path = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-    try:
-        with os.fdopen(handle, 'w', encoding='utf-8', errors='replace', newline='\n') as stream:
-            stream.write(page)
-        # a temporary file is private, the report is not: what a plain open would have given
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+def report_bytes(result: FitResult, *, date: str | None = None) -> bytes:
+    """Render the report as the file that it becomes; paths that are no UTF-8 do not stop it."""
+    return render(result, date=date).encode('utf-8', errors='replace')
 
 
 def render(result: FitResult, *, date: str | None = None) -> str:
@@ -98,7 +71,7 @@ def render(result: FitResult, *, date: str | None = None) -> str:
     result : FitResult
         Fit.
     date : str, optional
-        Date to stand in the head.
+        Date to stand in the head; without it the same fit gives the same page.
 
     Returns
     -------

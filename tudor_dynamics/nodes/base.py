@@ -40,6 +40,17 @@ from tudor_dynamics.nodes.wire import JointSample, JointStateDecoder, MotionDeco
 
 DEPTH = 10
 """One is too few: at 1 kHz it loses samples."""
+UNUSABLE = {
+    'unknown_names': 'the names in it are not those of the arm',
+    'short_array': 'its arrays are shorter than its names',
+    'not_finite': 'its values are no numbers',
+    'not_one_point': 'it is no trajectory of one point',
+    'impossible_command': 'it is no command for these joints',
+    'duplicate_stamp': 'its stamps are repeated',
+    'backward_stamp': 'its stamps go backwards'}
+"""Drops that are the fault of who sends, and what they mean."""
+TOO_MANY = 0.2
+"""Share of such messages that is worth a warning."""
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
                           DiagnosticStatus.STALE)
 
@@ -107,6 +118,7 @@ class TudorNode(Node):
         self.meter = Meter()
         self.drops: Counter[str] = Counter()
         self.fault = ''
+        self._before: Counter[str] = Counter()
         self.params = {param.name: param for param in NODES[name]}
         for param in NODES[name]:
             self.declare_parameter(param.name, declared(param.default), _descriptor(param))
@@ -223,9 +235,24 @@ class TudorNode(Node):
             return STALE, 'no input', {}
         return OK, 'running', {}
 
+    def _unusable(self) -> str:
+        """Say why much of what came since the last diagnosis could not be used; empty if not."""
+        now: Counter[str] = Counter({'used': self.meter.count})
+        for item in self.counters():
+            now.update({cause: count for cause, count in item.items() if cause in UNUSABLE})
+        since, self._before = now - self._before, now
+        used = since.pop('used', 0)
+        if not since or since.total() < TOO_MANY * (used + since.total()):
+            return ''
+        cause, count = since.most_common(1)[0]
+        return f'{count} messages in a second cannot be used, {cause}: {UNUSABLE[cause]}'
+
     def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
         """Publish the state of the node; called once a second."""
         level, message, more = self.status()
+        unusable = self._unusable()
+        if level == OK and unusable:
+            level, message = WARN, unusable
         values = {**self.meter.report(self.counters()), **more}
         status = DiagnosticStatus(
             level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.bundling import bundle_of
-from tudor_dynamics.identification.collisions import evaluate_collisions, LATE, MethodResult
+from tudor_dynamics.identification.collision_score import LATE
+from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.excess import Rates

@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.kinematics import unit_vector
