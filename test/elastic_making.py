@@ -90,3 +90,15 @@ def recorded(
     response = driven.follow(q, even(len(q), rate))
     random = np.random.default_rng(seed).normal(0.0, noise, response.moment.shape)
     return response.moment * GAINS + OFFSETS + random, response
+
+
+def pushed(arm: Arm, q: FloatArray, rate: float, force: FloatArray) -> FloatArray:
+    """Give the moments at the gauges of an arm with a force at its tip, (samples, 3) [N m]."""
+    truth = DrivenArm(arm)
+    dt = even(len(q), rate)
+    found = []
+    for k in range(len(q)):
+        truth.contact[:] = force[k]
+        truth._use_contact()
+        found.append(truth.follow(q[k:k + 1], dt[k:k + 1]).moment[0])
+    return np.array(found)

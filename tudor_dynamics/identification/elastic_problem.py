@@ -40,8 +40,8 @@ from tudor_dynamics.simulation.driven import DrivenArm
 
 FloatArray = NDArray[np.float64]
 
-STEP = 1e-3
-"""Of the differences, in the logarithm: the simulation is smooth to 1e-9."""
+STEP = 1e-4
+"""Of the differences, in the logarithm: the simulation is smooth to 1e-9, and its phase curved."""
 HOPELESS = 1e3
 """Residual of a sample for parameters that cannot be simulated, in standard deviations."""
 

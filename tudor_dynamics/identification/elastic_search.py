@@ -23,7 +23,6 @@ them improved by stiffness and damping alone, and only the winner by everything.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,8 +30,10 @@ from scipy import optimize
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.elastic_coordinates import Straight
 from tudor_dynamics.identification.elastic_problem import Knowledge, Problem, Record
-from tudor_dynamics.models.elastic import physical_unit, PhysicalParameter
+from tudor_dynamics.identification.elastic_result import (
+    fit_percent, Identified, result_of, reweight)
 from tudor_dynamics.simulation.driven import DrivenArm, INNER_STEP
 
 FloatArray = NDArray[np.float64]
@@ -53,43 +54,12 @@ ENOUGH = 100.0
 """Length of what the first search by all parameters is done on [s]."""
 COARSE = 5e-3
 """Inner step while starts are compared [s]."""
-HUBER = 2.0
-"""Errors beyond this many standard deviations count less."""
 ROUNDS = 2
 """Searches with new weights each."""
-CLUSTER = 2.0
-"""Errors nearer than this belong together, for the standard errors [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Identified:
-    """
-    What was found out about an elastic arm.
-
-    Attributes
-    ----------
-    physical : tuple of PhysicalParameter
-        Parameters, with what the description knew of those that were not searched.
-    gauges, gauge_errors : ndarray of shape (n_gauges, 2)
-        Gain and offset of each gauge, and their standard deviations.
-    noise : ndarray of shape (n_gauges,)
-        Standard deviation of what is left over, without outliers [unit of the gauge].
-    fit : float
-        Of the strain on the records themselves, all channels together [%].
-    starts : tuple of (float, float)
-        Stiffness factors compared, with the fit each came to [%].
-    runs : int
-        Simulations done.
-
-    """
-
-    physical: tuple[PhysicalParameter, ...]
-    gauges: FloatArray
-    gauge_errors: FloatArray
-    noise: FloatArray
-    fit: float
-    starts: tuple[tuple[float, float], ...]
-    runs: int
+EVALUATIONS = 10
+"""Of the residuals in a round, at most."""
+FARTHEST = 6.0
+"""From the prior's centre, in its standard deviations."""
 
 
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
@@ -120,12 +90,6 @@ def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
         if start[name] <= 0.0:
             del start[name], width[name]
     return Knowledge(start, width)
-
-
-def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
-    """Give the fit of all channels together, 100 (1 - |e| / |y - mean|) [%]."""
-    spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
-    return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
 
 
 def identify(
@@ -179,7 +143,7 @@ def identify(
     if warm is None:
         progress('elastic model, all parameters')
         first = Problem(arm, _some(records), names, {}, center, width, inner=COARSE)
-        _reweight(first, x)
+        reweight(first, x)
         x = _improve(first, x, 20)
         first.close()
         runs += first.runs
@@ -187,15 +151,15 @@ def identify(
     try:
         for number in range(ROUNDS):
             progress(f'elastic model, all parameters, round {number + 1} of {ROUNDS}')
-            _reweight(problem, x)
-            x = _improve(problem, x, 6)
+            reweight(problem, x)
+            x = _improve(problem, x, EVALUATIONS)
         moments = problem.moments(x)
         if moments is None:
             msg = (f'{arm.name}: the elastic model cannot be simulated along these bags; check '
                    'links and motors of the arm description')
             raise FitError(msg)
-        _reweight(problem, x)
-        return _result(problem, x, moments, starts, runs)
+        reweight(problem, x)
+        return result_of(problem, x, moments, starts, runs)
     finally:
         problem.close()
 
@@ -262,87 +226,13 @@ def _compare_starts(
     return best[1], tuple(starts), runs
 
 
-def _reweight(problem: Problem, x: FloatArray) -> None:
-    """Weigh each gauge by its own error, outliers less (Huber)."""
-    moments = problem.moments(x)
-    if moments is None:
-        return
-    errors = problem.errors(moments)
-    scale = _scale(problem, errors)
-    size = np.abs(errors) / scale
-    problem.weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12))) / scale
-
-
-def _scale(problem: Problem, errors: FloatArray) -> FloatArray:
-    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
-    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
-                                 1e-3 * problem.strain.std(axis=0) + 1e-12))
-
-
 def _improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
+    straight = Straight(problem.names, problem.center)
+    bounds = np.sort([straight.of(problem.center + sign * FARTHEST * problem.width)
+                      for sign in (-1.0, 1.0)], axis=0)
     found = optimize.least_squares(
-        problem.residual, x, problem.jacobian, x_scale=problem.width, method='trf',
-        bounds=(problem.center - 6.0 * problem.width, problem.center + 6.0 * problem.width),
-        ftol=1e-4, xtol=1e-4, gtol=1e-12, max_nfev=evaluations)
-    return np.asarray(found.x)
-
-
-def _result(
-    problem: Problem, x: FloatArray, moments: FloatArray,
-    starts: tuple[tuple[float, float], ...], runs: int,
-) -> Identified:
-    errors = problem.errors(moments)
-    gains = problem.gauges(moments)
-    covariance = _covariance(problem, x, errors)
-    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    physical = []
-    for i, name in enumerate(problem.names):
-        value = float(np.exp(x[i]))
-        physical.append(PhysicalParameter(
-            name, value, physical_unit(problem.arm, name), float(value * deviation[i]),
-            bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5)))
-    n = len(problem.names)
-    gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
-    return Identified(tuple(physical), gains, gauge_errors, _scale(problem, errors),
-                      fit_percent(errors, problem.strain), starts, runs + problem.runs)
-
-
-def _covariance(problem: Problem, x: FloatArray, errors: FloatArray) -> FloatArray:
-    """
-    Covariance of the logarithms, gains and offsets.
-
-    The errors of neighbouring samples belong together, so each cluster of them counts as one
-    observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
-    """
-    slopes = problem.slopes(x)
-    moments = problem.moments(x)
-    assert moments is not None
-    gains = problem.gauges(moments)
-    n, gauges = len(x), gains.shape[0]
-    p = n + 2 * gauges
-    information, meat = np.zeros((p, p)), np.zeros((p, p))
-    information[:n, :n] = np.diag(1.0 / problem.width**2)
-    begin = 0
-    for record in problem.records:
-        count = len(record.q) - record.skip
-        dt = float(np.median(record.dt[1:]))
-        size = max(1, int(round(CLUSTER / dt)))
-        for first in range(begin, begin + count, size):
-            part = slice(first, min(first + size, begin + count))
-            score = np.zeros(p)
-            for g in range(gauges):
-                w = problem.weights[part, g]
-                rows = np.zeros((len(w), p))
-                rows[:, :n] = (slopes[:, part, g] * gains[g, 0] * w).T
-                rows[:, n + 2 * g] = moments[part, g] * w
-                rows[:, n + 2 * g + 1] = w
-                information += rows.T @ rows
-                score += rows.T @ (errors[part, g] * w)
-            meat += np.outer(score, score)
-        begin += count
-    inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
-    clustered = inverse @ meat @ inverse
-    # Where the errors say too little to have a scatter, the prior's width is what remains.
-    prior = inverse[:n, :n] @ np.diag(1.0 / problem.width**2) @ inverse[:n, :n]
-    clustered[:n, :n] += prior
-    return np.asarray(clustered)
+        lambda u: problem.residual(straight.back(u)), straight.of(x),
+        lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
+        x_scale=problem.width, method='trf', bounds=bounds, ftol=1e-4, xtol=1e-4, gtol=1e-12,
+        max_nfev=evaluations)
+    return straight.back(found.x)
