@@ -188,7 +188,7 @@ def identify(
         for number in range(ROUNDS):
             progress(f'elastic model, all parameters, round {number + 1} of {ROUNDS}')
             _reweight(problem, x)
-            x = _improve(problem, x, 6)
+            x = _improve(problem, x, 10)
         moments = problem.moments(x)
         if moments is None:
             msg = (f'{arm.name}: the elastic model cannot be simulated along these bags; check '
