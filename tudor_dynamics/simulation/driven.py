@@ -190,6 +190,7 @@ class DrivenArm:
             lighter = values[f'density({joint})'] / self._nominal[joint][1]
             floats[[at.DENSITY, at.POLAR]] = lighter * first[[at.DENSITY, at.POLAR]]
             floats[at.ALPHA], floats[at.BETA] = 0.0, values['beta']
+            floats[at.EA] = 0.0  # beams keep their length: the kernel sees to it
         for name, (body, mass, inertia) in self._lumped.items():
             floats = mechanism.body_float[body]
             floats[at.MASS] = values[name]

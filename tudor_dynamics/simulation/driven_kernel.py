@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.cholesky import cholesky, solve
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.equations import hermite_slope, inverse_dynamics, node_values
+from tudor_dynamics.simulation.equations import hermite_slope, inverse_dynamics
 from tudor_dynamics.simulation.loads import section_loads
 from tudor_dynamics.simulation.mass import mass_matrix
 
@@ -63,36 +63,82 @@ def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
 
 
 @compiled
+def lean_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
+    """Give what bending does along a beam of one element, for coordinates 1, 5, 2, 4 of its end."""
+    gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
+    gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
+    return gy[2], gy[3], gz[2], -gz[3]
+
+
+@compiled
+def shorten(
+    z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray,
+) -> None:
+    """
+    Draw the ends of bent beams in, before ``inverse_dynamics``.
+
+    A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
+    coordinate is no freedom but -s, its rates those of -s.
+    """
+    for b in range(body_int.shape[0]):
+        if body_int[b, at.FLEXIBLE] == 0:
+            continue
+        k, length = body_int[b, at.FIRST], body_float[b, at.LENGTH]
+        g1, g5, g2, g4 = lean_rows(z, k, length)
+        r1, r5, r2, r4 = lean_rows(dz, k, length)
+        z[k] = -0.5 * (g1 * z[k + 1] + g5 * z[k + 5] + g2 * z[k + 2] + g4 * z[k + 4])
+        dz[k] = -(g1 * dz[k + 1] + g5 * dz[k + 5] + g2 * dz[k + 2] + g4 * dz[k + 4])
+        ddz[k] = -(g1 * ddz[k + 1] + g5 * ddz[k + 5] + g2 * ddz[k + 2] + g4 * ddz[k + 4]
+                   + r1 * dz[k + 1] + r5 * dz[k + 5] + r2 * dz[k + 2] + r4 * dz[k + 4])
+
+
+@compiled
 def add_lean(
     z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
 ) -> None:
     """
     Add what a beam's normal force does to its bending, after ``inverse_dynamics``.
 
-    Beams neither stretch nor shorten here, so the rows of the axial displacements hold the force
-    that each node needs along the beam; their sum from the tip inwards is the pressure in it.
+    The row of the axial displacement holds the force that the end needs along the beam; by
+    virtual work it acts on each bending coordinate times the rate at which that draws the end in.
     """
     for b in range(body_int.shape[0]):
-        ints = body_int[b]
-        if ints[at.FLEXIBLE] == 0:
+        if body_int[b, at.FLEXIBLE] == 0:
             continue
-        first, length, normal = ints[at.FIRST], body_float[b, at.LENGTH], 0.0
-        for e in range(ints[at.ELEMENTS] - 1, -1, -1):
-            normal -= force[first + 6 * e]
-            u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
-            gy = hermite_slope((u1[1], u1[5], u2[1], u2[5]), length)
-            gz = hermite_slope((u1[2], -u1[4], u2[2], -u2[4]), length)
-            if e > 0:
-                k = first + 6 * (e - 1)
-                force[k + 1] += normal * gy[0]
-                force[k + 5] += normal * gy[1]
-                force[k + 2] += normal * gz[0]
-                force[k + 4] -= normal * gz[1]
-            k = first + 6 * e
-            force[k + 1] += normal * gy[2]
-            force[k + 5] += normal * gy[3]
-            force[k + 2] += normal * gz[2]
-            force[k + 4] -= normal * gz[3]
+        k = body_int[b, at.FIRST]
+        pressure = -force[k]
+        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
+        force[k + 1] += pressure * g1
+        force[k + 5] += pressure * g5
+        force[k + 2] += pressure * g2
+        force[k + 4] += pressure * g4
+
+
+@compiled
+def lean_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
+    """
+    Turn the mass matrix into that of beams which keep their length.
+
+    A congruence, so it stays positive: with the lean in the forces alone, the corrections of a
+    strongly bent arm would not converge.
+    """
+    for b in range(body_int.shape[0]):
+        if body_int[b, at.FLEXIBLE] == 0:
+            continue
+        k = body_int[b, at.FIRST]
+        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
+        for j in range(mass.shape[0]):
+            along = mass[k, j]
+            mass[k + 1, j] -= g1 * along
+            mass[k + 5, j] -= g5 * along
+            mass[k + 2, j] -= g2 * along
+            mass[k + 4, j] -= g4 * along
+        for j in range(mass.shape[0]):
+            along = mass[j, k]
+            mass[j, k + 1] -= g1 * along
+            mass[j, k + 5] -= g5 * along
+            mass[j, k + 2] -= g2 * along
+            mass[j, k + 4] -= g4 * along
 
 
 @compiled
@@ -103,6 +149,7 @@ def _residual(
 ) -> None:
     """Write into FORCE what is missing for the present motion to be a true one."""
     z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    shorten(z, dz, vectors[DDZ], body_int, body_float)
     inverse_dynamics(z, dz, vectors[DDZ], base, wrench, loaded, 1.0, body_int, body_float,
                      coordinate, moving, reaction, force)
     add_lean(z, body_int, body_float, force)
@@ -265,6 +312,7 @@ def advance(
             if step == 0 and correction == 0:
                 mass_matrix(z, body_int, body_float, coordinate, moving, columns, owner,
                             inertias, matrices[MASS])
+                lean_mass(z, body_int, body_float, matrices[MASS])
             if not _factorise(vectors, matrices, factor, free, speed_gain, place_gain, aim,
                               springs, spring_at):
                 return False

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.simulation.cholesky import cholesky, solve
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.driven_kernel import (
-    ACC, DAMPING, DDZ, DZ, FORCE, gear, MASS, STIFFNESS, Z)
+    ACC, add_lean, DAMPING, DDZ, DZ, FORCE, gear, MASS, STIFFNESS, Z)
 from tudor_dynamics.simulation.equations import inverse_dynamics
 
 FORCES = 3  # components of the force at the tip, base axes
@@ -48,6 +48,7 @@ def tip_directions(
     z, dz, ddz = vectors[Z], vectors[DZ], vectors[DDZ]
     inverse_dynamics(z, dz, ddz, base, wrench, loaded, 1.0, body_int, body_float, coordinate,
                      moving, reaction, force)
+    add_lean(z, body_int, body_float, force)
     for a in range(free.shape[0]):
         for j in range(FORCES):
             pushed[a, j] = force[free[a]]
@@ -55,6 +56,7 @@ def tip_directions(
         wrench[tip, j] += 1.0
         inverse_dynamics(z, dz, ddz, base, wrench, True, 1.0, body_int, body_float, coordinate,
                          moving, reaction, force)
+        add_lean(z, body_int, body_float, force)
         wrench[tip, j] -= 1.0
         for a in range(free.shape[0]):
             pushed[a, j] -= force[free[a]]

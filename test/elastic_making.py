@@ -1,0 +1,92 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Elastic arms whose truth is known, motions for them, and what their gauges say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sample_arms import gauge, planar_arm
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.simulation.driven import DrivenArm, Response
+
+FloatArray = NDArray[np.float64]
+
+STIFFNESS, DAMPING, BACKLASH = {'j1': 220.0, 'j2': 160.0}, 0.2, 0.01
+"""Of the gears [N m/rad, N m s/rad, rad]."""
+GAINS = np.array([70.0, 90.0])
+"""Of the gauges of ``recorded`` [um/m per N m]."""
+OFFSETS = np.array([12.0, -7.0])
+"""[um/m]"""
+
+
+def blade(**more: Any) -> dict[str, Any]:
+    """Describe a steel blade of 4 mm x 15 mm as a flexible link."""
+    return {'section': {'shape': 'rectangle', 'height': 0.004, 'width': 0.015},
+            'material': {'E': 2.06e11, 'nu': 0.29, 'rho': 7850}, 'elements': 1,
+            'stretch': False, **more}
+
+
+def blade_arm(*, backlash: float = BACKLASH, **more: Any) -> Arm:
+    """Describe two blades in a vertical plane, an elbow mass between them, one at the tip."""
+    return planar_arm(**{
+        'gauges': [gauge('g1', 'j1', 0.05), gauge('g2', 'j2', 0.05)],
+        'links': [{'joint': 'j1', 'flexible': blade(lumped=[{'mass': 0.8}])},
+                  {'joint': 'j2', 'flexible': blade()}],
+        'motors': [{'joint': name, 'gear_ratio': 200, 'torque_constant': 0.05,
+                    'stiffness': stiffness, 'damping': DAMPING, 'backlash': backlash}
+                   for name, stiffness in STIFFNESS.items()],
+        'payload': {'mass': 0.2}, 'simulation': {'rayleigh': {'beta': 5e-4}}, **more})
+
+
+def stepwise(t: FloatArray, targets: FloatArray, ramp: float = 1.0) -> FloatArray:
+    """Go from target to target, evenly over the time, each by a minimum-jerk ramp [s]."""
+    hold = t[-1] / (len(targets) - 1)
+    q = np.tile(targets[0], (len(t), 1))
+    for k, (last, now) in enumerate(zip(targets[:-1], targets[1:], strict=True)):
+        s = np.clip((t - (k + 0.3) * hold) / ramp, 0.0, 1.0)
+        q += (s**3 * (10.0 - s * (15.0 - 6.0 * s)))[:, None] * (now - last)
+    return q
+
+
+def travel(seconds: float, rate: float, seed: int = 0, hold: float = 2.5) -> FloatArray:
+    """Move both joints over their workspace, shoulder from level to beyond upright [rad]."""
+    n = round(seconds * rate) + 1
+    t = np.arange(n) / rate
+    targets = np.random.default_rng(seed).uniform(
+        [0.2, -1.2], [2.9, 1.2], (max(2, round(seconds / hold) + 1), 2))
+    return stepwise(t, targets)
+
+
+def even(n: int, rate: float) -> FloatArray:
+    """Give even times between samples, the first 0, which begins anew [s]."""
+    dt = np.full(n, 1.0 / rate)
+    dt[0] = 0.0
+    return dt
+
+
+def recorded(
+    arm: Arm, values: dict[str, float], q: FloatArray, rate: float, noise: float = 2.0,
+    seed: int = 0,
+) -> tuple[FloatArray, Response]:
+    """Give strain with noise [um/m], and the moments and torques behind it."""
+    driven = DrivenArm(arm)
+    driven.set_parameters(values)
+    response = driven.follow(q, even(len(q), rate))
+    random = np.random.default_rng(seed).normal(0.0, noise, response.moment.shape)
+    return response.moment * GAINS + OFFSETS + random, response
