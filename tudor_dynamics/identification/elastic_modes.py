@@ -21,6 +21,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.driven import DrivenArm
@@ -65,7 +66,8 @@ class ModeMap:
     edges : tuple of ndarray of shape (n_cells + 1,)
         Edges of the cells along each of them [rad or m].
     frequency, damping : ndarray of shape (n_modes, n_cells) or (n_modes, n_cells, n_cells)
-        At the mean pose of each cell, first joint first; NaN where the bags have not been [Hz; 1].
+        At the middle of each cell, other joints at their mean; first joint first. NaN outside of
+        what the bags enclose [Hz; 1].
 
     """
 
@@ -132,7 +134,7 @@ def busiest(positions: FloatArray) -> tuple[int, ...]:
 
 def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> ModeMap | None:
     """
-    Find the first modes over the poses that were visited.
+    Find the first modes over the poses that were visited, and those between them.
 
     Parameters
     ----------
@@ -156,15 +158,49 @@ def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> Mo
                   for i in joints)
     place = [np.clip(np.searchsorted(edge, positions[:, i], side='right') - 1, 0, cells - 1)
              for i, edge in zip(joints, edges, strict=True)]
-    number = np.ravel_multi_index(tuple(place), (cells,) * len(joints))
-    frequency = np.full((MODES, cells ** len(joints)), np.nan)
+    visited = np.zeros((cells,) * len(joints), dtype=bool)
+    visited[tuple(place)] = True
+    middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    frequency = np.full((MODES, visited.size), np.nan)
     damping = frequency.copy()
-    for cell in np.unique(number):
+    q = positions.mean(axis=0)
+    for number in np.flatnonzero(enclosed(visited)):
+        for i, k, values in zip(joints, np.unravel_index(number, visited.shape), middle,
+                                strict=True):
+            q[i] = values[k]
         try:
-            found = vibrations(driven, positions[number == cell].mean(axis=0))
+            found = vibrations(driven, q)
         except SimulationError:
             continue
         for k, mode in enumerate(found):
-            frequency[k, cell], damping[k, cell] = mode.frequency, mode.damping
+            frequency[k, number], damping[k, number] = mode.frequency, mode.damping
     shape = (MODES,) + (cells,) * len(joints)
     return ModeMap(joints, edges, frequency.reshape(shape), damping.reshape(shape))
+
+
+def enclosed(visited: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """
+    Fill a map of visited cells up to its convex hull.
+
+    Parameters
+    ----------
+    visited : ndarray of bool, one or two axes
+        Cells that were visited.
+
+    Returns
+    -------
+    ndarray of bool
+        Cells that were visited, and those between.
+
+    """
+    spots = np.argwhere(visited)
+    if visited.ndim == 1:
+        inside = np.zeros_like(visited)
+        inside[spots.min():spots.max() + 1] = True
+        return inside
+    try:
+        hull = Delaunay(spots)
+    except QhullError:  # all in a line: nothing is between
+        return visited
+    every = np.argwhere(np.ones_like(visited))
+    return np.asarray((hull.find_simplex(every) >= 0).reshape(visited.shape) | visited)

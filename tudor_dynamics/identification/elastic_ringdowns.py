@@ -45,8 +45,8 @@ LEAST_SECONDS = 1.2
 """Shortest standstill that is looked at: three periods of 2.5 Hz [s]."""
 MOST_SECONDS = 4.0
 """Of a standstill, from its beginning: later there is mostly noise [s]."""
-LEAST_AMPLITUDE = 4.0
-"""Amplitude of an oscillation that counts, in standard deviations of what the model leaves over."""
+LEAST_SHARE = 0.8
+"""Share of the strain's variance, less a drift, that an oscillation must explain to count."""
 SAME = 2.0
 """Frequencies farther apart than this factor are not the same oscillation."""
 
@@ -117,7 +117,6 @@ def standstills(stretch: Stretch) -> list[slice]:
 
 def find_ringdowns(
     driven: DrivenArm, values: Mapping[str, float], bags: Sequence[BagData],
-    gains: FloatArray, noise: FloatArray,
 ) -> tuple[Ringdown, ...]:
     """
     Measure the ring-downs of some bags and predict each.
@@ -130,10 +129,6 @@ def find_ringdowns(
         Its parameters; the payload of a bag that says its own replaces theirs.
     bags : sequence of BagData
         Bags with strain.
-    gains : ndarray of shape (n_gauges,)
-        Reading per moment [unit of the gauge per N m].
-    noise : ndarray of shape (n_gauges,)
-        Standard deviation of what the model leaves over [unit of the gauge].
 
     Returns
     -------
@@ -149,29 +144,58 @@ def find_ringdowns(
             parts = standstills(stretch)
             if stretch.strain is None or not parts:
                 continue
-            strain = _simulated(driven, stretch, gains)
+            moment = _simulated(driven, stretch)
             found += [one for part in parts
-                      if (one := _ringdown(driven, bag, stretch, part, strain, noise)) is not None]
+                      if (one := _ringdown(driven, bag, stretch, part, moment)) is not None]
     return tuple(found)
 
 
-def _simulated(driven: DrivenArm, stretch: Stretch, gains: FloatArray) -> FloatArray | None:
+def _simulated(driven: DrivenArm, stretch: Stretch) -> FloatArray | None:
+    """Give the moments at the gauges along the measured motion [N m]."""
     dt = sample_times(stretch)
     if stretch.before is not None:
         dt[0] = stretch.since
     try:
-        return np.asarray(
-            follow_motion(driven, stretch.states.q, dt, stretch.before).moment * gains)
+        return follow_motion(driven, stretch.states.q, dt, stretch.before).moment
     except SimulationError:
         return None
 
 
-def _strongest(signal: FloatArray, dt: float) -> RingMode | None:
+def clear_ring(signal: FloatArray, dt: float) -> tuple[float, RingMode | None]:
+    """
+    Find the strongest oscillation, and how much of the signal it is.
+
+    Parameters
+    ----------
+    signal : ndarray of shape (n_samples,)
+        Strain, or anything else that rings.
+    dt : float
+        Sample time [s].
+
+    Returns
+    -------
+    share : float
+        Of the variance, less a straight drift, that the oscillation explains.
+    mode : RingMode or None
+        None where it is not clear.
+
+    """
     try:
         modes = ring_modes(signal, dt, count=1)
     except SignalError:
-        return None
-    return modes[0] if modes else None
+        return 0.0, None
+    if not modes:
+        return 0.0, None
+    t = np.arange(len(signal)) * dt
+    w = 2.0 * np.pi * modes[0].frequency
+    ratio = modes[0].damping
+    fading = np.exp(-w * ratio / np.sqrt(max(1.0 - ratio**2, 1e-6)) * t)
+    drift = np.column_stack([np.ones_like(t), t])
+    whole = np.column_stack([drift, fading * np.cos(w * t), fading * np.sin(w * t)])
+    slow, left = (float(np.sum((signal - rows @ np.linalg.lstsq(rows, signal, rcond=None)[0])**2))
+                  for rows in (drift, whole))
+    share = 1.0 - left / max(slow, 1e-300)
+    return share, modes[0] if share >= LEAST_SHARE else None
 
 
 def _nearest(modes: Sequence[Vibration], frequency: float) -> Vibration | None:
@@ -183,27 +207,24 @@ def _nearest(modes: Sequence[Vibration], frequency: float) -> Vibration | None:
 
 
 def _ringdown(
-    driven: DrivenArm, bag: BagData, stretch: Stretch, part: slice, simulated: FloatArray | None,
-    noise: FloatArray,
+    driven: DrivenArm, bag: BagData, stretch: Stretch, part: slice, moment: FloatArray | None,
 ) -> Ringdown | None:
     assert stretch.strain is not None
-    strain, t = stretch.strain[part], stretch.t[part]
-    # the gauge that shows most of it; what a standstill begins with may be another gauge's noise
-    gauge = int(np.argmax(strain.std(axis=0) / np.maximum(noise, 1e-12)))
-    measured = _strongest(strain[:, gauge], bag.recording.dt)
-    if measured is None or measured.amplitude < LEAST_AMPLITUDE * noise[gauge]:
+    strain, t, dt = stretch.strain[part], stretch.t[part], bag.recording.dt
+    rings = [clear_ring(column, dt) for column in strain.T]
+    gauge = int(np.argmax([share for share, _ in rings]))
+    measured = rings[gauge][1]
+    if measured is None:
         return None
     q = stretch.states.q[part].mean(axis=0)
     try:
         held = _nearest(vibrations(driven, q), measured.frequency)
     except SimulationError:
         held = None
-    same = None
-    if simulated is not None:
-        ring = _strongest(simulated[part, gauge], bag.recording.dt)
-        if ring is not None and ring.amplitude >= noise[gauge]:
-            same = _nearest([Vibration(ring.frequency, ring.damping)], measured.frequency)
+    same = None if moment is None else clear_ring(moment[part, gauge], dt)[1]
     return Ringdown(
         str(bag.choice), float(t[0]), float(t[-1] - t[0]), tuple(float(x) for x in q),
         driven.arm.gauge_names[gauge], measured.amplitude,
-        Vibration(measured.frequency, measured.damping), held, same)
+        Vibration(measured.frequency, measured.damping), held,
+        None if same is None else _nearest([Vibration(same.frequency, same.damping)],
+                                           measured.frequency))
