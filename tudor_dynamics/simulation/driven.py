@@ -35,6 +35,7 @@ from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import (
     driven_kernel as kernel, layout as at, observer_kernel as observer)
+from tudor_dynamics.simulation.driven_linear import Linearised, tangents
 from tudor_dynamics.simulation.loads import LOADS
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.stiffness import stiffness_matrix
@@ -249,6 +250,35 @@ class DrivenArm:
                    + '; its parameters are impossible for this motion')
             raise SimulationError(msg)
         return Response(moment, torque)
+
+    def linearised(self, q: FloatArray) -> Linearised:
+        """
+        Rest with the drives held at a pose, and linearise there; ``follow`` goes on from it.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the active joints [rad or m].
+
+        Returns
+        -------
+        Linearised
+            Mass, damping and stiffness of the coordinates that move.
+
+        Raises
+        ------
+        SimulationError
+            If there is no equilibrium.
+
+        """
+        self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
+        result = np.zeros((3, self.size, self.size))
+        tangents(self._vectors, self._free, self._aim, self._springs, self._spring_at,
+                 self._base, self._wrench, self._loaded, self.mechanism.body_int,
+                 self.mechanism.body_float, self.mechanism.coordinate, self._moving,
+                 self._reaction, result)
+        stiffness, damping, mass = result
+        return Linearised(mass, damping, stiffness)
 
     def start_observer(
         self, deviation: FloatArray, bandwidth: float, *, contact: bool = False,
