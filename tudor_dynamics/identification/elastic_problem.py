@@ -40,7 +40,7 @@ from tudor_dynamics.simulation.driven import DrivenArm
 
 FloatArray = NDArray[np.float64]
 
-STEP = 1e-3
+STEP = 3e-3
 """Of the differences, in the logarithm: the simulation is smooth to 1e-9."""
 SLOPE_STEP = 5e-3
 """Inner step of the simulations that are only differentiated [s]: the direction of the search need

@@ -106,8 +106,8 @@ class DrivenArm:
         Physical parameters by name, in SI units: ``bending(link)`` [N m^2], ``density(link)``
         [kg/m], ``lumped(link,k)`` [kg], ``gear(joint)`` [N m/rad], ``play(joint)`` half of the
         backlash [rad], ``tight(joint)`` and ``loose(joint)``, damping of the gear where its teeth
-        touch and inside the play [N m s/rad], ``beta``, structural damping by stiffness [s],
-        ``payload`` [kg].
+        touch and inside the play [N m s/rad], ``alpha`` and ``beta``, structural damping by mass
+        [1/s] and by stiffness [s], ``payload`` [kg].
     contact : ndarray of shape (3,)
         Force at the tip as the observer has it, base frame [N].
 
@@ -131,6 +131,8 @@ class DrivenArm:
         self._payload_inertia = mechanism.body_float[
             self._payload_body, at.INERTIA:at.INERTIA + 6].copy()
         self._payload_mass = float(mechanism.body_float[self._payload_body, at.MASS])
+        self._leaning = {link.joint for link in arm.spec.links
+                         if link.flexible is not None and link.flexible.stretch}
         self._gauges(arm)
         self._gears(arm)
         n, bodies = mechanism.size, len(mechanism.body_int)
@@ -190,8 +192,10 @@ class DrivenArm:
             floats[[at.EIY, at.EIZ, at.GJ]] = scale * first[[at.EIY, at.EIZ, at.GJ]]
             lighter = values[f'density({joint})'] / self._nominal[joint][1]
             floats[[at.DENSITY, at.POLAR]] = lighter * first[[at.DENSITY, at.POLAR]]
-            floats[at.ALPHA], floats[at.BETA] = 0.0, values['beta']
+            floats[at.ALPHA], floats[at.BETA] = values['alpha'], values['beta']
             floats[at.EA] = 0.0  # beams keep their length: the kernel sees to it
+            # below zero: linear beams, which nothing draws in
+            floats[at.STRETCH] = 0.0 if joint in self._leaning else -1.0
         for name, (body, mass, inertia) in self._lumped.items():
             floats = mechanism.body_float[body]
             floats[at.MASS] = values[name]
@@ -469,5 +473,6 @@ class DrivenArm:
             values[f'gear({joint})'] = stiffness or RIGID_GEAR * stiffest
             values[f'play({joint})'] = 0.5 * motor.backlash if motor is not None else 0.0
             values[f'tight({joint})'] = values[f'loose({joint})'] = damping
-        values['beta'] = arm.spec.simulation.rayleigh.beta
+        rayleigh = arm.spec.simulation.rayleigh
+        values['alpha'], values['beta'] = rayleigh.alpha, rayleigh.beta
         return values
