@@ -42,7 +42,7 @@ def bag(path: Path, payload: float, seed: int, *, stated: str | None = None) -> 
 
 @pytest.fixture
 def arm(tmp_path: Path) -> str:
-    """Description of the arm."""
+    """Describe the arm in a file."""
     path = tmp_path / 'arm.yaml'
     content = two_gauge_arm().spec.model_dump(mode='json', exclude_defaults=True)
     path.write_text(yaml.safe_dump(content))

@@ -21,25 +21,54 @@ import os
 from pathlib import Path
 import subprocess
 import sys
+from typing import Any
 
 import pytest
+
+from tudor_dynamics.cli.main import main
 
 pytest.importorskip('rclpy')
 
 
-def test_move_push_and_floor(root: Path) -> None:
+KEPT_UP = 0.04
+"""A reference with a longer gap was held up by the machine [s]."""
+
+
+def run(root: Path, model: Path, factor: float) -> dict[str, Any]:
+    """Run all processes and give the figures."""
+    done = subprocess.run(
+        [sys.executable, str(root / 'bench/closed_loop_topics.py'), '--arm',
+         str(root / 'config/tudor.yaml'), '--model', str(model), '--factor', str(factor),
+         '--json'],
+        env={**os.environ, 'PYTHONPATH': str(root)}, capture_output=True, text=True, timeout=400)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope='module')
+def tudor_model(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Model of the simulated arm, learned from damped motion."""
+    out, arm = tmp_path_factory.mktemp('loop'), str(root / 'config/tudor.yaml')
+    assert main(['record', '--arm', arm, '--payload', '0.2', '--stimuli', '3', '--seconds', '60',
+                 '--jobs', '1', '--out', str(out / 'bags')]) == 0
+    assert main(['fit', *(str(out / f'bags/stimulus_0{k}') for k in (1, 2, 3)), '--arm', arm,
+                 '--models', 'analytical', '--out', str(out / 'model')]) == 0
+    return out / 'model'
+
+
+def test_move_push_and_floor(root: Path, tudor_model: Path) -> None:
     """
     The arm moves and settles as in one process; push and floor are found, and it lets go.
 
-    Simulated time below real time: a slow machine stretches it and changes little.
+    Simulated time runs below real time, and once more at a fifth where the machine was too busy
+    for the processes to keep up.
     """
-    done = subprocess.run(
-        [sys.executable, str(root / 'bench/closed_loop_topics.py'), '--arm',
-         str(root / 'config/tudor.yaml'), '--factor', '0.7', '--json'],
-        env={**os.environ, 'PYTHONPATH': str(root)}, capture_output=True, text=True, timeout=280)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    found = run(root, tudor_model, 0.7)
     move = found['move']
+    if found['dropped_by_monitor'] or (
+            move['stamps']['joint_reference']['longest gap'] > KEPT_UP):
+        found = run(root, tudor_model, 0.2)
+        move = found['move']
     assert move['off_goal_deg'] < 0.2
     assert move['stamps']['joint_states']['rate'] == pytest.approx(500.0, rel=1e-3)
     link = move['strain']['link2_hub']

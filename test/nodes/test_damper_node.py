@@ -86,7 +86,7 @@ class Arm:
 
 @pytest.fixture
 def tudor(root: Path) -> Path:
-    """Description with a damper."""
+    """Give a description with a damper."""
     return root / 'config/tudor.yaml'
 
 
@@ -197,7 +197,7 @@ def test_rates_and_losses(period: int, world: World, tudor: Path) -> None:
     arm = Arm(world, tudor)
     random = np.random.default_rng(2)
     for k in range(300):
-        arm.k = k if k < 200 else k - 1000  # the clock jumps back by 1000 samples
+        arm.k = k if k < 200 else k - 3_000_000_000 // period  # the clock jumps back by 3 s
         if random.random() < 0.3:
             continue
         stamp = 10**18 + period * arm.k
@@ -208,9 +208,8 @@ def test_rates_and_losses(period: int, world: World, tudor: Path) -> None:
             world.spin(lambda: False, 0.004)
     world.rest(0.2)
     seen = np.array([list(command.data) for command in arm.commands])
-    assert len(seen) > 80 and np.isfinite(seen).all() and np.abs(seen).max() < 1.9
-    jumps = arm.node.gate.drops['clock_set_back'] + arm.node.gate.drops['backward_stamp']
-    assert jumps >= 1
+    assert len(seen) > 60 and np.isfinite(seen).all() and np.abs(seen).max() < 1.9
+    assert arm.node.gate.drops['clock_set_back'] == 1
 
 
 def test_gauges_on_several_topics(world: World, tudor: Path, tmp_path: Path) -> None:

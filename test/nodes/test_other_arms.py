@@ -54,7 +54,7 @@ ARM = {
 
 @pytest.fixture
 def gantry(tmp_path: Path) -> Path:
-    """Description of a lift with a boom."""
+    """Describe a lift with a boom."""
     path = tmp_path / 'gantry.yaml'
     path.write_text(yaml.safe_dump(ARM))
     return path

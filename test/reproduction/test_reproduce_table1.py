@@ -134,7 +134,11 @@ def test_figures(out: Path, root: Path, capsys) -> None:
     assert again(out, root, 'figures', '--json') == 0
     said = capsys.readouterr()
     assert 'no collision thresholds' in said.err  # recordings that short allow none
-    names = json.loads(said.out)['figures']
+    content = json.loads(said.out)
+    names = content['figures']
+    assert json.loads((out / 'figures.json').read_text())['fit'] == content['fit']
+    for kinds in content['fit'].values():
+        assert kinds['damped']['strain']['analytical'] > kinds['undamped']['strain']['analytical']
     assert len(names) == 14
     page = (out / 'index.html').read_text()
     for name in names:

@@ -21,8 +21,8 @@ from pathlib import Path
 import time
 
 from tudor_dynamics.cli.campaign_options import opened
-from tudor_dynamics.cli.console import print_json
-from tudor_dynamics.reproduction.figures import pictures, stage_count, write_figures
+from tudor_dynamics.cli.console import finite, print_json
+from tudor_dynamics.reproduction.figures import gallery, stage_count, write_figures
 from tudor_dynamics.reproduction.fits import Fits
 
 
@@ -31,14 +31,15 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     out = Path(args.out)
     with opened(args, stage_count(3 if args.quick else 5)) as campaign:
-        chosen = pictures(Fits(campaign))
+        chosen = gallery(Fits(campaign))
         campaign.progress('draw', 0.0)
         names = write_figures(chosen, campaign.arm.name, out)
     seconds = time.perf_counter() - begun
     if args.json:
-        print_json({'out': str(out), 'seconds': round(seconds, 1), 'figures': names})
+        print_json(finite({'out': str(out), 'seconds': round(seconds, 1), 'figures': names,
+                           **chosen.data}))
         return 0
-    for picture in chosen:
+    for picture in chosen.pictures:
         print(f'{picture.name}: {picture.title}')
     print(f'{len(names)} figures as SVG and PNG in {seconds:.0f} s; {out / "index.html"}')
     return 0

@@ -119,12 +119,13 @@ class Problem:
         self.strain = np.vstack([r.strain[r.skip:] for r in records])
         spread = np.maximum(self.strain.std(axis=0), 1e-12)
         self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
+        self.inner = inner
         self.runs = 0
         count = max(1, min(8, len(os.sched_getaffinity(0))))
         self._pool = ThreadPoolExecutor(count)
         self._arms: queue.SimpleQueue[DrivenArm] = queue.SimpleQueue()
         for _ in range(count + 1):
-            self._arms.put(DrivenArm(arm, inner=inner))
+            self._arms.put(DrivenArm(arm))
         self._last: tuple[FloatArray, FloatArray | None] | None = None
 
     def close(self) -> None:
@@ -156,15 +157,16 @@ class Problem:
         """
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        result = self._simulate(x)
+        result = self._simulate(x, self.inner)
         self._last = x.copy(), result
         return result
 
-    def _simulate(self, x: FloatArray) -> FloatArray | None:
+    def _simulate(self, x: FloatArray, inner: float) -> FloatArray | None:
         self.runs += 1
         values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=True))}
         parts = []
         with self._borrowed() as driven:
+            driven.inner = inner
             for record in self.records:
                 if record.payload is not None:
                     values['payload'] = record.payload
@@ -226,14 +228,14 @@ class Problem:
             [N m]
 
         """
-        here = self.moments(x)
+        here = self._simulate(x, self.inner)
         if here is None:
             return np.zeros((len(x), *self.strain.shape))
 
         def one(i: int) -> FloatArray:
             moved = x.copy()
             moved[i] += STEP
-            there = self._simulate(moved)
+            there = self._simulate(moved, self.inner)
             return np.zeros_like(here) if there is None else (there - here) / STEP
 
         return np.array(list(self._pool.map(one, range(len(x)))))

@@ -40,16 +40,20 @@ FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 WIDTHS = {'bending': 0.5, 'density': 0.1, 'lumped': 0.5, 'payload': 1.5, 'gear': 1.0,
-          'play': 1.0, 'tight': 1.5, 'loose': 1.5, 'beta': 1.5}
+          'play': 1.0, 'tight': 1.5, 'loose': 2.0, 'beta': 1.5}
 """How well one knows a parameter from drawings and data sheets: std of its logarithm."""
 LEAST = {'payload': 0.05, 'play': 0.002, 'tight': 0.1, 'loose': 0.1, 'beta': 3e-4}
 """Starting values where the description says nothing or zero, in SI units."""
+LOOSER = (1.0, 0.4, 0.15, 0.05, 0.02)
+"""Factors on the damping inside the plays, tried after a first search: with little of it the
+error has so many small minima that a search cannot begin there."""
 FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
 """Of all stiffnesses, tried one by one: 5 % apart, 2.5 % in frequency."""
 STARTS = 3
 """Of the factors, improved before one is chosen."""
-EXCERPT = 30.0
-"""Length of the pieces that starts are compared on [s]."""
+EXCERPT = 60.0
+"""Length of what starts are compared on, all pieces together [s]."""
+PIECES = 4
 ENOUGH = 100.0
 """Length of what the first search by all parameters is done on [s]."""
 COARSE = 5e-3
@@ -83,7 +87,7 @@ def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
     width: dict[str, float] = {}
     for name, value in DrivenArm(arm).parameters.items():
         kind = name.partition('(')[0]
-        if kind == 'payload' and not payload:
+        if kind not in WIDTHS or (kind == 'payload' and not payload):
             continue
         start[name] = value if value > 0.0 else LEAST.get(kind, 0.0)
         width[name] = WIDTHS[kind]
@@ -137,14 +141,14 @@ def identify(
     if warm is not None:
         x = np.log([max(warm.get(name, known.start[name]), 1e-12) for name in names])
     else:
-        pieces = [record.head(EXCERPT) for record in sorted(
-            records, key=lambda r: -float(np.std(r.strain)))[:2]]
+        pieces = _pieces(records)
         x, starts, runs = _compare_starts(arm, pieces, names, center, width, progress)
     if warm is None:
         progress('elastic model, all parameters')
         first = Problem(arm, _some(records), names, {}, center, width, inner=COARSE)
         reweight(first, x)
-        x = _improve(first, x, 20)
+        x = _improve(first, x, 12)
+        x = _improve(first, _loosen(first, x), 10)
         first.close()
         runs += first.runs
     problem = Problem(arm, records, names, {}, center, width, inner=INNER_STEP)
@@ -162,6 +166,24 @@ def identify(
         return result_of(problem, x, moments, starts, runs)
     finally:
         problem.close()
+
+
+def _pieces(records: Sequence[Record]) -> list[Record]:
+    """Take the beginnings of a few records, from the liveliest to the calmest."""
+    order = sorted(records, key=lambda r: -float(np.std(r.strain)))
+    chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
+    return [record.head(EXCERPT / len(chosen)) for record in chosen]
+
+
+def _loosen(problem: Problem, x: FloatArray) -> FloatArray:
+    """Choose the damping inside the plays among a few multiples."""
+    inside = [i for i, name in enumerate(problem.names) if name.startswith('loose(')]
+    tried = []
+    for factor in LOOSER:
+        other = x.copy()
+        other[inside] += np.log(factor)
+        tried.append((float(np.sum(problem.residual(other) ** 2)), factor, other))
+    return min(tried, key=lambda item: item[:2])[2]
 
 
 def _some(records: Sequence[Record]) -> list[Record]:
@@ -202,7 +224,7 @@ def _compare_starts(
                            & np.isfinite(values))
     peaks = peaks[np.argsort(-values[peaks])][:STARTS]
     some = tuple(name for name in names
-                 if name.startswith(('bending(', 'gear(', 'tight(', 'beta', 'payload')))
+                 if name.startswith(('bending(', 'gear(', 'tight(', 'loose(', 'beta', 'payload')))
     index = np.array([names.index(name) for name in some], dtype=np.intp)
     best: tuple[float, FloatArray] | None = None
     starts: list[tuple[float, float]] = []

@@ -28,6 +28,7 @@ from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
 from tudor_dynamics.identification.elastic import ElasticTrainer
+from tudor_dynamics.identification.elastic_search import Identified
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
@@ -137,6 +138,8 @@ class FitResult:
         Vibrations in the strain, or in the effort where there is no strain.
     warnings : tuple of str
         What is odd about the data.
+    elastic : Identified or None
+        What the elastic model found out about the arm, from all training bags.
 
     """
 
@@ -148,6 +151,7 @@ class FitResult:
     test: tuple[BagData, ...]
     ringing: tuple[Ringing, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    elastic: Identified | None = None
 
 
 def _regressor(arm: Arm, output: str, strain_form: str) -> Regressor:
@@ -256,7 +260,7 @@ def fit_models(
         ringing = find_ringing(last.model, [*training, *test], last.output)
     read = [warning for bag in (*training, *test) for warning in bag.recording.warnings]
     return FitResult(arm, preprocessing, settings, tuple(fitted), tuple(training), tuple(test),
-                     ringing, tuple(dict.fromkeys(read + notes)))
+                     ringing, tuple(dict.fromkeys(read + notes)), trainer.identified)
 
 
 def _fit_one(

@@ -69,7 +69,7 @@ class PhysicalParameter:
 
 UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
          'gear': 'N m/rad', 'play': 'rad', 'tight': 'N m s/rad', 'loose': 'N m s/rad',
-         'beta': 's'}
+         'alpha': '1/s', 'beta': 's'}
 
 
 def physical_unit(arm: Arm, name: str) -> str:

@@ -19,7 +19,9 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass
+import json
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -28,6 +30,7 @@ from tudor_dynamics.reproduction import (
     look)
 from tudor_dynamics.reproduction.fits import Fits, halves, read
 from tudor_dynamics.reproduction.pages import render, write_file
+from tudor_dynamics.reproduction.plan import grams
 from tudor_dynamics.reproduction.stages import Result
 from tudor_dynamics.reproduction.table1 import build
 
@@ -60,6 +63,25 @@ class Picture:
     draw: Callable[[], Figure]
 
 
+@dataclass(frozen=True, eq=False)
+class Gallery:
+    """
+    All figures.
+
+    Attributes
+    ----------
+    pictures : tuple of Picture
+        In the order of the page.
+    data : dict
+        Figures in numbers: ``fit`` [%] on test recordings by payload, damping, output and model,
+        and ``collisions`` by method.
+
+    """
+
+    pictures: tuple[Picture, ...]
+    data: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class Shown:
     """A figure on the page: as a `Picture`, with its content as data URI."""
@@ -76,7 +98,7 @@ def stage_count(payloads: int) -> int:
     return 2 * payloads + 2 * payloads + 8
 
 
-def pictures(fits: Fits) -> list[Picture]:
+def gallery(fits: Fits) -> Gallery:
     """
     Compute what the figures show, or read what was computed before.
 
@@ -87,8 +109,8 @@ def pictures(fits: Fits) -> list[Picture]:
 
     Returns
     -------
-    list of Picture
-        In the order of the page.
+    Gallery
+        Figures and numbers.
 
     """
     campaign = fits.campaign
@@ -136,7 +158,7 @@ def pictures(fits: Fits) -> list[Picture]:
             'From 135 deg (from hanging) to about 30 deg by two opposite steps of torque.'
             if number == 4 else 'In global axes; axes in which nothing happens are left out.'
             if signal.startswith('acceleration') else 'In the axes of the beam.', draw))
-    return result + [
+    result += [
         Picture('own_damping', OWN, 'Fit with and without damping',
                 'Models learned from half of the stimuli and judged by the other half, for each '
                 'payload, with the damper and without it. The same motions in both cases.',
@@ -162,6 +184,13 @@ def pictures(fits: Fits) -> list[Picture]:
                 'measured strain alike (circles); only the parameters of the exact form are '
                 'those of the part beyond the gauge.',
                 lambda: own.strain_forms(arm, moments, damped[heavy], paper))]
+    fitted = {grams(payload): {name: {
+        output: {kind: item['test']['fit'] for kind, item in results[payload].content[
+            output].items()} for output in ('strain', 'effort')}
+        for name, results in (('damped', damped), ('undamped', undamped))}
+        for payload in plan.payloads}
+    scores = {method: item['score'] for method, item in found.content['methods'].items()}
+    return Gallery(tuple(result), {'fit': fitted, 'collisions': scores})
 
 
 def _pushes(found: Result) -> int:
@@ -169,13 +198,13 @@ def _pushes(found: Result) -> int:
     return max((len(item['pushes']) for item in methods), default=0)
 
 
-def write_figures(chosen: list[Picture], arm: str, out: Path) -> list[str]:
+def write_figures(chosen: Gallery, arm: str, out: Path) -> list[str]:
     """
-    Draw figures as SVG and PNG, and the page with all of them.
+    Draw figures as SVG and PNG, and write the page with all of them and their numbers.
 
     Parameters
     ----------
-    chosen : list of Picture
+    chosen : Gallery
         Figures.
     arm : str
         Name of the arm.
@@ -189,7 +218,7 @@ def write_figures(chosen: list[Picture], arm: str, out: Path) -> list[str]:
 
     """
     shown = []
-    for picture in chosen:
+    for picture in chosen.pictures:
         with look.style():
             look.save(picture.draw(), out, picture.name)
         content = base64.b64encode((out / f'{picture.name}.svg').read_bytes()).decode('ascii')
@@ -198,4 +227,5 @@ def write_figures(chosen: list[Picture], arm: str, out: Path) -> list[str]:
     write_file(out / 'index.html', render('figures.html.j2', arm=arm, sections=SECTIONS,
                                           figures=shown,
                                           table=(out / 'table1.html').is_file()))
-    return [picture.name for picture in chosen]
+    write_file(out / 'figures.json', json.dumps(chosen.data, indent=1) + '\n')
+    return [picture.name for picture in chosen.pictures]

@@ -35,7 +35,7 @@ DETAIL = 20.0
 
 def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
     """
-    Draw moves with and without damping (Figure 2).
+    Show moves with and without the damper, as Figure 2 does.
 
     Parameters
     ----------

@@ -35,6 +35,7 @@ from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import (
     driven_kernel as kernel, layout as at, observer_kernel as observer)
+from tudor_dynamics.simulation.driven_linear import Linearised, tangents
 from tudor_dynamics.simulation.loads import LOADS
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.stiffness import stiffness_matrix
@@ -105,8 +106,8 @@ class DrivenArm:
         Physical parameters by name, in SI units: ``bending(link)`` [N m^2], ``density(link)``
         [kg/m], ``lumped(link,k)`` [kg], ``gear(joint)`` [N m/rad], ``play(joint)`` half of the
         backlash [rad], ``tight(joint)`` and ``loose(joint)``, damping of the gear where its teeth
-        touch and inside the play [N m s/rad], ``beta``, structural damping by stiffness [s],
-        ``payload`` [kg].
+        touch and inside the play [N m s/rad], ``alpha`` and ``beta``, structural damping by mass
+        [1/s] and by stiffness [s], ``payload`` [kg].
     contact : ndarray of shape (3,)
         Force at the tip as the observer has it, base frame [N].
 
@@ -130,6 +131,8 @@ class DrivenArm:
         self._payload_inertia = mechanism.body_float[
             self._payload_body, at.INERTIA:at.INERTIA + 6].copy()
         self._payload_mass = float(mechanism.body_float[self._payload_body, at.MASS])
+        self._leaning = {link.joint for link in arm.spec.links
+                         if link.flexible is not None and link.flexible.stretch}
         self._gauges(arm)
         self._gears(arm)
         n, bodies = mechanism.size, len(mechanism.body_int)
@@ -189,8 +192,10 @@ class DrivenArm:
             floats[[at.EIY, at.EIZ, at.GJ]] = scale * first[[at.EIY, at.EIZ, at.GJ]]
             lighter = values[f'density({joint})'] / self._nominal[joint][1]
             floats[[at.DENSITY, at.POLAR]] = lighter * first[[at.DENSITY, at.POLAR]]
-            floats[at.ALPHA], floats[at.BETA] = 0.0, values['beta']
+            floats[at.ALPHA], floats[at.BETA] = values['alpha'], values['beta']
             floats[at.EA] = 0.0  # beams keep their length: the kernel sees to it
+            # below zero: linear beams, which nothing draws in
+            floats[at.STRETCH] = 0.0 if joint in self._leaning else -1.0
         for name, (body, mass, inertia) in self._lumped.items():
             floats = mechanism.body_float[body]
             floats[at.MASS] = values[name]
@@ -249,6 +254,35 @@ class DrivenArm:
                    + '; its parameters are impossible for this motion')
             raise SimulationError(msg)
         return Response(moment, torque)
+
+    def linearised(self, q: FloatArray) -> Linearised:
+        """
+        Rest with the drives held at a pose, and linearise there; ``follow`` goes on from it.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the active joints [rad or m].
+
+        Returns
+        -------
+        Linearised
+            Mass, damping and stiffness of the coordinates that move.
+
+        Raises
+        ------
+        SimulationError
+            If there is no equilibrium.
+
+        """
+        self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
+        result = np.zeros((3, self.size, self.size))
+        tangents(self._vectors, self._free, self._aim, self._springs, self._spring_at,
+                 self._base, self._wrench, self._loaded, self.mechanism.body_int,
+                 self.mechanism.body_float, self.mechanism.coordinate, self._moving,
+                 self._reaction, result)
+        stiffness, damping, mass = result
+        return Linearised(mass, damping, stiffness)
 
     def start_observer(
         self, deviation: FloatArray, bandwidth: float, *, contact: bool = False,
@@ -439,5 +473,6 @@ class DrivenArm:
             values[f'gear({joint})'] = stiffness or RIGID_GEAR * stiffest
             values[f'play({joint})'] = 0.5 * motor.backlash if motor is not None else 0.0
             values[f'tight({joint})'] = values[f'loose({joint})'] = damping
-        values['beta'] = arm.spec.simulation.rayleigh.beta
+        rayleigh = arm.spec.simulation.rayleigh
+        values['alpha'], values['beta'] = rayleigh.alpha, rayleigh.beta
         return values

@@ -81,7 +81,7 @@ def shorten(
     coordinate is no freedom but -s, its rates those of -s.
     """
     for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0:
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k, length = body_int[b, at.FIRST], body_float[b, at.LENGTH]
         g1, g5, g2, g4 = lean_rows(z, k, length)
@@ -103,7 +103,7 @@ def add_lean(
     virtual work it acts on each bending coordinate times the rate at which that draws the end in.
     """
     for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0:
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k = body_int[b, at.FIRST]
         pressure = -force[k]
@@ -123,7 +123,7 @@ def lean_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray)
     strongly bent arm would not converge.
     """
     for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0:
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k = body_int[b, at.FIRST]
         g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
