@@ -26,7 +26,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, SimulationError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic_problem import Record
-from tudor_dynamics.identification.elastic_search import Identified, identify, Progress
+from tudor_dynamics.identification.elastic_result import Identified
+from tudor_dynamics.identification.elastic_search import identify, Progress
 from tudor_dynamics.models.elastic import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.following import sample_times
