@@ -12,13 +12,15 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From bags to elastic models: what counts of a bag, the motion before a cut, and refusals."""
+"""From bags to elastic models: what counts of a bag, what is found, and refusals."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from elastic_making import blade_arm, even, FloatArray, recorded, travel
+from elastic_making import (
+    blade_arm, even, FloatArray, GAINS, lone_arm, LONE_EFFORT, lone_recording, LONE_TRUTH, OFFSETS,
+    recorded, travel)
 import numpy as np
 import pytest
 from sample_arms import recording_of
@@ -28,6 +30,8 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.elastic import ElasticTrainer, record_of, RUN_IN
+from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.following import predict_stretch
 from tudor_dynamics.signals import prepare
@@ -113,9 +117,71 @@ def test_what_counts_of_a_stretch() -> None:
     assert record_of(prepare(bare, SPEC)[0], None) is None
 
 
-def bag(recording: Recording) -> BagData:
+def bag(recording: Recording, payload: float | None = None) -> BagData:
     """Make a bag of a recording."""
-    return BagData(BagChoice('runs/one', 0.0, 1.0), recording, prepare(recording, SPEC))
+    path = 'runs/one' if recording.path == 'bag' else recording.path
+    return BagData(BagChoice(path, 0.0, 1.0), recording, prepare(recording, SPEC), payload)
+
+
+@pytest.fixture(scope='module')
+def fitted() -> FitResult:
+    """Fit the one blade, from a description whose stiffness, play and damping are wrong."""
+    return fit_models(
+        lone_arm(), [bag(lone_recording(3), 0.2)], [bag(lone_recording(4), 0.2)], None, SPEC,
+        FitSettings(kinds=('analytical', 'elastic'), random_split=True))
+
+
+def test_both_outputs_of_one_search(fitted: FitResult) -> None:
+    """Strain and effort stand on one arm, are judged by the test bag, and beat the rigid model."""
+    found = {(item.output, item.kind): item for item in fitted.fitted}
+    assert list(found) == [(output, kind) for output in ('effort', 'strain')
+                           for kind in ('analytical', 'elastic')]
+    models = [found[output, 'elastic'].model for output in ('effort', 'strain')]
+    assert all(isinstance(model, ElasticModel) for model in models)
+    assert models[0].values == models[1].values  # type: ignore[attr-defined]
+    assert found['strain', 'elastic'].validation.score.fit > 97.0
+    assert found['strain', 'elastic'].validation.score.fit > (
+        found['strain', 'analytical'].validation.score.fit + 10.0)
+    assert found['effort', 'elastic'].validation.score.fit > 93.0
+    assert found['strain', 'elastic'].verdict.level is Level.GOOD
+    assert found['strain', 'elastic'].validation.method == 'test bag runs/4'
+    assert found['strain', 'elastic'].random is None  # single samples have no past
+    assert found['strain', 'analytical'].random is not None
+
+
+def test_what_the_arm_is(fitted: FitResult) -> None:
+    """Physical parameters, gauge, motor and payload as they were, with their standard errors."""
+    assert fitted.elastic is not None
+    physical = {parameter.name: parameter for parameter in fitted.elastic.physical}
+    for name, truth in LONE_TRUTH.items():
+        assert physical[name].shown
+        assert physical[name].value == pytest.approx(truth, rel=0.1 if name == 'beta' else 0.03)
+    assert physical['lumped(j1,1)'].value == pytest.approx(0.8, rel=0.02)
+    models = {item.output: item.model for item in fitted.fitted if item.kind == 'elastic'}
+    strain, effort = models['strain'], models['effort']
+    assert isinstance(strain, ElasticModel) and isinstance(effort, ElasticModel)
+    assert strain.values == {**{n: p.value for n, p in physical.items()}, 'payload': 0.2}
+    assert strain.coefficients_ is not None and effort.coefficients_ is not None
+    assert strain.coefficients_[0] == pytest.approx([GAINS[0], OFFSETS[0]], rel=0.03)
+    assert strain.noise_ == pytest.approx([2.0], rel=0.15)
+    needed = dict(zip(effort.columns[0], effort.coefficients_[0], strict=True))
+    assert {name: needed[name] for name in LONE_EFFORT} == pytest.approx(LONE_EFFORT, rel=0.1)
+
+
+def test_the_next_search_begins_at_the_last() -> None:
+    """The same bags are searched once for both outputs; others begin where those ended."""
+    said: list[str] = []
+    trainer = ElasticTrainer(lone_arm(), progress=said.append)
+    one, other = bag(lone_recording(3, 9.0), 0.2), bag(lone_recording(4, 9.0), 0.2)
+    first = trainer.fit([one], 'strain')
+    begun, kept = len(said), trainer.identified
+    assert any('stiffness' in text for text in said)
+    assert trainer.fit([one], 'effort').values == first.values
+    assert len(said) == begun
+    second = trainer.fit([other], 'strain')
+    assert not any('stiffness' in text for text in said[begun:]) and len(said) > begun
+    assert second.values != first.values
+    assert trainer.identified is kept
 
 
 @pytest.mark.parametrize('missing', ['strain', 'time', 'links'])

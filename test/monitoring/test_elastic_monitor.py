@@ -16,7 +16,10 @@
 
 from __future__ import annotations
 
-from elastic_making import blade_arm, FloatArray, recorded, travel
+from dataclasses import dataclass
+
+from elastic_making import (
+    blade_arm, FloatArray, GAINS, OFFSETS, pushed, recorded, travel)
 import numpy as np
 import pytest
 from sample_arms import recording_of
@@ -24,10 +27,14 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.identification.collisions import watch_bag
+from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.following import observe_stretch, predict_stretch
-from tudor_dynamics.monitoring.detector import _Track, DetectorSettings
+from tudor_dynamics.monitoring.detector import _Track, CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.state_filter import StateFilter
@@ -36,14 +43,18 @@ from tudor_dynamics.signals import prepare
 
 RATE = 100.0
 ARM = blade_arm()
+TRUTH = {'gear(j1)': 200.0}
+"""What the arm is and its model is not, so that there is a residual."""
+PUSH = slice(700, 730)
+"""Samples of a push."""
 SPEC = PreprocessingSpec(filter='causal', rate=None)
 
 
 @pytest.fixture(scope='module')
 def recording() -> Recording:
-    """Give a recording of an arm that is not quite the model's, so that there is a residual."""
+    """Give a recording of the true arm."""
     q = travel(6.0, RATE, 3)
-    strain, response = recorded(ARM, {'gear(j1)': 200.0}, q, RATE)
+    strain, response = recorded(ARM, TRUTH, q, RATE)
     return recording_of(q, RATE, strain=strain, effort=response.torque)
 
 
@@ -146,6 +157,92 @@ def test_rehearsal(bundle: ModelBundle) -> None:
     """The chain runs at rest before the robot does."""
     for observer in ('off', 'ringing', 'contact'):
         rehearse(bundle, MonitorSettings(kind='elastic', observer=observer))
+
+
+@pytest.fixture(scope='module')
+def armed(bundle: ModelBundle) -> ModelBundle:
+    """Give the bundle thresholds, learned from most of a minute of free motion."""
+    q = travel(50.0, RATE, 5)
+    strain, response = recorded(ARM, TRUTH, q, RATE, seed=5)
+    free = recording_of(q, RATE, strain=strain, effort=response.torque)
+    bag = BagData(BagChoice('free', 0.0, 1.0), free, prepare(free, SPEC))
+    cases = [(bundle.models['strain']['elastic'], bag)]
+    return ModelBundle(ARM, SPEC, bundle.models, {
+        'thresholds': fit_thresholds([('strain', 'elastic', cases)], SPEC)})
+
+
+@pytest.fixture(scope='module')
+def push() -> Recording:
+    """Record the true arm in motion, its tip pushed by a half-sine of 6 N."""
+    q = travel(11.0, RATE, 7)
+    force = np.zeros((len(q), 3))
+    wave = np.sin(np.linspace(0.0, np.pi, PUSH.stop - PUSH.start))
+    force[PUSH] = wave[:, None] * [4.2, 4.2, 0.0]
+    noise = np.random.default_rng(7).normal(0.0, 2.0, (len(q), 2))
+    return recording_of(
+        q, RATE, strain=pushed(ARM, q, RATE, force, TRUTH) * GAINS + OFFSETS + noise)
+
+
+@dataclass
+class Watched:
+    """What a monitor said: residuals and ratios by sample, collisions, the level at the end."""
+
+    residuals: dict[int, FloatArray]
+    ratios: list[float]
+    events: list[CollisionEvent]
+    level: Level
+
+
+def watched(bundle: ModelBundle, recording: Recording, observer: str) -> Watched:
+    """Run the monitor as a robot feeds it."""
+    monitor = Monitor(bundle, MonitorSettings(kind='elastic', observer=observer))
+    assert recording.strain is not None and monitor.watch.stages
+    said = Watched({}, [], [], Level.FREE)
+    for k, stamp in enumerate(recording.stamp.tolist()):
+        for found in (monitor.add_joints(stamp, recording.q[k]),
+                      monitor.add_measured('strain', stamp, recording.strain[k])):
+            said.residuals |= {r.motion.stamp: r.value for _, r in found.residuals}
+            said.ratios += [float(excess.collision.max()) for _, excess in found.excesses]
+            said.events += found.events
+    said.level = monitor.watch.level
+    return said
+
+
+@pytest.mark.parametrize('observer', ['off', 'ringing', 'contact'])
+def test_residuals_online_and_offline(
+    observer: str, armed: ModelBundle, push: Recording,
+) -> None:
+    """Measured less predicted, sample by sample, is what the recording gives afterwards."""
+    (stretch,) = prepare(push, SPEC)
+    assert stretch.strain is not None
+    offline = stretch.strain - observe_stretch(
+        armed.models['strain']['elastic'], stretch, 'strain', observer=observer)
+    said = watched(armed, push, observer)
+    assert difference(said.residuals, stretch.stamp, offline) < 1e-9
+
+
+def test_a_push_is_found(armed: ModelBundle, push: Recording) -> None:
+    """No alarm before the push, one while it lasts, on the link that was pushed, and no later."""
+    said = watched(armed, push, 'ringing')
+    (event,) = said.events
+    begin, end = push.stamp[[PUSH.start, PUSH.stop]]
+    assert begin < event.stamp < end
+    assert event.link == 'j2_link'
+    assert said.level is Level.FREE
+    found = watch_bag(armed, {'strain': MonitorSettings(kind='elastic')}, 'push', push, ())
+    assert [e.stamp for e in found['strain'].events] == [event.stamp]
+
+
+def test_the_observer_takes_the_ringing_over(armed: ModelBundle, push: Recording) -> None:
+    """Behind the push the arm rings as no motion explains: soon nothing of it is left over."""
+    behind = slice(PUSH.stop + 50, PUSH.stop + 150)
+    stamps = push.stamp[behind].tolist()
+
+    def left(observer: str) -> FloatArray:
+        residuals = watched(armed, push, observer).residuals
+        return np.std([residuals[stamp] for stamp in stamps], axis=0)
+
+    assert (left('ringing') < 0.5 * left('off')).all()
 
 
 def listen(ratios: list[float], rearm: float = 0.1, release: float = 0.5) -> list[bool]:
