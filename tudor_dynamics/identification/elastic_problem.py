@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.models.elastic import follow_motion
-from tudor_dynamics.simulation.driven import DrivenArm
+from tudor_dynamics.simulation.corrected import CorrectedArm
+from tudor_dynamics.simulation.driven import INNER_STEP
 
 FloatArray = NDArray[np.float64]
 
@@ -75,6 +75,14 @@ class Record:
     payload: float | None = None
     before: FloatArray | None = None
 
+    @property
+    def times(self) -> FloatArray:
+        """Time since the sample before; 0 at the first where nothing was before it [s]."""
+        dt = np.array(self.dt, dtype=float)
+        if self.before is None or not len(self.before):
+            dt[0] = 0.0
+        return dt
+
     def head(self, seconds: float) -> Record:
         """Take the first seconds of the record."""
         n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
@@ -112,7 +120,8 @@ class Problem:
 
     def __init__(
         self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
-        fixed: dict[str, float], center: FloatArray, width: FloatArray, *, inner: float,
+        fixed: dict[str, float], center: FloatArray, width: FloatArray, *,
+        inner: float = INNER_STEP,
     ) -> None:
         self.arm, self.records, self.names = arm, tuple(records), names
         self.fixed, self.center, self.width = fixed, center, width
@@ -123,17 +132,26 @@ class Problem:
         self.runs = 0
         count = max(1, min(8, len(os.sched_getaffinity(0))))
         self._pool = ThreadPoolExecutor(count)
-        self._arms: queue.SimpleQueue[DrivenArm] = queue.SimpleQueue()
+        self._arms: queue.SimpleQueue[CorrectedArm] = queue.SimpleQueue()
         for _ in range(count + 1):
-            self._arms.put(DrivenArm(arm))
+            self._arms.put(CorrectedArm(arm))
         self._last: tuple[FloatArray, FloatArray | None] | None = None
+        self._towards: list[tuple[FloatArray, FloatArray]] | None = None
+
+    def __enter__(self) -> Problem:
+        """Give the problem itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the workers."""
+        self.close()
 
     def close(self) -> None:
         """End the workers."""
         self._pool.shutdown()
 
     @contextmanager
-    def _borrowed(self) -> Iterator[DrivenArm]:
+    def _borrowed(self) -> Iterator[CorrectedArm]:
         arm = self._arms.get()
         try:
             yield arm
@@ -167,16 +185,63 @@ class Problem:
         parts = []
         with self._borrowed() as driven:
             driven.inner = inner
-            for record in self.records:
+            for k, record in enumerate(self.records):
                 if record.payload is not None:
                     values['payload'] = record.payload
                 try:
                     driven.set_parameters(values)
-                    response = follow_motion(driven, record.q, record.dt, record.before)
+                    driven.begin(record.before)
+                    if self._towards is None:
+                        response = driven.follow(record.q, record.times)
+                    else:
+                        response = driven.follow_towards(
+                            record.q, record.times, *self._towards[k])
                 except SimulationError:
                     return None
                 parts.append(response.moment[record.skip:])
         return np.vstack(parts)
+
+    def draw(self, x: FloatArray, bandwidth: float) -> None:
+        """
+        Draw the simulations towards the measured strain from now on.
+
+        An error of phase grows along a recording, and small differences where a gear crosses its
+        play grow by themselves; so an arm that only follows positions is far off wherever its
+        parameters are a little wrong. Drawn towards the strain it forgets errors within
+        1/bandwidth, and what is left are errors of prediction, smooth in the parameters.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters that the observer's gains belong to.
+        bandwidth : float
+            Rate at which an error dies out [1/s]; 0 to follow positions alone.
+
+        """
+        moments = self.moments(x)
+        self._last = None
+        if moments is None or bandwidth <= 0.0:
+            self._towards = None
+            return
+        gauges = self.gauges(moments)
+        noise = robust_scale(self.errors(moments), self.strain)
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=True))}
+        found = []
+        with self._borrowed() as driven:
+            driven.inner = self.inner
+            for record in self.records:
+                if record.payload is not None:
+                    values['payload'] = record.payload
+                driven.set_parameters(values)
+                measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
+                try:
+                    found.append((measured, driven.gains_along(
+                        record.q, record.times, measured, noise / np.abs(gauges[:, 0]), bandwidth,
+                        record.before)))
+                except SimulationError:  # nothing to draw it with
+                    self._towards = None
+                    return
+        self._towards = found
 
     def gauges(self, moments: FloatArray) -> FloatArray:
         """
@@ -258,6 +323,12 @@ class Problem:
             columns -= basis @ (basis.T @ columns)
             result[g:size:shape[1]] = columns
         return result
+
+
+def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
+    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
+    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
+                                 1e-3 * strain.std(axis=0) + 1e-12))
 
 
 @dataclass(frozen=True, eq=False)

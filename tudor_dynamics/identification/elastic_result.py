@@ -22,13 +22,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.identification.elastic_problem import Problem
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.elastic_problem import Problem, robust_scale
 from tudor_dynamics.models.elastic import physical_unit, PhysicalParameter
 
 FloatArray = NDArray[np.float64]
 
 HUBER = 2.0
 """Errors beyond this many standard deviations count less."""
+TOGETHER = 0.25
+"""Errors nearer than this count as one in the search, against the prior [s]."""
+SMOOTH = 1.0
+"""How strongly simulations are drawn for standard errors [1/s]: slopes of an arm that follows
+positions alone over its plays are rough, and rough slopes promise too much."""
 CLUSTER = 2.0
 """Errors nearer than this belong together, for the standard errors [s]."""
 
@@ -76,20 +82,15 @@ def reweight(problem: Problem, x: FloatArray) -> None:
     if moments is None:
         return
     errors = problem.errors(moments)
-    scale = _scale(problem, errors)
+    scale = robust_scale(errors, problem.strain)
     size = np.abs(errors) / scale
-    problem.weights = np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, 1e-12))) / scale
-
-
-def _scale(problem: Problem, errors: FloatArray) -> FloatArray:
-    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
-    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
-                                 1e-3 * problem.strain.std(axis=0) + 1e-12))
+    dt = float(np.median(np.concatenate([record.dt[1:] for record in problem.records])))
+    weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12)) * min(1.0, dt / TOGETHER)
+    problem.weights = np.sqrt(weight) / scale
 
 
 def result_of(
-    problem: Problem, x: FloatArray, moments: FloatArray,
-    starts: tuple[tuple[float, float], ...], runs: int,
+    problem: Problem, x: FloatArray, starts: tuple[tuple[float, float], ...], runs: int,
 ) -> Identified:
     """
     Collect what was found.
@@ -97,11 +98,9 @@ def result_of(
     Parameters
     ----------
     problem : Problem
-        Problem with its final weights.
+        Problem as the search left it.
     x : ndarray of shape (n_names,)
         Logarithms of the parameters found.
-    moments : ndarray of shape (n_samples, n_gauges)
-        Moments there [N m].
     starts : tuple of (float, float)
         Stiffness factors compared, with the fit each came to [%].
     runs : int
@@ -112,10 +111,21 @@ def result_of(
     Identified
         Values with standard errors.
 
+    Raises
+    ------
+    FitError
+        If the arm with these parameters cannot follow the records.
+
     """
+    problem.draw(x, SMOOTH)
+    reweight(problem, x)
+    covariance = _covariance(problem, x)
+    problem.draw(x, 0.0)
+    moments = problem.moments(x)
+    if moments is None:
+        raise FitError(_impossible(problem))
     errors = problem.errors(moments)
     gains = problem.gauges(moments)
-    covariance = _covariance(problem, x, errors)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     physical = []
     for i, name in enumerate(problem.names):
@@ -125,11 +135,16 @@ def result_of(
             bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5)))
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
-    return Identified(tuple(physical), gains, gauge_errors, _scale(problem, errors),
+    return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),
                       fit_percent(errors, problem.strain), starts, runs + problem.runs)
 
 
-def _covariance(problem: Problem, x: FloatArray, errors: FloatArray) -> FloatArray:
+def _impossible(problem: Problem) -> str:
+    return (f'{problem.arm.name}: the elastic model cannot be simulated along these bags; check '
+            'links and motors of the arm description')
+
+
+def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     """
     Covariance of the logarithms, gains and offsets.
 
@@ -138,7 +153,9 @@ def _covariance(problem: Problem, x: FloatArray, errors: FloatArray) -> FloatArr
     """
     slopes = problem.slopes(x)
     moments = problem.moments(x)
-    assert moments is not None
+    if moments is None:
+        raise FitError(_impossible(problem))
+    errors = problem.errors(moments)
     gains = problem.gauges(moments)
     n, gauges = len(x), gains.shape[0]
     p = n + 2 * gauges

@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-The search for the parameters of an elastic arm: frequencies first, then damping, then the rest.
+The search for the parameters of an elastic arm.
 
-The error of a simulated oscillation has a minimum wherever it is in phase now and then, so the
-search starts from several stiffnesses: a scan of one common factor over a short piece, the best of
-them improved by stiffness and damping alone, and only the winner by everything.
+Starts are compared first (``elastic_starts``). Then all parameters are searched in stages, in which
+the simulated arm is drawn towards the measured strain less and less: each begins where the one
+before has left errors small enough.
 """
 
 from __future__ import annotations
@@ -26,44 +26,29 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.elastic_coordinates import Straight
+from tudor_dynamics.identification.elastic_descent import descend, Stage
 from tudor_dynamics.identification.elastic_problem import Knowledge, Problem, Record
-from tudor_dynamics.identification.elastic_result import (
-    fit_percent, Identified, result_of, reweight)
+from tudor_dynamics.identification.elastic_result import Identified, result_of
+from tudor_dynamics.identification.elastic_starts import COARSE, compare_starts
 from tudor_dynamics.simulation.driven import DrivenArm, INNER_STEP
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 WIDTHS = {'bending': 0.5, 'density': 0.1, 'lumped': 0.5, 'payload': 1.5, 'gear': 1.0,
-          'play': 1.0, 'tight': 1.5, 'loose': 2.0, 'beta': 1.5}
+          'play': 1.0, 'edge': 0.5, 'tight': 1.5, 'loose': 2.0, 'beta': 1.5}
 """How well one knows a parameter from drawings and data sheets: std of its logarithm."""
 LEAST = {'payload': 0.05, 'play': 0.002, 'tight': 0.1, 'loose': 0.1, 'beta': 3e-4}
 """Starting values where the description says nothing or zero, in SI units."""
-LOOSER = (1.0, 0.4, 0.15, 0.05, 0.02)
-"""Factors on the damping inside the plays, tried after a first search: with little of it the
-error has so many small minima that a search cannot begin there."""
-FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
-"""Of all stiffnesses, tried one by one: 5 % apart, 2.5 % in frequency."""
-STARTS = 3
-"""Of the factors, improved before one is chosen."""
-EXCERPT = 60.0
-"""Length of what starts are compared on, all pieces together [s]."""
-PIECES = 4
 ENOUGH = 100.0
-"""Length of what the first search by all parameters is done on [s]."""
-COARSE = 5e-3
-"""Inner step while starts are compared [s]."""
-ROUNDS = 2
-"""Searches with new weights each."""
-EVALUATIONS = 10
-"""Of the residuals in a round, at most."""
-FARTHEST = 6.0
-"""From the prior's centre, in its standard deviations."""
+"""Length of what the first stages are done on [s]."""
+FIRST = (Stage(2.0, COARSE, 10), Stage(1.0, COARSE, 10))
+"""On part of the records: from where the scan ends, errors must be forgotten soon."""
+LAST = (Stage(0.7, INNER_STEP, 10), Stage(0.5, INNER_STEP, 10), Stage(0.0, INNER_STEP, 8))
+"""On all of them; last, as the model will be used, with nothing that draws it."""
 
 
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
@@ -141,49 +126,16 @@ def identify(
     if warm is not None:
         x = np.log([max(warm.get(name, known.start[name]), 1e-12) for name in names])
     else:
-        pieces = _pieces(records)
-        x, starts, runs = _compare_starts(arm, pieces, names, center, width, progress)
-    if warm is None:
-        progress('elastic model, all parameters')
-        first = Problem(arm, _some(records), names, {}, center, width, inner=COARSE)
-        reweight(first, x)
-        x = _improve(first, x, 12)
-        x = _improve(first, _loosen(first, x), 10)
-        first.close()
-        runs += first.runs
-    problem = Problem(arm, records, names, {}, center, width, inner=INNER_STEP)
-    try:
-        for number in range(ROUNDS):
-            progress(f'elastic model, all parameters, round {number + 1} of {ROUNDS}')
-            reweight(problem, x)
-            x = _improve(problem, x, EVALUATIONS)
-        moments = problem.moments(x)
-        if moments is None:
-            msg = (f'{arm.name}: the elastic model cannot be simulated along these bags; check '
-                   'links and motors of the arm description')
-            raise FitError(msg)
-        reweight(problem, x)
-        return result_of(problem, x, moments, starts, runs)
-    finally:
-        problem.close()
-
-
-def _pieces(records: Sequence[Record]) -> list[Record]:
-    """Take the beginnings of a few records, from the liveliest to the calmest."""
-    order = sorted(records, key=lambda r: -float(np.std(r.strain)))
-    chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
-    return [record.head(EXCERPT / len(chosen)) for record in chosen]
-
-
-def _loosen(problem: Problem, x: FloatArray) -> FloatArray:
-    """Choose the damping inside the plays among a few multiples."""
-    inside = [i for i, name in enumerate(problem.names) if name.startswith('loose(')]
-    tried = []
-    for factor in LOOSER:
-        other = x.copy()
-        other[inside] += np.log(factor)
-        tried.append((float(np.sum(problem.residual(other) ** 2)), factor, other))
-    return min(tried, key=lambda item: item[:2])[2]
+        compared = compare_starts(arm, records, names, center, width, progress)
+        x, starts, runs = compared.x, compared.compared, compared.runs
+        with Problem(arm, _some(records), names, {}, center, width) as part:
+            x = descend(part, x, FIRST, lambda k: progress(
+                f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
+            runs += part.runs
+    with Problem(arm, records, names, {}, center, width) as whole:
+        x = descend(whole, x, LAST, lambda k: progress(
+            f'elastic model, all parameters, stage {k + 1} of {len(LAST)}'))
+        return result_of(whole, x, starts, runs)
 
 
 def _some(records: Sequence[Record]) -> list[Record]:
@@ -192,69 +144,3 @@ def _some(records: Sequence[Record]) -> list[Record]:
     if total <= ENOUGH:
         return list(records)
     return [record.head(float(record.dt[1:].sum()) * ENOUGH / total) for record in records]
-
-
-def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
-    return np.array([i for i, name in enumerate(names)
-                     if name.startswith(('bending(', 'gear('))], dtype=np.intp)
-
-
-def _compare_starts(
-    arm: Arm, pieces: list[Record], names: tuple[str, ...], center: FloatArray,
-    width: FloatArray, progress: Progress,
-) -> tuple[FloatArray, tuple[tuple[float, float], ...], int]:
-    progress('elastic model, stiffness')
-    scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
-    stiff = _stiff(names)
-    found = []
-    for factor in FACTORS:
-        x = center.copy()
-        x[stiff] += np.log(factor)
-        moments = scan.moments(x)
-        found.append(-np.inf if moments is None else fit_percent(
-            scan.errors(moments), scan.strain))
-    scan.close()
-    values = np.array(found)
-    if not np.isfinite(values).any():
-        msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
-               'stiffness; check links and motors of the arm description')
-        raise FitError(msg)
-    padded = np.concatenate([[-np.inf], values, [-np.inf]])
-    peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:])
-                           & np.isfinite(values))
-    peaks = peaks[np.argsort(-values[peaks])][:STARTS]
-    some = tuple(name for name in names
-                 if name.startswith(('bending(', 'gear(', 'tight(', 'loose(', 'beta', 'payload')))
-    index = np.array([names.index(name) for name in some], dtype=np.intp)
-    best: tuple[float, FloatArray] | None = None
-    starts: list[tuple[float, float]] = []
-    runs = scan.runs
-    for peak in peaks:
-        progress('elastic model, stiffness and damping')
-        x = center.copy()
-        x[stiff] += np.log(FACTORS[peak])
-        fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
-                 if name not in some}
-        part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
-        x[index] = _improve(part, x[index], 8)
-        moments = part.moments(x[index])
-        part.close()
-        runs += part.runs
-        reached = -np.inf if moments is None else fit_percent(part.errors(moments), part.strain)
-        starts.append((float(FACTORS[peak]), reached))
-        if best is None or reached > best[0]:
-            best = reached, x
-    assert best is not None
-    return best[1], tuple(starts), runs
-
-
-def _improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
-    straight = Straight(problem.names, problem.center)
-    bounds = np.sort([straight.of(problem.center + sign * FARTHEST * problem.width)
-                      for sign in (-1.0, 1.0)], axis=0)
-    found = optimize.least_squares(
-        lambda u: problem.residual(straight.back(u)), straight.of(x),
-        lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
-        x_scale=problem.width, method='trf', bounds=bounds, ftol=1e-4, xtol=1e-4, gtol=1e-12,
-        max_nfev=evaluations)
-    return straight.back(found.x)

@@ -68,7 +68,7 @@ class PhysicalParameter:
 
 
 UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
-         'gear': 'N m/rad', 'play': 'rad', 'tight': 'N m s/rad', 'loose': 'N m s/rad',
+         'gear': 'N m/rad', 'play': 'rad', 'edge': '1', 'tight': 'N m s/rad', 'loose': 'N m s/rad',
          'alpha': '1/s', 'beta': 's'}
 
 

@@ -44,8 +44,8 @@ FloatArray = NDArray[np.float64]
 
 INNER_STEP = 2.5e-3
 """Longest inner step [s]: 1 % of phase at 15 Hz."""
-ROUNDING = 0.1
-"""The edge of a play is rounded over this part of it."""
+EDGE = 0.1
+"""The edge of a play is rounded over this part of it, where nothing better is known."""
 SAMPLE = 0.01
 """Sample time that deviations of measurements belong to [s]."""
 CONTACT_BANDWIDTH = 30.0
@@ -105,7 +105,7 @@ class DrivenArm:
     parameters : dict of str to float
         Physical parameters by name, in SI units: ``bending(link)`` [N m^2], ``density(link)``
         [kg/m], ``lumped(link,k)`` [kg], ``gear(joint)`` [N m/rad], ``play(joint)`` half of the
-        backlash [rad], ``tight(joint)`` and ``loose(joint)``, damping of the gear where its teeth
+        backlash [rad], ``edge(joint)`` part of it over which the teeth come to bear, ``tight(joint)`` and ``loose(joint)``, damping of the gear where its teeth
         touch and inside the play [N m s/rad], ``alpha`` and ``beta``, structural damping by mass
         [1/s] and by stiffness [s], ``payload`` [kg].
     contact : ndarray of shape (3,)
@@ -207,7 +207,7 @@ class DrivenArm:
                 values['payload'] / self._payload_mass)
         for row, joint in zip(self._springs, self.arm.active_joints, strict=True):
             play = values[f'play({joint})']
-            row[:] = (values[f'gear({joint})'], play, max(ROUNDING * play, 1e-9),
+            row[:] = (values[f'gear({joint})'], play, max(values[f'edge({joint})'] * play, 1e-9),
                       values[f'tight({joint})'], values[f'loose({joint})'])
         for g, joint in enumerate(self._gauge_joint):
             self._gauge_gain[g, 1] = -self._gauge_gain[g, 0] * self._gauge_share[g] * (
@@ -472,6 +472,7 @@ class DrivenArm:
                 stiffness, damping = link.joint_stiffness, link.joint_damping
             values[f'gear({joint})'] = stiffness or RIGID_GEAR * stiffest
             values[f'play({joint})'] = 0.5 * motor.backlash if motor is not None else 0.0
+            values[f'edge({joint})'] = EDGE
             values[f'tight({joint})'] = values[f'loose({joint})'] = damping
         rayleigh = arm.spec.simulation.rayleigh
         values['alpha'], values['beta'] = rayleigh.alpha, rayleigh.beta

@@ -1,0 +1,117 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Improving the parameters of an elastic arm from where they are: one search or several stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from tudor_dynamics.identification.elastic_coordinates import Straight
+from tudor_dynamics.identification.elastic_problem import Problem
+from tudor_dynamics.identification.elastic_result import reweight
+
+FloatArray = NDArray[np.float64]
+
+FARTHEST = 6.0
+"""From the prior's centre, in its standard deviations."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """
+    A search by all parameters.
+
+    Attributes
+    ----------
+    bandwidth : float
+        How strongly the simulation is drawn towards the measured strain, see ``Problem.draw``
+        [1/s].
+    inner : float
+        Longest inner step [s].
+    evaluations : int
+        Of the errors, at most.
+
+    """
+
+    bandwidth: float
+    inner: float
+    evaluations: int
+
+
+def improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
+    """
+    Search by all parameters of the problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem with its weights.
+    x : ndarray of shape (n_names,)
+        Logarithms to start from.
+    evaluations : int
+        Of the errors, at most.
+
+    Returns
+    -------
+    ndarray of shape (n_names,)
+        Logarithms where the search ended.
+
+    """
+    straight = Straight(problem.names, problem.center)
+    bounds = np.sort([straight.of(problem.center + sign * FARTHEST * problem.width)
+                      for sign in (-1.0, 1.0)], axis=0)
+    found = optimize.least_squares(
+        lambda u: problem.residual(straight.back(u)), straight.of(x),
+        lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
+        x_scale=problem.width, method='trf', bounds=bounds, ftol=1e-5, xtol=1e-5, gtol=1e-12,
+        max_nfev=evaluations)
+    return straight.back(found.x)
+
+
+def descend(
+    problem: Problem, x: FloatArray, stages: Sequence[Stage], told: Callable[[int], None],
+) -> FloatArray:
+    """
+    Improve the parameters stage by stage.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem; left as the last stage had it.
+    x : ndarray of shape (n_names,)
+        Logarithms to start from.
+    stages : sequence of Stage
+        Searches, one after the other.
+    told : callable
+        Given the number of each stage before it begins.
+
+    Returns
+    -------
+    ndarray of shape (n_names,)
+        Logarithms where the last stage ended.
+
+    """
+    for number, stage in enumerate(stages):
+        told(number)
+        problem.inner = stage.inner
+        problem.draw(x, stage.bandwidth)
+        reweight(problem, x)
+        x = improve(problem, x, stage.evaluations)
+    return x
