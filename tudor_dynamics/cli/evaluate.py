@@ -128,6 +128,11 @@ def _collisions(args: argparse.Namespace) -> int:
         raise UsageError(msg)
     plot = check_plot_path(args.roc) if args.roc else None
     bundle = at_payload(load_bundle(args.model), args.payload)
+    kinds = sorted({kind for models in bundle.models.values() for kind in models})
+    if args.kind not in kinds:
+        msg = (f'{args.model} has no {args.kind} model; it has {" and ".join(kinds)}: give '
+               f'--kind, or fit it again with --models {args.kind}')
+        raise UsageError(msg)
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),

@@ -32,6 +32,7 @@ from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice)
+from tudor_dynamics.identification.elastic import check_arm
 from tudor_dynamics.identification.fit import (
     DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
 from tudor_dynamics.identification.payloads import (
@@ -147,6 +148,8 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
     arm = load_arm(args.arm)
+    if 'elastic' in args.models:
+        check_arm(arm)
     preprocessing = chosen_preprocessing(args, arm)
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]

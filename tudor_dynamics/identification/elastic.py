@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import FitError, SimulationError
+from tudor_dynamics.errors import FitError, TudorError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic_problem import Record
 from tudor_dynamics.identification.elastic_result import Identified
@@ -32,6 +32,7 @@ from tudor_dynamics.models.elastic import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.following import sample_times
 from tudor_dynamics.signals import Stretch
+from tudor_dynamics.simulation.driven import DrivenArm
 
 FloatArray = NDArray[np.float64]
 
@@ -73,6 +74,68 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
     if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
         return None
     return Record(stretch.states.q, dt, stretch.strain, skip, payload, stretch.before)
+
+
+def check_arm(arm: Arm) -> None:
+    """
+    Refuse an arm of which no elastic model can be made, before hours of work and not after.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm.
+
+    Raises
+    ------
+    FitError
+        If it has no gauges, no links, none that is flexible, or a gauge on a rigid one.
+
+    """
+    reason = ''
+    if not arm.gauges:
+        reason = (f'{arm.source}: no gauges are described, and the elastic model is identified '
+                  'from strain')
+    else:
+        try:
+            DrivenArm(arm)
+        except TudorError as err:
+            reason = f'{err} (the elastic model needs links)'
+    if reason:
+        msg = f'{reason}; describe them, or leave it out of --models'
+        raise FitError(msg)
+
+
+def records_of(bags: Sequence[BagData]) -> list[Record]:
+    """
+    Take from bags what the search compares with.
+
+    Parameters
+    ----------
+    bags : sequence of BagData
+        Bags.
+
+    Returns
+    -------
+    list of Record
+        One for each stretch that is long enough.
+
+    Raises
+    ------
+    FitError
+        If there is none.
+
+    """
+    records = [record for bag in bags for stretch in bag.stretches
+               if (record := record_of(stretch, bag.payload)) is not None]
+    if not records:
+        names = ', '.join(str(bag.choice) for bag in bags)
+        msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
+               'elastic model is identified from; record longer, or leave it out of --models')
+        if not any(bag.has('strain') for bag in bags):
+            msg = (f'no strain in {names}, which the elastic model is identified from; record '
+                   'the gauges as well, or leave it out of --models')
+        raise FitError(msg)
+    return records
 
 
 class ElasticTrainer:
@@ -146,21 +209,12 @@ class ElasticTrainer:
     def _identify(self, bags: Sequence[BagData]) -> Identified:
         key = tuple(str(bag.choice) for bag in bags)
         if key not in self._done:
-            records = [record for bag in bags for stretch in bag.stretches
-                       if (record := record_of(stretch, bag.payload)) is not None]
-            if not records:
-                msg = (f'no stretch of {", ".join(key)} has {LEAST_SECONDS:g} s of strain without '
-                       'a gap, which the elastic model is identified from; record longer, or '
-                       'leave it out of --models')
-                raise FitError(msg)
+            check_arm(self.arm)
+            records = records_of(bags)
             warm = None
             if self.identified is not None:
                 warm = {p.name: p.value for p in self.identified.physical}
-            try:
-                self._done[key] = identify(self.arm, records, warm=warm, progress=self.progress)
-            except SimulationError as err:
-                msg = f'{err} (the elastic model needs links; leave it out of --models otherwise)'
-                raise FitError(msg) from None
+            self._done[key] = identify(self.arm, records, warm=warm, progress=self.progress)
             if self.identified is None:
                 self.identified = self._done[key]
         return self._done[key]

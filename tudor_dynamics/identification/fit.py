@@ -27,7 +27,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
-from tudor_dynamics.identification.elastic import ElasticTrainer
+from tudor_dynamics.identification.elastic import check_arm, ElasticTrainer, records_of
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
@@ -234,6 +234,9 @@ def fit_models(
         If the bags have no output in common, or test bags lack the outputs.
 
     """
+    if 'elastic' in settings.kinds:  # refuse before any work
+        check_arm(arm)
+        records_of(training)
     outputs = common_outputs([*training, *test])
     if not outputs:
         have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}
