@@ -27,8 +27,9 @@ from sample_arms import gauge, LENGTH_1, LENGTH_2, planar_arm
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.driven import DrivenArm, ROUNDING
-from tudor_dynamics.simulation.driven_kernel import gear
+from tudor_dynamics.simulation.driven import DrivenArm
+from tudor_dynamics.simulation.driven_parameters import EDGE
+from tudor_dynamics.simulation.gear import gear
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
@@ -115,7 +116,7 @@ def test_inside_the_play_the_gear_is_slack() -> None:
     torque = at_rest(driven, 0.0, 0.0).torque[0, 0]
     twist = torque / 400.0 + 0.05
     lever = 0.8 * LENGTH_1 + 0.2 * (LENGTH_1 + LENGTH_2) + DENSITY * (LENGTH_1 + LENGTH_2)**2 / 2
-    rounding = 0.5 * (ROUNDING * 0.05)**2 * (1 / (2 * (twist - 0.05)) - 1 / (2 * (twist + 0.05)))
+    rounding = 0.5 * (EDGE * 0.05)**2 * (1 / (2 * (twist - 0.05)) - 1 / (2 * (twist + 0.05)))
     assert torque == pytest.approx(G * lever * cos(twist + rounding), rel=2e-3)
 
 
@@ -261,7 +262,7 @@ def test_uneven_samples() -> None:
 @settings(max_examples=100, deadline=None)
 def test_gear_and_its_derivatives(twist: float, rate: float, play: float, stiff: float) -> None:
     """Stiffness is the slope of the torque, damping that by the rate; the torque is odd."""
-    row = np.array([stiff, play, max(ROUNDING * play, 1e-4), 0.5, 0.1])
+    row = np.array([stiff, play, max(EDGE * play, 1e-4), 0.5, 0.1])
     torque, slope, damping = gear(row, twist, 0.0)
     h = 1e-7
     by_difference = (gear(row, twist + h, 0.0)[0] - gear(row, twist - h, 0.0)[0]) / (2 * h)
