@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+from typing import Any
 
 import pytest
 
@@ -60,11 +61,15 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
         return  # their topics are those of the bag
     node = world.add(node_class(name), **values)
     assert not node.fault
-    for part, found in (
-            ('Subscribed', node.get_subscriber_names_and_types_by_node(name, '/')),
-            ('Published', node.get_publisher_names_and_types_by_node(name, '/'))):
+    for part, ask in (('Subscribed', node.get_subscriber_names_and_types_by_node),
+                      ('Published', node.get_publisher_names_and_types_by_node)):
         wanted = {'/' + row[0].lstrip('/'): row[1].replace('/', '/msg/')
                   for row in section(root, name, part)}
-        has = {topic: types[0] for topic, types in found
-               if topic not in SHARED and not re.search('transition_event', topic)}
-        assert has == wanted, part
+
+        def has(ask: Any = ask) -> dict[str, str]:
+            return {topic: types[0] for topic, types in ask(name, '/')
+                    if topic not in SHARED and not re.search('transition_event', topic)}
+
+        # the graph learns of a new node with some delay, on a busy machine a long one
+        world.spin(lambda: has() == wanted, 5.0)
+        assert has() == wanted, part

@@ -27,8 +27,9 @@ from sample_arms import gauge, LENGTH_1, LENGTH_2, planar_arm
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.driven import DrivenArm, EDGE
-from tudor_dynamics.simulation.driven_kernel import gear
+from tudor_dynamics.simulation.driven import DrivenArm
+from tudor_dynamics.simulation.driven_parameters import EDGE
+from tudor_dynamics.simulation.gear import gear
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant

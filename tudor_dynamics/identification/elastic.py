@@ -28,8 +28,9 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic_problem import Record
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.elastic_search import identify, Progress
-from tudor_dynamics.models.elastic import (
-    driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
+from tudor_dynamics.models.elastic import ElasticModel, follow_motion, PhysicalParameter
+from tudor_dynamics.models.elastic_arm import driven_arm
+from tudor_dynamics.models.elastic_effort import effort_rows
 from tudor_dynamics.models.following import sample_times
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.simulation.driven import DrivenArm

@@ -47,15 +47,20 @@ class Stage:
         Longest inner step [s].
     evaluations : int
         Of the errors, at most.
+    enough : float
+        Part of the sum of squares: a step that gains less ends the search.
 
     """
 
     bandwidth: float
     inner: float
     evaluations: int
+    enough: float
 
 
-def improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
+def improve(
+    problem: Problem, x: FloatArray, evaluations: int, enough: float = 1e-4,
+) -> FloatArray:
     """
     Search by all parameters of the problem.
 
@@ -67,6 +72,8 @@ def improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
         Logarithms to start from.
     evaluations : int
         Of the errors, at most.
+    enough : float
+        Part of the sum of squares: a step that gains less ends the search.
 
     Returns
     -------
@@ -80,7 +87,7 @@ def improve(problem: Problem, x: FloatArray, evaluations: int) -> FloatArray:
     found = optimize.least_squares(
         lambda u: problem.residual(straight.back(u)), straight.of(x),
         lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
-        x_scale=problem.width, method='trf', bounds=bounds, ftol=1e-5, xtol=1e-5, gtol=1e-12,
+        x_scale=problem.width, method='trf', bounds=bounds, ftol=enough, xtol=0.1 * enough, gtol=1e-12,
         max_nfev=evaluations)
     return straight.back(found.x)
 
@@ -113,5 +120,5 @@ def descend(
         problem.inner = stage.inner
         problem.draw(x, stage.bandwidth)
         reweight(problem, x)
-        x = improve(problem, x, stage.evaluations)
+        x = improve(problem, x, stage.evaluations, stage.enough)
     return x

@@ -45,9 +45,9 @@ LEAST = {'payload': 0.05, 'play': 0.002, 'tight': 0.1, 'loose': 0.1, 'beta': 3e-
 """Starting values where the description says nothing or zero, in SI units."""
 ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
-FIRST = (Stage(2.0, COARSE, 10), Stage(1.0, COARSE, 10))
+FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
-LAST = (Stage(0.7, INNER_STEP, 10), Stage(0.5, INNER_STEP, 10), Stage(0.0, INNER_STEP, 8))
+LAST = (Stage(0.7, INNER_STEP, 14, 1e-5), Stage(0.0, INNER_STEP, 8, 1e-4))
 """On all of them; last, as the model will be used, with nothing that draws it."""
 
 

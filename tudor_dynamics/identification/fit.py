@@ -32,8 +32,8 @@ from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    leave_one_bag_out, random_split, validate, Validation)
-from tudor_dynamics.identification.verdict import judge, Verdict
+    random_split, validate, validate_unseen, Validation)
+from tudor_dynamics.identification.verdict import judge_model, Verdict
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.elastic import ElasticModel
@@ -289,29 +289,10 @@ def _fit_one(
         return new_model(arm, output, kind, settings).fit(motion, values)
 
     model = fit_bags(training)
-    if test:
-        names = ', '.join(str(bag.choice) for bag in test)
-        validation = validate(model, test, output, f'test bag {names}' if len(test) == 1
-                              else f'{len(test)} test bags')
-    elif len(training) > 1:
-        validation = leave_one_bag_out(fit_bags, training, output)
-    elif holdout is not None:
-        validation = validate(
-            fit_bags([holdout[0]]), [holdout[1]], output,
-            f'the last {100 * (1 - holdout[1].choice.begin):.0f} % of the only bag, '
-            'fitted to the rest')
-    else:
-        msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
-        raise FitError(msg)
+    validation = validate_unseen(fit_bags, model, training, test, holdout, output)
     seen = validate(model, training, output, 'the training bags themselves')
     # single samples have no past: the elastic model has no random split
     split = (random_split(fit_arrays, training, output)
              if settings.random_split and kind != 'elastic' else None)
-    condition = 1.0
-    unexcited: tuple[str, ...] = ()
-    if isinstance(model, AnalyticalModel):
-        condition = max(group.estimate.condition for group in model.groups_)
-        unexcited = tuple(group.base.names[i] for group in model.groups_
-                          for i in group.estimate.unexcited)
-    verdict = judge(validation, seen.score.fit, condition=condition, unexcited=unexcited)
+    verdict = judge_model(model, validation, seen.score.fit)
     return FittedOutput(output, kind, model, seen, validation, split, verdict)

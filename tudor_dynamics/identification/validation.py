@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
 from tudor_dynamics.identification.payloads import model_for
@@ -190,6 +191,53 @@ def leave_one_bag_out(
         traces.append(trace(model, bag, output))
         cases.append((model, bag))
     return _summary(traces, model.channels, f'leave one bag out, {len(data)} bags', cases)
+
+
+def validate_unseen(
+    fit: Callable[[Sequence[BagData]], OutputModel], model: OutputModel,
+    training: Sequence[BagData], test: Sequence[BagData],
+    holdout: tuple[BagData, BagData] | None, output: str,
+) -> Validation:
+    """
+    Judge by what a model has not seen: test bags, each bag left out, or a part held out.
+
+    Parameters
+    ----------
+    fit : callable
+        Fits a new model to bags.
+    model : OutputModel
+        Model fitted to all training bags.
+    training, test : sequence of BagData
+        Bags.
+    holdout : (BagData, BagData), optional
+        First and last part of the only training bag.
+    output : {'effort', 'strain'}
+        Output.
+
+    Returns
+    -------
+    Validation
+        Figures with the way in which they were found.
+
+    Raises
+    ------
+    FitError
+        If there is nothing to judge by.
+
+    """
+    if test:
+        names = ', '.join(str(bag.choice) for bag in test)
+        return validate(model, test, output, f'test bag {names}' if len(test) == 1
+                        else f'{len(test)} test bags')
+    if len(training) > 1:
+        return leave_one_bag_out(fit, training, output)
+    if holdout is None:
+        msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
+        raise FitError(msg)
+    first, last = holdout
+    return validate(fit([first]), [last], output,
+                    f'the last {100 * (1 - last.choice.begin):.0f} % of the only bag, fitted to '
+                    'the rest')
 
 
 def random_split(

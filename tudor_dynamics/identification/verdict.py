@@ -22,6 +22,8 @@ from enum import Enum
 import math
 
 from tudor_dynamics.identification.validation import Validation
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import OutputModel
 
 GOOD_FIT = 85.0
 USABLE_FIT = 60.0
@@ -110,3 +112,31 @@ def judge(
     if doubts and level is Level.GOOD:
         level = Level.USABLE
     return Verdict(level, tuple(reasons + doubts))
+
+
+def judge_model(model: OutputModel, validation: Validation, training_fit: float) -> Verdict:
+    """
+    Judge a model, of an analytical one its conditioning as well.
+
+    Parameters
+    ----------
+    model : OutputModel
+        Fitted model.
+    validation : Validation
+        Figures on unseen motion.
+    training_fit : float
+        Fit on the training bags [%].
+
+    Returns
+    -------
+    Verdict
+        May it be used.
+
+    """
+    if not isinstance(model, AnalyticalModel):
+        return judge(validation, training_fit)
+    return judge(
+        validation, training_fit,
+        condition=max(group.estimate.condition for group in model.groups_),
+        unexcited=tuple(group.base.names[i] for group in model.groups_
+                        for i in group.estimate.unexcited))

@@ -37,6 +37,7 @@ from tudor_dynamics.errors import ArmError, ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
+from tudor_dynamics.models.bundle_head import read_head, sealed
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elastic_io import elastic_from_dict, elastic_to_dict
 from tudor_dynamics.models.elm import ExtremeLearningMachine
@@ -46,10 +47,6 @@ from tudor_dynamics.models.serialise import (
 
 FloatArray = NDArray[np.float64]
 Model = AnalyticalModel | ElasticModel | ExtremeLearningMachine
-
-FORMAT = 'tudor_dynamics/model'
-VERSION = 1
-MARK = 'checksum: '
 
 
 @dataclass(eq=False)
@@ -164,14 +161,12 @@ def save_bundle(
                 arrays.update(more)
     if arrays:
         files['elm.npz'] = dump_npz(arrays)
-    head = {
-        'format': FORMAT, 'version': VERSION, 'written_by': f'tudor_dynamics {__version__}',
+    files['model.yaml'] = sealed({
+        'written_by': f'tudor_dynamics {__version__}',
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
         'files': {name: sha256(data) for name, data in files.items()},
         'preprocessing': bundle.preprocessing.model_dump(mode='json'),
-        'outputs': outputs, 'facts': bundle.facts}
-    body = dump_yaml(head)
-    files['model.yaml'] = f'{body}{MARK}{sha256(body.encode())}\n'.encode()
+        'outputs': outputs, 'facts': bundle.facts})
     write_directory({**(extra or {}), **files}, path)
 
 
@@ -234,7 +229,7 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
 
     """
     path = Path(path)
-    head = _read_head(path)
+    head = read_head(path)
     files = {name: read_file(path, name) for name in head['files'] if name in MAX_BYTES}
     for name, checksum in head['files'].items():
         if name not in files:
@@ -279,33 +274,6 @@ def _arm(content: Any, files: dict[str, bytes], path: Path) -> Arm:
         msg = f'{path}: its arm has the URDF {urdf!r}; expected arm.urdf, with a checksum'
         raise ModelError(msg)
     return arm_from_dict(content, base=path, source=str(path / 'arm.yaml'))
-
-
-def _read_head(path: Path) -> dict[str, Any]:
-    file = path / 'model.yaml'
-    try:
-        text = read_file(path, 'model.yaml').decode()
-    except UnicodeDecodeError:
-        msg = f'{file}: no text; expected a model bundle of tudor fit'
-        raise ModelError(msg) from None
-    body, mark, checksum = text.rpartition(MARK)
-    if not mark or checksum != f'{sha256(body.encode())}\n':
-        msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
-               'editing it')
-        raise ModelError(msg)
-    head = load_yaml(body, file)
-    if not isinstance(head, dict) or head.get('format') != FORMAT:
-        msg = f'{file}: not in the format {FORMAT!r}'
-        raise ModelError(msg)
-    if head.get('version') != VERSION:
-        msg = (f'{file}: bundle version {head.get("version")!r}; this program reads version '
-               f'{VERSION}: update tudor_dynamics, or fit the model again')
-        raise ModelError(msg)
-    for key in ('arm', 'files', 'preprocessing', 'outputs'):
-        if not isinstance(head.get(key), dict):
-            msg = f'{file}: the part {key!r} is missing; fit the model again'
-            raise ModelError(msg)
-    return head
 
 
 def _model(

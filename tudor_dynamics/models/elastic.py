@@ -24,15 +24,15 @@ friction, each times a coefficient that carries the unit of the effort.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import FitError, ModelError, NotFittedError, SimulationError
-from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.errors import FitError, NotFittedError
+from tudor_dynamics.models.elastic_arm import driven_arm
+from tudor_dynamics.models.elastic_effort import effort_columns, effort_rows
 from tudor_dynamics.models.payload import check_payload
 from tudor_dynamics.models.training import check_motion
 from tudor_dynamics.simulation.driven import DrivenArm, Response
@@ -68,8 +68,8 @@ class PhysicalParameter:
 
 
 UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
-         'gear': 'N m/rad', 'play': 'rad', 'edge': '1', 'tight': 'N m s/rad', 'loose': 'N m s/rad',
-         'alpha': '1/s', 'beta': 's'}
+         'gear': 'N m/rad', 'play': 'rad', 'edge': '1', 'tight': 'N m s/rad',
+         'loose': 'N m s/rad', 'alpha': '1/s', 'beta': 's'}
 
 
 def physical_unit(arm: Arm, name: str) -> str:
@@ -128,10 +128,7 @@ class ElasticModel:
                 ('moment', 'offset'),) * len(self.channels)
         else:
             self.channels = arm.active_joints
-            self.columns = tuple(
-                ('torque', f'Ia({joint.name})', *friction_names(joint),
-                 *(() if _has_offset(friction_names(joint)) else ('offset',)))
-                for joint in arm.joints)
+            self.columns = effort_columns(arm)
         self._driven: DrivenArm | None = None
 
     @property
@@ -245,72 +242,6 @@ class ElasticModel:
         return np.column_stack([
             rows @ values for rows, values in
             zip(effort_rows(self.arm, response, motion), self.coefficients_, strict=True)])
-
-
-def _has_offset(names: tuple[str, ...]) -> bool:
-    """Say whether friction terms make a constant: an offset, or a Coulomb term each way."""
-    return any(name.startswith(('offset(', 'coulomb+(')) for name in names)
-
-
-def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatArray]:
-    """
-    Give what makes up the effort of each joint.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm.
-    response : Response
-        What gears feel.
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
-
-    Returns
-    -------
-    list of ndarray of shape (n_samples, n_columns)
-        For each joint, in the order of ``ElasticModel.columns``.
-
-    """
-    n = len(arm.joints)
-    rows = []
-    for i, joint in enumerate(arm.joints):
-        dq, ddq = motion[:, n + i], motion[:, 2 * n + i]
-        columns = [response.torque[:, i], ddq, *friction_columns(joint, dq).T]
-        if not _has_offset(friction_names(joint)):
-            columns.append(np.ones(len(motion)))
-        rows.append(np.column_stack(columns))
-    return rows
-
-
-def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
-    """
-    Build the driven arm of a model.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    values : mapping of str to float
-        Physical parameters that differ from the description.
-
-    Returns
-    -------
-    DrivenArm
-        Arm with these parameters.
-
-    Raises
-    ------
-    ModelError
-        If the description cannot be used, or has no such parameter.
-
-    """
-    try:
-        driven = DrivenArm(arm)
-        driven.set_parameters(values)
-    except SimulationError as err:
-        msg = f'the elastic model cannot be used: {err}'
-        raise ModelError(msg) from None
-    return driven
 
 
 def follow_motion(

@@ -23,8 +23,8 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
-from tudor_dynamics.models.elastic import (
-    driven_arm, ElasticModel, physical_unit, PhysicalParameter)
+from tudor_dynamics.models.elastic import ElasticModel, physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic_arm import driven_arm
 from tudor_dynamics.models.units import output_units
 
 

@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.errors import ModelError, SimulationError
-from tudor_dynamics.models.elastic import driven_arm, ElasticModel
+from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic_arm import driven_arm
 from tudor_dynamics.simulation.driven import DrivenArm
 
 FloatArray = NDArray[np.float64]

@@ -15,10 +15,10 @@
 """
 A driven arm that measured strain draws back to the measured motion, with given gains.
 
-An arm that follows positions alone forgets an error only as fast as its vibrations die out, and one
-with play in its gears never forgets where small differences grow. Corrected a little, it forgets
-them within a time one can choose. The gains are those of the observer along a reference; kept as
-they are, errors remain a smooth function of the parameters.
+An arm that follows positions alone forgets an error only as fast as its vibrations die out, and
+one with play in its gears never forgets where small differences grow. Corrected a little, it
+forgets them within a time one can choose. The gains are those of the observer along a reference;
+kept as they are, errors remain a smooth function of the parameters.
 """
 
 from __future__ import annotations

@@ -19,7 +19,8 @@ from __future__ import annotations
 from numpy.typing import NDArray
 
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.driven_kernel import ACC, begin, DDZ, DZ, move, sense, Z
+from tudor_dynamics.simulation.driven_kernel import begin, move, sense
+from tudor_dynamics.simulation.driven_statics import ACC, DDZ, DZ, Z
 
 
 @compiled
@@ -42,8 +43,10 @@ def follow_corrected(
         Moments that the gauges show [N m].
     gains : ndarray of shape (n_samples, 3, m, n_gauges)
         What a moment that was not predicted changes in coordinates, rates and accelerations.
-    q, dt, inner, vectors, matrices, factor, delta, free, past, path, aim, aim_rate, springs,
-    spring_at, base, wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate,
+    q, dt, inner, vectors, matrices, factor, delta, free, past, path, aim, aim_rate, springs
+        As in ``follow``.
+    spring_at, base, wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate
+        As in ``follow``.
     moving, reaction, gauge_body, gauge_place, gauge_axis, gauge_gain, loads, moment, torque
         As in ``follow``.
 

@@ -27,218 +27,17 @@ import math
 
 from numpy.typing import NDArray
 
-from tudor_dynamics.simulation import layout as at
-from tudor_dynamics.simulation.cholesky import cholesky, solve
+from tudor_dynamics.simulation.cholesky import solve
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.equations import hermite_slope, inverse_dynamics
+from tudor_dynamics.simulation.driven_statics import (
+    ACC, DDZ, DZ, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
+from tudor_dynamics.simulation.gear import gear
+from tudor_dynamics.simulation.lean import lean_mass
 from tudor_dynamics.simulation.loads import section_loads
 from tudor_dynamics.simulation.mass import mass_matrix
 
-Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_DDZ, OLD_ACC = range(8)
-VECTORS = 8
-MASS, STIFFNESS, DAMPING = range(3)
-MATRICES = 3
-
-STIFF = 0  # of the gear [N m/rad]
-PLAY = 1  # half of the backlash [rad]
-ROUND = 2  # over which the edge of the play is rounded [rad]
-TIGHT = 3  # damping where the teeth touch [N m s/rad]
-LOOSE = 4  # damping inside the play [N m s/rad]
-SPRING_FLOATS = 5
-
 CORRECTIONS = 2
 RHO = 0.8  # of the integrator: waves that no sample shows die out
-
-
-@compiled
-def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
-    """Give torque, stiffness and damping of a gear with play at a twist [N m, per rad(/s)]."""
-    below, above = twist - row[PLAY], twist + row[PLAY]
-    low = math.sqrt(below * below + row[ROUND] * row[ROUND])
-    high = math.sqrt(above * above + row[ROUND] * row[ROUND])
-    share = 1.0 + 0.5 * (below / low - above / high)
-    damping = row[LOOSE] + (row[TIGHT] - row[LOOSE]) * share
-    torque = row[STIFF] * (twist + 0.5 * (low - high)) + damping * rate
-    return torque, row[STIFF] * share, damping
-
-
-@compiled
-def lean_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
-    """Give what bending does along a beam of one element, by coordinates 1, 5, 2, 4 of its end."""
-    gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
-    gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
-    return gy[2], gy[3], gz[2], -gz[3]
-
-
-@compiled
-def shorten(
-    z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray,
-) -> None:
-    """
-    Draw the ends of bent beams in, before ``inverse_dynamics``.
-
-    A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
-    coordinate is no freedom but -s, its rates those of -s.
-    """
-    for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
-            continue
-        k, length = body_int[b, at.FIRST], body_float[b, at.LENGTH]
-        g1, g5, g2, g4 = lean_rows(z, k, length)
-        r1, r5, r2, r4 = lean_rows(dz, k, length)
-        z[k] = -0.5 * (g1 * z[k + 1] + g5 * z[k + 5] + g2 * z[k + 2] + g4 * z[k + 4])
-        dz[k] = -(g1 * dz[k + 1] + g5 * dz[k + 5] + g2 * dz[k + 2] + g4 * dz[k + 4])
-        ddz[k] = -(g1 * ddz[k + 1] + g5 * ddz[k + 5] + g2 * ddz[k + 2] + g4 * ddz[k + 4]
-                   + r1 * dz[k + 1] + r5 * dz[k + 5] + r2 * dz[k + 2] + r4 * dz[k + 4])
-
-
-@compiled
-def add_lean(
-    z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
-) -> None:
-    """
-    Add what a beam's normal force does to its bending, after ``inverse_dynamics``.
-
-    The row of the axial displacement holds the force that the end needs along the beam; by
-    virtual work it acts on each bending coordinate times the rate at which that draws the end in.
-    """
-    for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
-            continue
-        k = body_int[b, at.FIRST]
-        pressure = -force[k]
-        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
-        force[k + 1] += pressure * g1
-        force[k + 5] += pressure * g5
-        force[k + 2] += pressure * g2
-        force[k + 4] += pressure * g4
-
-
-@compiled
-def lean_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
-    """
-    Turn the mass matrix into that of beams which keep their length.
-
-    A congruence, so it stays positive: with the lean in the forces alone, the corrections of a
-    strongly bent arm would not converge.
-    """
-    for b in range(body_int.shape[0]):
-        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
-            continue
-        k = body_int[b, at.FIRST]
-        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
-        for j in range(mass.shape[0]):
-            along = mass[k, j]
-            mass[k + 1, j] -= g1 * along
-            mass[k + 5, j] -= g5 * along
-            mass[k + 2, j] -= g2 * along
-            mass[k + 4, j] -= g4 * along
-        for j in range(mass.shape[0]):
-            along = mass[j, k]
-            mass[j, k + 1] -= g1 * along
-            mass[j, k + 5] -= g5 * along
-            mass[j, k + 2] -= g2 * along
-            mass[j, k + 4] -= g4 * along
-
-
-@compiled
-def _residual(
-    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
-    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray, reaction: NDArray,
-) -> None:
-    """Write into FORCE what is missing for the present motion to be a true one."""
-    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
-    shorten(z, dz, vectors[DDZ], body_int, body_float)
-    inverse_dynamics(z, dz, vectors[DDZ], base, wrench, loaded, 1.0, body_int, body_float,
-                     coordinate, moving, reaction, force)
-    add_lean(z, body_int, body_float, force)
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        force[i] += gear(springs[s], z[i] - aim[s], dz[i] - aim_rate[s])[0]
-
-
-@compiled
-def _factorise(
-    vectors: NDArray, matrices: NDArray, factor: NDArray, free: NDArray, speed_gain: float,
-    place_gain: float, aim: NDArray, springs: NDArray, spring_at: NDArray,
-) -> bool:
-    """Factorise M + speed_gain C + place_gain K over the free coordinates."""
-    mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
-    for a in range(free.shape[0]):
-        i = free[a]
-        for c in range(a + 1):
-            j = free[c]
-            factor[a, c] = (speed_gain * damping[i, j] + place_gain * stiffness[i, j])
-            if speed_gain > 0.0:
-                factor[a, c] += mass[i, j]
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
-        for a in range(free.shape[0]):
-            if free[a] == i:
-                factor[a, a] += speed_gain * rate_slope + place_gain * slope
-    return cholesky(factor)
-
-
-@compiled
-def settle(
-    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
-    aim: NDArray, still: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray,
-    wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-    moving: NDArray, reaction: NDArray,
-) -> bool:
-    """
-    Bend gears and links as they rest where the drives stand.
-
-    Parameters
-    ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State, overwritten.
-    matrices, factor, delta
-        Working memory, with the stiffness in ``matrices``.
-    free : ndarray of int, shape (m,)
-        Coordinates that move.
-    aim, still : ndarray of shape (n_springs,)
-        Position of the drives, and zeros.
-    springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
-        As in ``advance``.
-
-    Returns
-    -------
-    bool
-        False where no equilibrium was found.
-
-    """
-    for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
-        vectors[row, :] = 0.0
-    for a in range(free.shape[0]):
-        vectors[Z, free[a]] = 0.0
-    for s in range(springs.shape[0]):
-        vectors[Z, spring_at[s]] = aim[s]
-    # Where a weak part or a play lets it overshoot, the iteration goes in shorter steps.
-    shorter, last = 1.0, math.inf
-    for _ in range(200):
-        _residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
-                  body_float, coordinate, moving, reaction)
-        if not _factorise(vectors, matrices, factor, free, 0.0, 1.0, aim, springs, spring_at):
-            return False
-        for a in range(free.shape[0]):
-            delta[a] = -vectors[FORCE, free[a]]
-        solve(factor, delta)
-        largest = 0.0
-        for a in range(free.shape[0]):
-            largest = max(largest, abs(delta[a]))
-        if not math.isfinite(largest):
-            return False
-        shorter = max(0.5 * shorter, 0.05) if largest > 0.7 * last else min(1.0, 1.5 * shorter)
-        last = largest
-        step = shorter * min(1.0, 0.2 / max(largest, 1e-300))
-        for a in range(free.shape[0]):
-            vectors[Z, free[a]] += step * delta[a]
-        if largest < 1e-9:
-            return True
-    return False
 
 
 @compiled
@@ -307,14 +106,14 @@ def advance(
             z[i] += h * (dz[i] + h * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
             dz[i] += h * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
         for correction in range(CORRECTIONS):
-            _residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-                      body_float, coordinate, moving, reaction)
+            residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+                     body_float, coordinate, moving, reaction)
             if step == 0 and correction == 0:
                 mass_matrix(z, body_int, body_float, coordinate, moving, columns, owner,
                             inertias, matrices[MASS])
                 lean_mass(z, body_int, body_float, matrices[MASS])
-            if not _factorise(vectors, matrices, factor, free, speed_gain, place_gain, aim,
-                              springs, spring_at):
+            if not factorise(vectors, matrices, factor, free, speed_gain, place_gain, aim,
+                             springs, spring_at):
                 return False
             for a in range(m):
                 delta[a] = -force[free[a]]
@@ -360,8 +159,8 @@ def sense(
         Result: torque through each gear on the links [N m or N].
 
     """
-    _residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-              body_float, coordinate, moving, reaction)
+    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+             body_float, coordinate, moving, reaction)
     section_loads(vectors[Z], vectors[DZ], vectors[DDZ], wrench, body_int, body_float, moving,
                   gauge_body, gauge_place, loads)
     for g in range(moment.shape[0]):

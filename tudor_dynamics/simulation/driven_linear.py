@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.driven_kernel import add_lean, DDZ, DZ, FORCE, gear, Z
+from tudor_dynamics.simulation.driven_statics import DDZ, DZ, FORCE, Z
 from tudor_dynamics.simulation.equations import inverse_dynamics
+from tudor_dynamics.simulation.gear import gear
+from tudor_dynamics.simulation.lean import add_lean
 
 FloatArray = NDArray[np.float64]
 
@@ -46,6 +48,38 @@ class Linearised:
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
+
+
+def white_force(
+    small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float,
+) -> float:
+    """
+    Give the density of a white force at the tip, for a filter of a given bandwidth.
+
+    An oscillator that a white force of density q drives and white noise of density r hides has a
+    filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation).
+
+    Parameters
+    ----------
+    small : Linearised
+        Arm where it starts.
+    pushed : ndarray of shape (m, 3)
+        Generalised forces of a unit force at the tip.
+    shown : ndarray of shape (n_gauges, m)
+        Reading of each gauge by coordinate, in standard deviations of its noise.
+    bandwidth : float
+        Rate at which an error of the slowest vibration dies out [1/s].
+
+    Returns
+    -------
+    float
+        Density of the force over that of the noise [N^2].
+
+    """
+    lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
+    slowest = float(np.sqrt(np.linalg.eigvals(
+        np.linalg.solve(small.mass, small.stiffness)).real.min()))
+    return float((2.0 * bandwidth / max(lever * slowest, 1e-12)) ** 2)
 
 
 @compiled

@@ -29,9 +29,11 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.simulation.cholesky import cholesky, solve
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.driven_kernel import (
-    ACC, add_lean, DAMPING, DDZ, DZ, FORCE, gear, MASS, STIFFNESS, Z)
+from tudor_dynamics.simulation.driven_statics import (
+    ACC, DAMPING, DDZ, DZ, FORCE, MASS, STIFFNESS, Z)
 from tudor_dynamics.simulation.equations import inverse_dynamics
+from tudor_dynamics.simulation.gear import gear
+from tudor_dynamics.simulation.lean import add_lean
 
 FORCES = 3  # components of the force at the tip, base axes
 SMALL, CHOLESKY, PUSHED = range(3)
