@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
@@ -26,7 +26,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, SimulationError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic_problem import Record
-from tudor_dynamics.identification.elastic_search import Identified, identify, Progress
+from tudor_dynamics.identification.elastic_result import Identified
+from tudor_dynamics.identification.elastic_search import identify, Progress
 from tudor_dynamics.models.elastic import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
 from tudor_dynamics.models.following import sample_times
@@ -86,6 +87,8 @@ class ElasticTrainer:
         Least and largest payload where the bags differ in it [kg].
     progress : callable
         Told what is done next.
+    warm : mapping of str to float, optional
+        Physical parameters of an arm that is nearly this one, where the first search begins.
 
     Attributes
     ----------
@@ -96,12 +99,13 @@ class ElasticTrainer:
 
     def __init__(
         self, arm: Arm, payload_range: tuple[float, float] | None = None,
-        progress: Progress = lambda _: None,
+        progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
     ) -> None:
         self.arm = arm
         self.payload_range = payload_range
         self.progress = progress
         self.identified: Identified | None = None
+        self._warm = warm
         self._done: dict[tuple[str, ...], Identified] = {}
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
@@ -152,7 +156,7 @@ class ElasticTrainer:
                        'a gap, which the elastic model is identified from; record longer, or '
                        'leave it out of --models')
                 raise FitError(msg)
-            warm = None
+            warm = None if self._warm is None else dict(self._warm)
             if self.identified is not None:
                 warm = {p.name: p.value for p in self.identified.physical}
             try:
