@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sample_arms import gauge, planar_arm
+from sample_arms import gauge, planar_arm, recording_of
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.simulation.driven import DrivenArm, Response
 
 FloatArray = NDArray[np.float64]
@@ -52,6 +53,38 @@ def blade_arm(*, backlash: float = BACKLASH, **more: Any) -> Arm:
                     'stiffness': stiffness, 'damping': DAMPING, 'backlash': backlash}
                    for name, stiffness in STIFFNESS.items()],
         'payload': {'mass': 0.2}, 'simulation': {'rayleigh': {'beta': 5e-4}}, **more})
+
+
+def lone_arm(**more: Any) -> Arm:
+    """Describe one blade with two masses, driven through a gear: few parameters to be found."""
+    return planar_arm(**{
+        'joints': [{'name': 'j1'}, {'name': 'j2', 'hold': 0.0}], 'active_joints': ['j1'],
+        'gauges': [gauge('g1', 'j1', 0.05)],
+        'links': [{'joint': 'j1', 'flexible': blade(lumped=[{'mass': 0.8}])},
+                  {'joint': 'j2', 'rigid': {'mass': 0.0}}],
+        'motors': [{'joint': 'j1', 'gear_ratio': 200, 'torque_constant': 0.05,
+                    'stiffness': STIFFNESS['j1'], 'damping': DAMPING, 'backlash': BACKLASH}],
+        'payload': {'mass': 0.2}, 'simulation': {'rayleigh': {'beta': 5e-4}}, **more})
+
+
+LONE_TRUTH = {'bending(j1)': 15.0, 'gear(j1)': 190.0, 'play(j1)': 0.004, 'beta': 8e-4}
+"""What the blade of ``lone_recording`` really is, where it differs from the description."""
+LONE_EFFORT = {'torque': 0.2, 'Ia(j1)': 0.1, 'offset': 0.3}
+"""What its motor needs by gear torque and acceleration, and an offset [A, SI]."""
+
+
+def lone_recording(seed: int, seconds: float = 12.0, rate: float = 100.0) -> Recording:
+    """Record the blade: strain with noise of 2 um/m, current with noise of 5 mA."""
+    driven = DrivenArm(lone_arm())
+    driven.set_parameters(LONE_TRUTH)
+    q = travel(seconds, rate, seed)[:, :1]
+    response = driven.follow(q, even(len(q), rate))
+    ddq = np.gradient(np.gradient(q, 1.0 / rate, axis=0), 1.0 / rate, axis=0)
+    random = np.random.default_rng(seed)
+    effort = (LONE_EFFORT['torque'] * response.torque + LONE_EFFORT['Ia(j1)'] * ddq
+              + LONE_EFFORT['offset'] + random.normal(0.0, 5e-3, q.shape))
+    strain = response.moment * GAINS[0] + OFFSETS[0] + random.normal(0.0, 2.0, q.shape)
+    return recording_of(q, rate, strain=strain, effort=effort, path=f'runs/{seed}')
 
 
 def stepwise(t: FloatArray, targets: FloatArray, ramp: float = 1.0) -> FloatArray:
@@ -92,9 +125,13 @@ def recorded(
     return response.moment * GAINS + OFFSETS + random, response
 
 
-def pushed(arm: Arm, q: FloatArray, rate: float, force: FloatArray) -> FloatArray:
+def pushed(
+    arm: Arm, q: FloatArray, rate: float, force: FloatArray,
+    values: dict[str, float] | None = None,
+) -> FloatArray:
     """Give the moments at the gauges of an arm with a force at its tip, (samples, 3) [N m]."""
     truth = DrivenArm(arm)
+    truth.set_parameters(values or {})
     dt = even(len(q), rate)
     found = []
     for k in range(len(q)):

@@ -66,7 +66,7 @@ def test_stiffness_and_masses_are_found(found: Identified) -> None:
 
 def test_standard_errors_are_honest(found: Identified) -> None:
     """The truth lies within three of them, for every parameter, shown or not."""
-    nominal = {name: value for name, value in knowledge_of(ARM, payload=False).start.items()}
+    nominal = dict(knowledge_of(ARM, payload=False).start)
     for parameter in found.physical:
         truth = TRUTH.get(parameter.name, nominal[parameter.name])
         assert parameter.standard_error > 0.0

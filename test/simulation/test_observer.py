@@ -116,7 +116,7 @@ def test_covariance_stays_one(rate: float) -> None:
 
 
 def test_a_gauge_that_does_not_count() -> None:
-    """NaN of one gauge is as good as a gauge that says nothing; of all, no correction at all."""
+    """One gauge at NaN is as good as one that says nothing; all of them, no correction at all."""
     arm = blade_arm()
     q = still(0.4, 0.3)
     measured = pushed(arm, q, RATE, kick())

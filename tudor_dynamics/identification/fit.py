@@ -28,7 +28,7 @@ from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
 from tudor_dynamics.identification.elastic import ElasticTrainer
-from tudor_dynamics.identification.elastic_search import Identified
+from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (

@@ -64,7 +64,7 @@ def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
 
 @compiled
 def lean_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
-    """Give what bending does along a beam of one element, for coordinates 1, 5, 2, 4 of its end."""
+    """Give what bending does along a beam of one element, by coordinates 1, 5, 2, 4 of its end."""
     gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
     gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
     return gy[2], gy[3], gz[2], -gz[3]
@@ -344,8 +344,9 @@ def sense(
 
     Parameters
     ----------
-    vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int, body_float,
-    coordinate, moving, reaction
+    vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded
+        As in ``advance``.
+    body_int, body_float, coordinate, moving, reaction
         As in ``advance``.
     gauge_body, gauge_place, gauge_axis : ndarray of shape (n_gauges,)
         Body, distance along its beam [m], and component of the moment that bends the gauge.
@@ -446,10 +447,12 @@ def follow(
         Result as in ``sense``.
     torque : ndarray of shape (n_samples, n_springs)
         Result as in ``sense``.
-    vectors, matrices, factor, delta, free, path, aim, aim_rate, springs, spring_at, base,
-    wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate, moving, reaction,
+    vectors, matrices, factor, delta, free, path, aim, aim_rate, springs, spring_at, base
+        As in ``advance``.
+    wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate, moving, reaction
+        As in ``advance``.
     gauge_body, gauge_place, gauge_axis, gauge_gain, loads
-        As in ``advance`` and ``sense``.
+        As in ``sense``.
 
     Returns
     -------
