@@ -16,27 +16,65 @@
 Cost of a sample in the monitor's numerics, without ROS: a recording through the live chain.
 
 The same object runs in the node `monitor`; `tudor evaluate --collisions` replays bags through it.
+An elastic model takes several steps between two samples, the more the longer the time between
+them, so its cost depends on the rate: `--rate` puts other samples on the same motion.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 import time
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.elastic_live import OBSERVERS
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 
-def measure(bundle: ModelBundle, bag: str, settings: MonitorSettings) -> np.ndarray:
-    """Run a bag through; time of each sample behind the first second [us]."""
-    recording = read_recording(bag, bundle.arm)
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """Times of each sample behind the first second: all of it, and the prediction in it [us]."""
+
+    whole: np.ndarray
+    prediction: np.ndarray
+
+
+def resampled(recording: Recording, rate: float) -> Recording:
+    """Put samples at another rate on the motion of a recording without gaps."""
+    t = recording.t
+    new = np.arange(int(t[-1] * rate) + 1) / rate
+
+    def smooth(values: np.ndarray | None) -> np.ndarray | None:
+        return None if values is None else np.asarray(CubicSpline(t, values)(new))
+
+    return replace(
+        recording, stamp=recording.stamp[0] + np.round(new * 1e9).astype(np.int64),
+        q=smooth(recording.q), dq=smooth(recording.dq), effort=smooth(recording.effort),
+        strain=smooth(recording.strain), segments=(slice(0, len(new)),), dt=1.0 / rate)
+
+
+def measure(bundle: ModelBundle, recording: Recording, settings: MonitorSettings) -> Taken:
+    """Run a recording through."""
     rehearse(bundle, settings)
     monitor = Monitor(bundle, settings)
+    predict = monitor.predictor.step
+    inside = [0]
+
+    def timed(*args: Any) -> Any:
+        begin = time.perf_counter_ns()
+        predicted = predict(*args)
+        inside[0] = time.perf_counter_ns() - begin
+        return predicted
+
+    monitor.predictor.step = timed  # type: ignore[method-assign]
     outputs = {output: values for output, values in (
         ('effort', recording.effort), ('strain', recording.strain)) if values is not None}
     taken = []
@@ -47,9 +85,22 @@ def measure(bundle: ModelBundle, bag: str, settings: MonitorSettings) -> np.ndar
         monitor.add_joints(stamp, q, dq)
         for output, reading in values:
             monitor.add_measured(output, stamp, reading)
-        taken.append(time.perf_counter_ns() - begin)
+        taken.append((time.perf_counter_ns() - begin, inside[0]))
     first = int(np.searchsorted(recording.stamp, recording.stamp[0] + 10**9))
-    return 1e-3 * np.array(taken[first:])
+    whole, prediction = 1e-3 * np.array(taken[first:]).T
+    return Taken(whole, prediction)
+
+
+def choices(bundle: ModelBundle) -> Iterator[MonitorSettings]:
+    """Give what is measured: every kind of model, the elastic one with each observer."""
+    for kind in sorted({kind for models in bundle.models.values() for kind in models}):
+        for observer in OBSERVERS if kind == 'elastic' else ('off',):
+            yield MonitorSettings(kind=kind, observer=observer, methods=('strain',))
+        every = [('strain', 'effort')]
+        if 'analytical' in bundle.models.get('effort', {}):
+            every.append(('strain', 'effort', 'momentum'))
+        for methods in every:
+            yield MonitorSettings(kind=kind, methods=methods)
 
 
 def main() -> None:
@@ -57,18 +108,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--model', required=True, help='bundle of tudor fit')
     parser.add_argument('--runs', type=int, default=3)
+    parser.add_argument('--rate', type=float, help='samples per second (as recorded)')
     parser.add_argument('bag')
     args = parser.parse_args()
     bundle = load_bundle(args.model)
-    kinds = sorted({kind for models in bundle.models.values() for kind in models})
-    print(f'{"model":12s} {"methods":26s} {"median us":>10s} {"p99 us":>8s}')
-    for kind in kinds:
-        for methods in (('strain',), ('strain', 'effort'), ('strain', 'effort', 'momentum')):
-            settings = MonitorSettings(kind=kind, methods=methods)
-            runs = [measure(bundle, args.bag, settings) for _ in range(args.runs)]
-            middle = np.median([np.median(run) for run in runs])
-            late = np.median([np.percentile(run, 99) for run in runs])
-            print(f'{kind:12s} {", ".join(methods):26s} {middle:10.1f} {late:8.1f}')
+    recording = read_recording(args.bag, bundle.arm)
+    if args.rate:
+        recording = resampled(recording, args.rate)
+    print(f'{len(recording.stamp)} samples at {1.0 / recording.dt:g} Hz, medians of {args.runs} '
+          'runs, us a sample')
+    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s}')
+    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 2)
+    for settings in choices(bundle):
+        runs = [measure(bundle, recording, settings) for _ in range(args.runs)]
+        figures = [float(np.median([np.percentile(values, share) for values in of]))
+                   for of in ([run.whole for run in runs], [run.prediction for run in runs])
+                   for share in (50, 99)]
+        observer = settings.observer if settings.kind == 'elastic' else ''
+        print(f'{settings.kind:11s} {observer:9s} {", ".join(settings.methods):24s}',
+              *(f'{value:8.1f}' for value in figures), flush=True)
 
 
 if __name__ == '__main__':

@@ -18,14 +18,19 @@ Rates, latencies and CPU of the nodes, against a bare rclpy relay of as many hop
 Each chain runs in processes of its own; this one is the robot and the listener. A sample is three
 messages: joint states, efforts, strains. Latency runs from just before the first of them is
 published to the arrival of the residual, or of the relayed strains. The relay is the least that
-rclpy can do: bytes in, the same bytes out, on the executor of the nodes. What other processes of
-the machine took meanwhile stands beside the figures: with much of it they say nothing.
+rclpy can do: bytes in, the same bytes out, on the executor of the nodes. `Inside` is the largest
+99th percentile that a node itself tells: from a message's arrival in Python to its last result.
+
+What other processes of the machine took meanwhile stands beside the figures: with much of it they
+say nothing, unless the bench runs before all others (``chrt -f 50 python bench/node_rates.py``),
+as a robot's nodes should. A machine that halts for longer than queues are deep loses samples; see
+``--depth``.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import os
 from pathlib import Path
 import signal
@@ -36,6 +41,7 @@ import sys
 from threading import Thread
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -52,9 +58,11 @@ from sensor_msgs.msg import JointState
 from tudor_dynamics.nodes.runner import new_executor, spin_for
 rclpy.init()
 node = rclpy.create_node('relay_' + sys.argv[1])
-out = node.create_publisher(JointState, 'relay_' + str(int(sys.argv[1]) + 1), 10)
+depth = int(sys.argv[2])
+out = node.create_publisher(JointState, 'relay_' + str(int(sys.argv[1]) + 1), depth)
 node.create_subscription(JointState, 'relay_' + sys.argv[1], out.publish,
-                         QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True)
+                         QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT),
+                         raw=True)
 executor = new_executor('events')
 executor.add_node(node)
 gc.collect()
@@ -63,7 +71,7 @@ while rclpy.ok():
     spin_for(executor, 0.2)
 """
 STAMP = struct.Struct('<iI')
-COLUMNS = ('answered', 'p50', 'p99', 'cpu', 'memory', 'others')
+COLUMNS = ('answered', 'p50', 'p99', 'inside', 'cpu', 'memory', 'others')
 
 
 def start(words: Sequence[str]) -> subprocess.Popen:
@@ -89,7 +97,7 @@ def busy() -> float:
 class Robot:
     """Publishes samples of a smooth motion, and takes the time of the answers."""
 
-    def __init__(self, model: str) -> None:
+    def __init__(self, model: str, depth: int = 10) -> None:
         arm = load_bundle(model).arm
         joints, gauges = arm.active_joints, arm.gauge_names
         self.encoders = [JointStateEncoder(joints, ('position',)),
@@ -97,7 +105,7 @@ class Robot:
                          JointStateEncoder(gauges, ('position',))]
         self.sizes = (len(joints), len(gauges))
         self.node = rclpy.create_node('robot')
-        reliable = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        reliable = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
         topics = (arm.spec.joint_topic, arm.joints[0].effort.topic, arm.gauges[0].topic, 'relay_0')
         self.publishers = [
             self.node.create_publisher(JointState, topic, reliable) for topic in topics]
@@ -106,6 +114,15 @@ class Robot:
         self.sent: dict[int, float] = {}
         self.latency: dict[int, float] = {}
         self.stamp = 10**18
+
+        self.inside: dict[str, float] = {}
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._told, 10)
+
+    def _told(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            for item in status.values:
+                if item.key == 'latency p99 [ms]':
+                    self.inside[status.name] = float(item.value)
 
     def hear(self, topic: str) -> None:
         """Listen to the answers."""
@@ -155,27 +172,41 @@ class Robot:
                 publisher.publish(message)
 
 
-def chains(model: str) -> dict[str, list[list[str]]]:
+def queues(topics: Iterable[str], kind: str, depth: int) -> list[str]:
+    """Words that make the queues of topics deeper."""
+    return [word for topic in topics
+            for word in ('-p', f'qos_overrides./{topic}.{kind}.depth:={depth}')]
+
+
+def chains(model: str, depth: int = 10) -> dict[str, list[list[str]]]:
     """Words of the processes of each chain."""
+    arm = load_bundle(model).arm
+    sensors = (arm.spec.joint_topic, arm.gauges[0].topic)
+    within = ('joint_motion', 'predicted_strains')
+    deeper = [] if depth == 10 else [
+        *queues((*sensors, *within), 'subscription', depth),
+        *queues((*within, 'strain_residuals'), 'publisher', depth)]
+
     def node(name: str, *more: str) -> list[str]:
-        return ['-m', f'tudor_dynamics.nodes.{name}', '--ros-args', '-p', f'model:={model}', *more]
+        return ['-m', f'tudor_dynamics.nodes.{name}', '--ros-args', '-p', f'model:={model}', *more,
+                *deeper]
     methods = ('-p', "methods:=['strain']")
     return {
-        'relay 3 hops': [['-c', RELAY, str(k)] for k in range(3)],
+        'relay 3 hops': [['-c', RELAY, str(k), str(depth)] for k in range(3)],
         'filter, predictor, detector': [node('joint_state_filter'), node('dynamics_predictor'),
                                         node('collision_detector', *methods)],
-        'relay 1 hop': [['-c', RELAY, '0']],
+        'relay 1 hop': [['-c', RELAY, '0', str(depth)]],
         'monitor': [node('monitor', *methods)]}
 
 
 def measure(
-    name: str, words: list[list[str]], rate: float, seconds: float, model: str,
+    name: str, words: list[list[str]], rate: float, seconds: float, model: str, depth: int = 10,
 ) -> dict[str, float]:
-    """One run: share answered, p50, p99 [ms], CPU [us], growth of memory [MB], other load."""
+    """One run: the figures of ``COLUMNS``, in %, ms, us, MB and % of one core."""
     relay = name.startswith('relay')
     rclpy.init()
     processes = [start(item) for item in words]
-    robot = Robot(model)
+    robot = Robot(model, depth)
     try:
         robot.hear(f'relay_{len(words)}' if relay else 'strain_residuals')
         end = time.monotonic() + 60.0
@@ -205,8 +236,8 @@ def measure(
     p50, p99 = ((1e3 * latency[int(share * len(latency))] if latency else nan)
                 for share in (0.5, 0.99))
     return dict(zip(COLUMNS, (
-        100.0 * share, p50, p99, 1e6 * cpu / (rate * (seconds + 1.5)), memory,
-        max(0.0, 100.0 * others)), strict=True))
+        100.0 * share, p50, p99, max(robot.inside.values(), default=nan),
+        1e6 * cpu / (rate * (seconds + 1.5)), memory, max(0.0, 100.0 * others)), strict=True))
 
 
 def main() -> None:
@@ -218,6 +249,7 @@ def main() -> None:
     parser.add_argument('--each', action='store_true', help='print every run too')
     parser.add_argument('--calm', type=float, default=float('inf'), metavar='PERCENT',
                         help='repeat a run, up to ten times, in which others took more of a core')
+    parser.add_argument('--depth', type=int, default=10, help='of all queues (10, as shipped)')
     parser.add_argument('--only', default='', help='relay or chain whose name holds this')
     args = parser.parse_args()
     sys.setswitchinterval(1e-4)  # the listener must not wait for the sender
@@ -225,12 +257,13 @@ def main() -> None:
             ('relay 1 hop', 1000.0), ('monitor', 1000.0),
             ('relay 1 hop', 2000.0), ('monitor', 2000.0)]
     plan = [item for item in plan if args.only in f'{item[0]} {item[1]:.0f}']
-    words = chains(args.model)
+    words = chains(args.model, args.depth)
     found: dict[tuple[str, float], list[dict[str, float]]] = {key: [] for key in plan}
     for _ in range(args.runs):
         for name, rate in plan:
             for _ in range(10):
-                one = measure(name, words[name], rate, args.seconds, args.model)
+                one = measure(name, words[name], rate, args.seconds, args.model,
+                              args.depth)
                 if one['others'] <= args.calm:
                     break
             found[name, rate].append(one)
@@ -239,15 +272,16 @@ def main() -> None:
                       flush=True)
     print(f'medians of {args.runs} runs of {args.seconds:g} s; other load in % of one core')
     print(f'{"chain":30s} {"Hz":>5s} {"answered":>9s} {"p50 ms":>7s} {"p99 ms":>7s} '
-          f'{"of relay":>8s} {"CPU us/sample":>14s} {"memory MB":>10s} {"other load":>11s}')
+          f'{"of relay":>8s} {"inside":>7s} {"CPU us/sample":>14s} {"memory MB":>10s} '
+          f'{"other load":>11s}')
     relay = float('nan')
     for (name, rate), runs in found.items():
         row = {key: median(run[key] for run in runs) for key in COLUMNS}
         if name.startswith('relay'):
             relay = row['p99']
         print(f'{name:30s} {rate:5.0f} {row["answered"]:8.2f}% {row["p50"]:7.3f} '
-              f'{row["p99"]:7.3f} {row["p99"] / relay:8.2f} {row["cpu"]:14.0f} '
-              f'{row["memory"]:10.2f} {row["others"]:10.0f}%')
+              f'{row["p99"]:7.3f} {row["p99"] / relay:8.2f} {row["inside"]:7.3f} '
+              f'{row["cpu"]:14.0f} {row["memory"]:10.2f} {row["others"]:10.0f}%')
 
 
 if __name__ == '__main__':

@@ -28,7 +28,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.qos import QoSProfile  # noqa: E402
+from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
 from tudor_dynamics.arm import load_arm  # noqa: E402
@@ -37,6 +37,8 @@ from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.messages import floats, nanoseconds, time_message  # noqa: E402
 from tudor_dynamics.nodes.runner import new_executor  # noqa: E402
 
+PATIENCE = 60.0
+"""How long a machine may take for what it does at once when it is not busy [s]."""
 JOINTS, GAUGES = ['joint2', 'joint3'], ['link2_hub', 'link3_hub']
 
 
@@ -85,7 +87,7 @@ class World:
             self.outputs[topic] = self.probe.create_publisher(kind, topic, QoSProfile(depth=1000))
         return self.outputs[topic]
 
-    def spin(self, until: Callable[[], bool], seconds: float = 20.0) -> bool:
+    def spin(self, until: Callable[[], bool], seconds: float = PATIENCE) -> bool:
         """Spin until something is true."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -99,10 +101,34 @@ class World:
         self.spin(lambda: False, seconds)
 
     def meet(self, *topics: str) -> None:
-        """Wait until somebody hears the probe on these topics."""
+        """Wait until somebody hears the probe on these topics, and all that can meet has met."""
         assert self.spin(lambda: all(
             self.output(topic).get_subscription_count() for topic in topics))
-        self.rest(0.3)  # a reader that is matched is not yet one that hears
+        assert self.spin(self._matched())
+        self.rest(0.05)
+
+    def _matched(self) -> Callable[[], bool]:
+        """
+        Say when writers and readers of the nodes here know of each other.
+
+        Each side learns of the other by itself, and a reader takes nothing from a writer that it
+        does not know.
+        """
+        nodes = [self.probe, *self.nodes]
+        writers = [item for node in nodes for item in node.publishers]
+        readers = [item for node in nodes for item in node.subscriptions]
+        pairs = [(writer, reader) for writer in writers for reader in readers
+                 if writer.topic_name == reader.topic_name and qos_check_compatible(
+                     writer.qos_profile, reader.qos_profile)[0] != QoSCompatibility.ERROR]
+        wanted = [(w.get_subscription_count, sum(w is a for a, _ in pairs)) for w in writers]
+        wanted += [(r.get_publisher_count, sum(r is b for _, b in pairs)) for r in readers]
+        return lambda: all(count() >= number for count, number in wanted)
+
+    def wait(self, topic: str, count: int) -> int:
+        """Wait for so many messages on a topic, and a moment more; give how many came."""
+        self.spin(lambda: len(self.heard[topic]) >= count)
+        self.rest(0.1)
+        return len(self.heard[topic])
 
     def status(self, node: str) -> Any:
         """Wait for the next diagnosis of a node."""
@@ -172,9 +198,9 @@ def feed(
         if pace:
             world.rest(pace)
         elif (k - first) % batch == batch - 1:
-            begun, done = time.monotonic(), k - first + 1
-            world.spin(lambda: progress() >= done, 2.0)  # noqa: B023
-            assert time.monotonic() - begun < 2.0, f'stuck at sample {k}: {progress()} of {done}'
+            done = k - first + 1
+            assert world.spin(lambda: progress() >= done), (  # noqa: B023
+                f'stuck at sample {k}: {progress()} of {done}')
 
 
 @pytest.fixture

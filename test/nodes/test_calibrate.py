@@ -75,13 +75,13 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     # stamps go on behind what was fed
     later = replace(free, stamp=free.stamp + 10**9 * 60)
     let_pass(world, node, later)
-    assert world.spin(lambda: node.watch.stages['strain'].thresholds is not before, 20.0)
+    assert world.spin(lambda: node.watch.stages['strain'].thresholds is not before)
     learned = node.watch.stages['strain'].thresholds
     assert learned.seconds == pytest.approx(30.0, abs=1.0)
     assert 'thresholds of ~/calibrate' in world.status('monitor').message
     events = world.listen('collision_event', Header)
     thresholds = world.listen('strain_thresholds')
-    world.rest(0.3)
+    world.meet('joint_states', 'link_strains')
 
     def push(k: int, messages: dict) -> None:
         if k >= 400:
@@ -90,7 +90,7 @@ def test_free_motion_gives_thresholds_that_find_a_push(
     again = replace(recording, stamp=recording.stamp - recording.stamp[0] + later.stamp[-1]
                     + 10**10)
     let_pass(world, node, again, last=440, change=push)
-    assert world.spin(lambda: bool(events), 3.0)
+    assert world.spin(lambda: bool(events))
     onset = events[0].stamp.sec * 10**9 + events[0].stamp.nanosec
     assert len(events) == 1 and onset == int(again.stamp[400])
     _, values = series(thresholds, 'position')
@@ -106,7 +106,7 @@ def test_too_little_motion_is_refused(world: World, model: Path, free: Recording
     node._calibration.seconds = 0.5
     broken = replace(free, stamp=free.stamp + 10**9 * (60 + np.arange(len(free.stamp)) // 70))
     let_pass(world, node, broken, last=700)
-    assert world.spin(lambda: 'failed' in node._note, 10.0)
+    assert world.spin(lambda: 'failed' in node._note)
     status = world.status('monitor')
     assert status.level == DiagnosticStatus.WARN
     assert 'too little' in status.message and 'stay in use' in status.message

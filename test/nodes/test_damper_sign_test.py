@@ -56,7 +56,7 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
              for node in ('arm_simulator', 'reference_generator', 'oscillation_damper')]
     try:
         test = start('damper_sign_test', '--arm', arm, '--joints', 'joint2', '--step', '5')
-        said, _ = test.communicate(timeout=120)
+        said, _ = test.communicate(timeout=300)
         assert test.returncode == 0, said
         assert 'the sign is right' in said and 'the damper is on' in said
     finally:
@@ -64,6 +64,6 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
             node.send_signal(signal.SIGTERM)
         for node in nodes:
             try:
-                node.communicate(timeout=15)
+                node.communicate(timeout=60)
             finally:
                 node.kill()

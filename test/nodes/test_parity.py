@@ -64,9 +64,6 @@ def start(world: World, chain: str, model: Path) -> Callable[[], int]:
     for topic in TOPICS:
         world.listen(topic)
     world.meet(*SENSORS)
-    assert world.spin(lambda: all(
-        world.probe.count_publishers(topic) for topic in TOPICS))
-    world.rest(0.3)
     residuals = world.heard['strain_residuals']
 
     def through() -> int:
@@ -84,7 +81,7 @@ def test_sample_bag(
     assert main(['evaluate', '--model', str(model), bag, '--rate', 'full', '--save',
                  str(tmp_path / 'r.npz'), '--json']) == 0
     feed(world, recording, start(world, chain, model))
-    world.spin(lambda: len(world.heard['effort_residuals']) >= len(recording.stamp) - SETTLING, 3)
+    world.spin(lambda: len(world.heard['effort_residuals']) >= len(recording.stamp) - SETTLING)
     compare(world, tmp_path / 'r.npz')
 
 
@@ -100,7 +97,7 @@ def test_reference_recording(world: World, shared_data: Path, root: Path, tmp_pa
                  str(tmp_path / 'r.npz'), '--json']) == 0
     through = start(world, 'monitor', tmp_path / 'm')
     feed(world, read_recording(bag, load_arm(config)), through)
-    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950, 3)
+    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950)
     compare(world, tmp_path / 'r.npz')
 
 
@@ -117,5 +114,5 @@ def test_real_arm(world: World, shared_data: Path, root: Path, tmp_path: Path) -
     arm = load_arm(root / 'config/tudor.yaml')
     through = start(world, 'monitor', out)
     feed(world, read_recording(bag, arm), through, gauges=list(arm.gauge_names))
-    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950, 3)
+    world.spin(lambda: len(world.heard['effort_residuals']) >= 7950)
     compare(world, reference)

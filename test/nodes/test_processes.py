@@ -50,7 +50,7 @@ def finish(process: subprocess.Popen, number: int) -> str:
     """Send a signal; the exit code must be 0."""
     process.send_signal(number)
     try:
-        out, _ = process.communicate(timeout=15)
+        out, _ = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 0, out
@@ -68,13 +68,14 @@ def test_filter_process(executor: str, number: int, world: World, root: Path) ->
     try:
         heard = world.listen('/arm/joint_motion', JointTrajectory)
         world.output('/arm/sensed')
-        assert world.spin(lambda: world.output('/arm/sensed').get_subscription_count() > 0, 30.0)
-        world.rest(0.3)
-        for k in range(20):
+        assert world.spin(lambda: world.output('/arm/sensed').get_subscription_count() > 0)
+        for k in range(1000):  # the first may come before the other side hears
             world.output('/arm/sensed').publish(joint_message(
                 10**18 + 10_000_000 * k, JOINTS, position=[0.1 * k, 0.0]))
             world.rest(0.01)
-        assert world.spin(lambda: len(heard) >= 15)
+            if len(heard) >= 15:
+                break
+        assert len(heard) >= 15
         get = world.probe.create_client(GetParameters, '/arm/joint_state_filter/get_parameters')
         assert world.spin(get.service_is_ready)
         future = get.call_async(GetParameters.Request(names=['velocity_cutoff', 'gap']))
@@ -87,7 +88,7 @@ def test_filter_process(executor: str, number: int, world: World, root: Path) ->
 def test_wrong_parameter_ends_with_code_2() -> None:
     """A value that no node can take is one line and exit code 2."""
     process = launch('dynamics_predictor', '-p', 'kind:=neural')
-    out, _ = process.communicate(timeout=30)
+    out, _ = process.communicate(timeout=90)
     assert process.returncode == 2
     assert 'kind' in out and 'analytical' in out and 'Traceback' not in out
 
@@ -96,7 +97,7 @@ def test_use_sim_time(world: World) -> None:
     """With use_sim_time a node starts and stops as well."""
     process = launch('dynamics_predictor', '-p', 'use_sim_time:=true')
     try:
-        assert world.spin(lambda: 'dynamics_predictor' in world.probe.get_node_names(), 30.0)
+        assert world.spin(lambda: 'dynamics_predictor' in world.probe.get_node_names())
         time.sleep(0.3)
     finally:
         finish(process, signal.SIGINT)
@@ -147,6 +148,26 @@ def test_parameters_over_services(world: World, model: Path) -> None:
     assert not refused.successful and 'more sensitive' in refused.reason
 
 
+def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> None:
+    """The standard parameters for quality of service, as docs/nodes.md shows them for 1 kHz."""
+    shown = (root / 'docs/nodes.md').read_text().split('```yaml\n')[1].split('```')[0]
+    assert 'depth: 100' in shown
+    (tmp_path / 'deep.yaml').write_text(shown.replace('/**/monitor:', '/**/joint_state_filter:'))
+    process = launch('joint_state_filter', '--params-file', str(tmp_path / 'deep.yaml'))
+    try:
+        get = world.probe.create_client(GetParameters, 'joint_state_filter/get_parameters')
+        name = 'qos_overrides./joint_states.subscription.depth'
+
+        def depth() -> int:
+            future = get.call_async(GetParameters.Request(names=[name]))
+            assert world.spin(future.done)
+            return future.result().values[0].integer_value
+        assert world.spin(get.service_is_ready)
+        assert world.spin(lambda: depth() == 100)
+    finally:
+        finish(process, signal.SIGINT)
+
+
 def test_play_and_record(world: World, root: Path, tmp_path: Path) -> None:
     """A bag that is played and recorded comes out with the same messages, byte for byte."""
     from tudor_dynamics.bags.live import read_track
@@ -155,8 +176,8 @@ def test_play_and_record(world: World, root: Path, tmp_path: Path) -> None:
     player = world.add(node_class('bag_player'), bag=str(root / 'bags/two_blade_test'), rate=2.0,
                        start_offset=20.0, topics=['joint_states', 'link_strains'],
                        wait_for_subscribers=1)
-    assert world.spin(lambda: player.finished, 40.0)
-    world.rest(0.5)
+    assert world.spin(lambda: player.finished)
+    world.spin(lambda: recorder.meter.count >= player.meter.count)
     world.end(recorder)
     sent = read_track(root / 'bags/two_blade_test', ['joint_states', 'link_strains'])
     got = read_track(tmp_path / 'copy')
@@ -192,7 +213,7 @@ def test_each_is_killed_and_restarted(world: World, root: Path, model: Path) -> 
     def flows() -> bool:
         for messages in heard.values():
             messages.clear()
-        return world.spin(lambda: all(len(m) > 20 for m in heard.values()), 90.0)
+        return world.spin(lambda: all(len(m) > 20 for m in heard.values()), 180.0)
     processes = {node: begin(node) for node in CHAIN}
     try:
         assert flows(), {topic: len(messages) for topic, messages in heard.items()}

@@ -52,7 +52,7 @@ def test_a_node_with_too_much_to_do_ends(root: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == 'running\n'
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=10)
+        process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 0
@@ -67,17 +67,17 @@ def test_the_loop_turns(kind: str) -> None:
         halt = Halt()
         world.probe.create_timer(0.01, lambda: ticks.append(time.monotonic()))
         begin = time.monotonic()
-        while time.monotonic() < begin + 0.5:
+        while len(ticks) < 20 and time.monotonic() < begin + 30.0:
             spin_for(world.executor, 0.1, halt)
-        assert 10 <= len(ticks) <= 52
+        assert 20 <= len(ticks) <= 100.0 * (time.monotonic() - begin) + 2.0
         if kind == 'single':
             return
         world.probe.create_timer(0.05, halt.ask)
         begin = time.monotonic()
         spin_for(world.executor, 30.0, halt)
-        assert halt.asked and time.monotonic() - begin < 5.0
-        spin_for(world.executor, 30.0, halt)
-        assert time.monotonic() - begin < 5.0
+        assert halt.asked and time.monotonic() - begin < 25.0
+        spin_for(world.executor, 60.0, halt)
+        assert time.monotonic() - begin < 50.0
     finally:
         world.close()
 
@@ -86,12 +86,12 @@ def test_listeners_are_noticed_within_a_look(world: World) -> None:
     """Nothing is wanted without listeners; one that comes is seen at the next look."""
     from sensor_msgs.msg import JointState
     outlets = Outlets()
-    outlet = outlets.add(world.probe.create_publisher(JointState, 'outlet', 10))
+    publisher = world.probe.create_publisher(JointState, 'outlet', 10)
+    outlet = outlets.add(publisher)
     outlets.look(0.0)
     assert not outlet.wanted
     world.listen('outlet')
-    assert world.spin(lambda: world.probe.count_subscribers('outlet') == 1)
-    world.rest(0.3)
+    assert world.spin(lambda: publisher.get_subscription_count() == 1)
     outlets.look(0.5 * LOOK)
     assert not outlet.wanted  # not counted yet
     outlets.look(1.5 * LOOK)

@@ -118,6 +118,9 @@ def test_random_split(out: Path, root: Path, capsys) -> None:
     (('table1', '--elements', '3'), '--elements is no option of table1'),
     (('lshape', '--quick'), '--quick is no option of lshape'),
     (('table1', '--jobs', '0'), 'give a seed of 0 or more'),
+    (('table1', '--stimuli', '1'), 'give two stimuli or more'),
+    (('figures', '--seconds', 'nan'), 'of 10 s or more'),
+    (('table1', '--models', 'elastic', '--split', 'random'), 'no random split'),
     (('table1', '--arm', 'config/ur10.yaml'), 'has no gauges'),
     (('figures', '--arm', 'config/two_blade_arm.yaml'), 'there is no damper')])
 def test_wrong_input(root: Path, tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch,

@@ -22,7 +22,7 @@ import pytest
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.reproduction.fits import hub_gauges
+from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.stages import FITTING, RECORDING, Result, source_digest, Stages
 
 

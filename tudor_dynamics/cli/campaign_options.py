@@ -43,8 +43,34 @@ def default_arm() -> Path:
     raise UsageError(msg)
 
 
+def stage_count(experiment: str, plan: Plan, split: str | None) -> int:
+    """
+    Count the stages of an experiment, for a progress bar.
+
+    Parameters
+    ----------
+    experiment : {'table1', 'figures'}
+        Experiment.
+    plan : Plan
+        Size.
+    split : {'stimulus', 'random'}, optional
+        How training and test are told apart.
+
+    Returns
+    -------
+    int
+        Recordings and fits for each payload, and what there is once.
+
+    """
+    fits = len({kind == 'elastic' for kind in plan.kinds})
+    each = 1 + fits
+    if experiment == 'figures':
+        return 2 * each * len(plan.payloads) + 8
+    return (each + (split == 'random')) * len(plan.payloads) + 1
+
+
 @contextmanager
-def opened(args: argparse.Namespace, stages: int) -> Iterator[Campaign]:
+def opened(args: argparse.Namespace) -> Iterator[Campaign]:
     """
     Open the campaign of a command, with a progress bar while a terminal watches.
 
@@ -52,8 +78,6 @@ def opened(args: argparse.Namespace, stages: int) -> Iterator[Campaign]:
     ----------
     args : argparse.Namespace
         Parsed options.
-    stages : int
-        Number of stages that the bar counts.
 
     Yields
     ------
@@ -68,6 +92,18 @@ def opened(args: argparse.Namespace, stages: int) -> Iterator[Campaign]:
                 kinds=tuple(dict.fromkeys(args.models)))
     if args.quick:
         plan = replace(plan.quick(), seed=args.seed)
+    if args.stimuli is not None:
+        plan = replace(plan, stimuli=args.stimuli)
+    if args.seconds is not None:
+        plan = replace(plan, seconds=args.seconds)
+    if plan.stimuli < 2 or not 10.0 <= plan.seconds < float('inf'):
+        msg = (f'--stimuli {plan.stimuli} --seconds {plan.seconds:g}: give two stimuli or more, '
+               'half of which are for testing, of 10 s or more')
+        raise UsageError(msg)
+    if args.split == 'random' and plan.kinds == ('elastic',):
+        msg = '--split random: the elastic model has a memory and no random split; name others'
+        raise UsageError(msg)
+    stages = stage_count(args.experiment, plan, args.split)
     campaign = Campaign(plan, Stages(args.out))
     console = Console(file=sys.stderr)
     columns = (TextColumn('{task.description}'), BarColumn(),

@@ -48,8 +48,8 @@ and compared too.
 
 EXPERIMENTS = ('table1', 'figures', 'lshape')
 OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
-       'table1': ('arm', 'models', 'quick', 'seed', 'jobs', 'split'),
-       'figures': ('arm', 'models', 'quick', 'seed', 'jobs')}
+       'table1': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'split'),
+       'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs')}
 """Options that an experiment knows, beside --out and --json."""
 
 
@@ -68,6 +68,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arm.add_argument('--quick', action='store_true', default=None,
                      help='three payloads, two short stimuli each, fast models: to see that it '
                           'works')
+    arm.add_argument('--stimuli', type=int, metavar='N',
+                     help='recordings a payload, half of them for training (10)')
+    arm.add_argument('--seconds', type=float, metavar='S', help='length of each (80)')
     arm.add_argument('--seed', type=int, metavar='N', help='of motions, noise and pushes (0)')
     arm.add_argument('--jobs', type=int, metavar='N', help='processes (one a core)')
     shape = parser.add_argument_group('lshape')

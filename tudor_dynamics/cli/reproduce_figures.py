@@ -22,7 +22,7 @@ import time
 
 from tudor_dynamics.cli.campaign_options import opened
 from tudor_dynamics.cli.console import finite, print_json
-from tudor_dynamics.reproduction.figures import gallery, stage_count, write_figures
+from tudor_dynamics.reproduction.figures import gallery, write_figures
 from tudor_dynamics.reproduction.fits import Fits
 
 
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     """Compute what is not there yet, draw, and write the page."""
     begun = time.perf_counter()
     out = Path(args.out)
-    with opened(args, stage_count(3 if args.quick else 5)) as campaign:
+    with opened(args) as campaign:
         chosen = gallery(Fits(campaign))
         campaign.progress('draw', 0.0)
         names = write_figures(chosen, campaign.arm.name, out)

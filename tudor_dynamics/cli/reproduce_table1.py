@@ -37,8 +37,7 @@ def run(args: argparse.Namespace) -> int:
     """Record, fit, print and write."""
     begun = time.perf_counter()
     out = Path(args.out)
-    payloads = 3 if args.quick else 5
-    with opened(args, payloads * (2 if args.split == 'stimulus' else 3) + 1) as campaign:
+    with opened(args) as campaign:
         table = build(Fits(campaign), args.split)
         files = write_table(table, campaign, out)
     seconds = time.perf_counter() - begun
@@ -52,6 +51,8 @@ def run(args: argparse.Namespace) -> int:
     if missing:
         print(f'{", ".join(missing)}: no figures, this kind of model was not fitted')
     print(f'{SPLIT_TEXTS[table.split]}; fit: Eq. (18) as printed')
+    for remark in table.remarks:
+        print(remark)
     print('expected shape:')
     for item in table.findings:
         print(f'  {"yes" if item.holds else "NO "} {item.text} ({item.figures})')

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
 
 import numpy as np
@@ -151,6 +151,8 @@ class ElasticTrainer:
         Least and largest payload where the bags differ in it [kg].
     progress : callable
         Told what is done next.
+    warm : mapping of str to float, optional
+        Physical parameters of an arm that is nearly this one, where the first search begins.
 
     Attributes
     ----------
@@ -161,12 +163,13 @@ class ElasticTrainer:
 
     def __init__(
         self, arm: Arm, payload_range: tuple[float, float] | None = None,
-        progress: Progress = lambda _: None,
+        progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
     ) -> None:
         self.arm = arm
         self.payload_range = payload_range
         self.progress = progress
         self.identified: Identified | None = None
+        self._warm = warm
         self._done: dict[tuple[str, ...], Identified] = {}
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
@@ -212,7 +215,7 @@ class ElasticTrainer:
         if key not in self._done:
             check_arm(self.arm)
             records = records_of(bags)
-            warm = None
+            warm = None if self._warm is None else dict(self._warm)
             if self.identified is not None:
                 warm = {p.name: p.value for p in self.identified.physical}
             self._done[key] = identify(self.arm, records, warm=warm, progress=self.progress)

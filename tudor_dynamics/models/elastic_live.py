@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elastic_arm import driven_arm
+from tudor_dynamics.models.elastic_outputs import live_output
 from tudor_dynamics.simulation.driven import DrivenArm
 
 FloatArray = NDArray[np.float64]
@@ -69,7 +70,7 @@ class LiveElastic:
             msg = 'no elastic model was given'
             raise ModelError(msg)
         self.observer = observer
-        self._models = dict(models)
+        self._outputs = {output: live_output(model) for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):
             msg = 'the elastic models of effort and strain belong to different arms; fit again'
@@ -112,7 +113,9 @@ class LiveElastic:
         """
         self._strain = strain
 
-    def step(self, dt: float, row: FloatArray) -> dict[str, FloatArray] | None:
+    def step(
+        self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
+    ) -> dict[str, FloatArray] | None:
         """
         Go to the next sample and predict.
 
@@ -122,6 +125,8 @@ class LiveElastic:
             Time since the sample before [s]; 0 to begin anew, at rest.
         row : ndarray of shape (3 n_joints,)
             ``[q, dq, ddq]``.
+        wanted : collection of str, optional
+            Outputs that somebody needs; all by default.
 
         Returns
         -------
@@ -130,19 +135,18 @@ class LiveElastic:
             then begins anew with the next sample.
 
         """
-        motion = row[None]
         step = np.array([0.0 if self._lost else dt])
         self._lost = False
         try:
             if self._gauges is not None:
                 self._observe(float(step[0]))
-            response = self._driven.follow(motion[:, :self._n_joints], step)
+            response = self._driven.follow(row[None, :self._n_joints], step)
         except SimulationError:
             self._lost = True
             return None
         self._moment = response.moment[0]
-        return {output: model.outputs(response, motion)[0]
-                for output, model in self._models.items()}
+        return {output: outputs(response, row) for output, outputs in self._outputs.items()
+                if wanted is None or output in wanted}
 
     def _observe(self, dt: float) -> None:
         """Correct the state behind the sample before by what was measured there."""

@@ -115,10 +115,10 @@ class Predictor:
             if self._strain is not None and self._strain[0] == self._stamp:
                 self._elastic.measure(self._strain[1])
             self._stamp = motion.stamp
-            predicted = self._elastic.step(motion.dt, motion.row)
+            predicted = self._elastic.step(motion.dt, motion.row, wanted)
             if predicted is None or not motion.settled(self.settle):
                 return None
-            return {output: values for output, values in predicted.items() if output in wanted}
+            return predicted
         if not motion.settled(self.settle):
             return None
         row = motion.row[None]

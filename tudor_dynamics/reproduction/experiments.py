@@ -29,7 +29,7 @@ from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
-from tudor_dynamics.reproduction.fits import halves, read
+from tudor_dynamics.reproduction.judging import halves, read
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits

@@ -28,7 +28,8 @@ from matplotlib.figure import Figure
 from tudor_dynamics.reproduction import (
     experiments, figures_gasparetto as gasparetto, figures_malzahn as malzahn, figures_own as own,
     look)
-from tudor_dynamics.reproduction.fits import Fits, halves, read
+from tudor_dynamics.reproduction.fits import Fits
+from tudor_dynamics.reproduction.judging import halves, read
 from tudor_dynamics.reproduction.pages import render, write_file
 from tudor_dynamics.reproduction.plan import grams
 from tudor_dynamics.reproduction.stages import Result
@@ -91,11 +92,6 @@ class Shown:
     title: str
     caption: str
     uri: str
-
-
-def stage_count(payloads: int) -> int:
-    """Give the number of stages of all figures, for a progress bar."""
-    return 2 * payloads + 2 * payloads + 8
 
 
 def gallery(fits: Fits) -> Gallery:

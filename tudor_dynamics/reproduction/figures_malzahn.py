@@ -25,7 +25,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.reproduction import look
-from tudor_dynamics.reproduction.fits import hub_gauges
+from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.plan import grams
 from tudor_dynamics.reproduction.stages import Result
 

@@ -12,25 +12,23 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Models of each payload, and one model of all payloads, fitted to half of the stimuli."""
+"""Models of each payload, fitted to half of the stimuli."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.dataset import BagChoice, BagData, load, OUTPUTS
+from tudor_dynamics.identification.dataset import BagData, OUTPUTS
 from tudor_dynamics.identification.fit import fit_models, FitSettings, new_model
-from tudor_dynamics.identification.metrics import score
-from tudor_dynamics.identification.payloads import PAYLOAD_KINDS
-from tudor_dynamics.identification.validation import Trace
+from tudor_dynamics.reproduction.elastic_fits import (
+    ElasticFit, FOUND, KIND, merged, stimuli_for_search)
+from tudor_dynamics.reproduction.judging import figures, halves, judged, read
 from tudor_dynamics.reproduction.plan import Campaign, grams
 from tudor_dynamics.reproduction.stages import Result
 
@@ -39,64 +37,6 @@ FloatArray = NDArray[np.float64]
 SPLITS = ('stimulus', 'random')
 SAMPLEWISE = ('analytical', 'elm')
 """Kinds that take single samples, as the random split hands them out."""
-
-
-def hub_gauges(arm: Arm) -> list[int]:
-    """Give the gauge nearest to each joint: the paper has one pair a link, close to the hub."""
-    nearest: dict[str, int] = {}
-    for index, gauge in enumerate(arm.gauges):
-        known = nearest.get(gauge.joint)
-        if known is None or gauge.distance < arm.gauges[known].distance:
-            nearest[gauge.joint] = index
-    return sorted(nearest.values())
-
-
-def read(arm: Arm, paths: Sequence[Path]) -> list[BagData]:
-    """Read and filter bags as the arm description says."""
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', TudorWarning)  # they are our own recordings
-        return [load(BagChoice(str(path)), arm, arm.spec.preprocessing) for path in paths]
-
-
-def halves(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Split recordings into those for training and those for testing."""
-    middle = len(paths) // 2
-    return list(paths[:middle]), list(paths[middle:])
-
-
-def figures(arm: Arm, output: str, measured: FloatArray, predicted: FloatArray) -> dict[str, Any]:
-    """
-    Judge a prediction as the table does.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm.
-    output : {'effort', 'strain'}
-        Output.
-    measured, predicted : ndarray of shape (n_samples, n_channels)
-        Output in its units; for strain, of all gauges.
-
-    Returns
-    -------
-    dict
-        ``rmse``, ``sigma_e``, ``fit`` and ``fit_printed`` over the gauges near the hubs (over all
-        joints for effort), and ``channels`` with the figures of each channel.
-
-    """
-    names = list(arm.active_joints if output == 'effort' else arm.gauge_names)
-    chosen = list(range(len(names))) if output == 'effort' else hub_gauges(arm)
-    whole = score(measured[:, chosen], predicted[:, chosen], [names[i] for i in chosen])
-    every = score(measured, predicted, names)
-    return {'samples': whole.samples, 'rmse': whole.rmse, 'sigma_e': whole.sigma_e,
-            'fit': whole.fit, 'fit_printed': whole.fit_printed,
-            'channels': {name: {'rmse': item.rmse, 'fit': item.fit}
-                         for name, item in every.channels.items()}}
-
-
-def _joined(arm: Arm, output: str, traces: Sequence[Trace]) -> dict[str, Any]:
-    return figures(arm, output, np.vstack([item.measured for item in traces]),
-                   np.vstack([item.predicted for item in traces]))
 
 
 class Fits:
@@ -142,6 +82,19 @@ class Fits:
         """
         campaign = self.campaign
         kinds = campaign.plan.kinds if kinds is None else kinds
+        quick = tuple(kind for kind in kinds if kind != KIND)
+        result = Result({}, {})
+        if quick:
+            result = self._quick(payload, damped, split, strain_form, quick)
+        # single samples have no past: the elastic model has no random split
+        if KIND in kinds and split == 'stimulus':
+            result = merged(result, self.elastic(payload, damped=damped))
+        return result
+
+    def _quick(
+        self, payload: float, damped: bool, split: str, strain_form: str, kinds: tuple[str, ...],
+    ) -> Result:
+        campaign = self.campaign
         paths = campaign.record(payload, damped=damped)
         name = f'fit_{grams(payload)}_{"damped" if damped else "undamped"}'
         name += ('_random' if split == 'random' else '') + (
@@ -163,46 +116,70 @@ class Fits:
         campaign.progress(text, 1.0)
         return result
 
-    def of_all_payloads(self) -> Result:
+    def elastic(self, payload: float, *, damped: bool = True) -> Result:
         """
-        Fit one model to the least and the largest payload, and test it on all.
+        Identify the elastic model of one payload.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        damped : bool, default=True
+            With the damper.
 
         Returns
         -------
         Result
-            ``content[payload in g][output][kind]`` are figures on the test recordings.
+            As ``separate``; the training figures are those of what the search was given, and
+            ``content['identified']`` are the physical parameters.
 
         """
         campaign = self.campaign
-        payloads = campaign.plan.payloads
-        recorded = {payload: campaign.record(payload) for payload in payloads}
-        ends = (min(payloads), max(payloads))
-        kinds = tuple(kind for kind in campaign.plan.kinds if kind in PAYLOAD_KINDS)
-        campaign.progress('one model of all payloads', 0.0)
+        paths = campaign.record(payload, damped=damped)
+        warm = self._found_before(payload, damped)
+        name = f'elastic_{grams(payload)}_{"damped" if damped else "undamped"}'
+        text = name.replace('_', ' ')
+        campaign.progress(text, 0.0)
 
         def make() -> Result:
-            arm = campaign.arm
-            training = [bag for end in ends for bag in read(arm, halves(recorded[end])[0])]
-            test = [(grams(payload), bag) for payload in payloads
-                    for bag in read(arm, halves(recorded[payload])[1])]
-            settings = FitSettings(kinds=kinds, payloads=ends)
-            found = fit_models(
-                arm, training, [bag for _, bag in test], None, arm.spec.preprocessing, settings,
-                lambda what: campaign.progress(f'one model of all payloads: {what}', 0.3))
-            content: dict[str, Any] = {name: {} for name, _ in test}
-            for item in found.fitted:
-                for name, outputs in content.items():
-                    traces = [trace for trace, (own, _) in zip(
-                        item.validation.traces, test, strict=True) if own == name]
-                    outputs.setdefault(item.output, {})[item.kind] = _joined(
-                        arm, item.output, traces)
-            return Result(content, {})
+            first, second = halves(paths)
+            arm = campaign.carrying(payload)
+            training, test = read(arm, first[:self.stimuli_for_search()]), read(arm, second)
+            fit = ElasticFit(arm, training, warm, None,
+                             lambda what: campaign.progress(f'{text}: {what}', 0.3))
+            campaign.progress(f'{text}: figures', 0.8)
+            content: dict[str, Any] = {FOUND: fit.found}
+            arrays: dict[str, FloatArray] = {}
+            seen = fit.judge(training)
+            for output, validation in fit.judge(test).items():
+                content[output] = {KIND: {
+                    'training': judged(arm, output, seen[output].traces),
+                    'test': judged(arm, output, validation.traces)}}
+                trace = validation.traces[0]
+                arrays |= {'t': trace.t, f'{output}_measured': trace.measured,
+                           f'{output}_{KIND}': trace.predicted}
+            return Result(content, arrays)
 
-        depends = {'of': [campaign.described(payload, damped=True) for payload in payloads],
-                   'kinds': kinds}
-        result = campaign.stages.result('fit_all_payloads', depends, make)
-        campaign.progress('one model of all payloads', 1.0)
+        depends = {**campaign.described(payload, damped=damped), 'warm': warm,
+                   'search': self.stimuli_for_search()}
+        result = campaign.stages.result(name, depends, make)
+        campaign.progress(text, 1.0)
         return result
+
+    def stimuli_for_search(self) -> int:
+        """Say how many of the training stimuli an elastic model is identified from."""
+        plan = self.campaign.plan
+        return stimuli_for_search(plan.stimuli // 2, plan.seconds, plan.elastic_seconds)
+
+    def _found_before(self, payload: float, damped: bool) -> dict[str, float] | None:
+        """Give what is known of the arm when this search begins."""
+        before = [other for other in sorted(self.campaign.plan.payloads) if other < payload]
+        if not damped:
+            before = [payload]  # the same arm: damping is the business of its control
+        if not before:
+            return None
+        found: dict[str, float] = self.elastic(before[-1]).content[FOUND]
+        return found
 
 
 def _by_stimulus(
@@ -214,8 +191,8 @@ def _by_stimulus(
     arrays: dict[str, FloatArray] = {}
     for item in found.fitted:
         content.setdefault(item.output, {})[item.kind] = {
-            'training': _joined(arm, item.output, item.training.traces),
-            'test': _joined(arm, item.output, item.validation.traces)}
+            'training': judged(arm, item.output, item.training.traces),
+            'test': judged(arm, item.output, item.validation.traces)}
         trace = item.validation.traces[0]
         arrays['t'] = trace.t
         arrays[f'{item.output}_measured'] = trace.measured

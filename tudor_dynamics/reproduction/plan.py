@@ -60,6 +60,8 @@ class Plan:
         Processes that record.
     kinds : tuple of str
         Models.
+    elastic_seconds : float
+        Recordings that an elastic model is identified from, at most [s].
 
     """
 
@@ -71,6 +73,7 @@ class Plan:
     pushes: int = 6
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
     kinds: tuple[str, ...] = MODEL_KINDS
+    elastic_seconds: float = 160.0
 
     def quick(self) -> Plan:
         """Give a small one that takes seconds, to see that all of it works."""

@@ -26,7 +26,9 @@ import yaml
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.models.units import output_units
-from tudor_dynamics.reproduction.fits import Fits, hub_gauges
+from tudor_dynamics.reproduction.fits import Fits
+from tudor_dynamics.reproduction.judging import hub_gauges
+from tudor_dynamics.reproduction.one_model import one_model
 from tudor_dynamics.reproduction.plan import grams
 
 MODELS = ('analytical', 'elm', 'elastic')
@@ -116,6 +118,8 @@ class Table1:
         Payloads that the one model was fitted to [kg].
     findings : tuple of Finding
         The expected shape.
+    remarks : tuple of str
+        On how ours were fitted.
     notes : tuple of str
         On the paper's figures.
     source : str
@@ -128,6 +132,7 @@ class Table1:
     shared: tuple[Shared, ...]
     trained_at: tuple[float, float]
     findings: tuple[Finding, ...]
+    remarks: tuple[str, ...]
     notes: tuple[str, ...]
     source: str
 
@@ -178,7 +183,7 @@ def build(fits: Fits, split: str) -> Table1:
     separate = {payload: fits.separate(payload, split=split).content for payload in plan.payloads}
     honest = separate if split == 'stimulus' else {
         payload: fits.separate(payload).content for payload in plan.payloads}
-    together = fits.of_all_payloads().content
+    together = one_model(fits)
     blocks = tuple(_block(arm, output, separate) for output in ('strain', 'effort'))
     shared = []
     for output in ('strain', 'effort'):
@@ -193,7 +198,21 @@ def build(fits: Fits, split: str) -> Table1:
     notes += [f'{TITLES[item["output"]]}, where single cells are not available: {item["text"]}.'
               for item in published()['ranges']]
     return Table1(split, blocks, tuple(shared), (min(plan.payloads), max(plan.payloads)),
-                  tuple(findings(blocks)), tuple(notes), published()['source'])
+                  tuple(findings(blocks)), _remarks(fits, split), tuple(notes),
+                  published()['source'])
+
+
+def _remarks(fits: Fits, split: str) -> tuple[str, ...]:
+    plan = fits.campaign.plan
+    if 'elastic' not in plan.kinds:
+        return ()
+    if split == 'random':
+        return ('The elastic model has a memory and no random split; beside the one model of all '
+                'payloads it stands with half of the stimuli.',)
+    count, of = fits.stimuli_for_search(), plan.stimuli // 2
+    return (f'The elastic model is identified from {count} of the {of} training stimuli of each '
+            f'payload ({count * plan.seconds:g} of {of * plan.seconds:g} s), and its training '
+            'figures are those of these; it is tested on the same stimuli as the other models.',)
 
 
 def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> Block:

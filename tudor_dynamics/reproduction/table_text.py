@@ -151,6 +151,8 @@ def markdown(table: Table1) -> str:
     """
     lines = ['# Table I', '', f'Simulated arm; {SPLIT_TEXTS[table.split]}. '
              f'`fit` is Eq. (18) of the paper; figures of the paper: {table.source}.', '']
+    for remark in table.remarks:
+        lines += [remark, '']
     for grid in grids(table):
         # Markdown has no heads over several columns: each column is named in full
         names = [name for name, count in grid.groups for _ in range(count)]

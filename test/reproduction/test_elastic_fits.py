@@ -1,0 +1,121 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Elastic models of a campaign: what is searched, from where, and that it is searched once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.identification.elastic_result import Identified
+from tudor_dynamics.models.elastic import PhysicalParameter
+from tudor_dynamics.reproduction.elastic_fits import stimuli_for_search
+from tudor_dynamics.reproduction.fits import Fits
+from tudor_dynamics.reproduction.one_model import one_model
+from tudor_dynamics.reproduction.plan import Campaign, Plan
+from tudor_dynamics.reproduction.stages import Stages
+from tudor_dynamics.reproduction.table1 import build
+from tudor_dynamics.reproduction.table_text import markdown
+from tudor_dynamics.simulation.driven import DrivenArm
+
+
+class Search:
+    """Stands in for the search: takes the description's parameters, and remembers its calls."""
+
+    def __init__(self) -> None:
+        self.calls: list[tuple[set[float | None], int, dict[str, float] | None]] = []
+
+    def __call__(self, arm, records, *, warm=None, knowledge=None, progress=None) -> Identified:
+        """Give gauges as if all of them were alike."""
+        self.calls.append(({record.payload for record in records}, len(records), warm))
+        values = {**DrivenArm(arm).parameters, 'alpha': 0.01 * len(self.calls)}
+        del values['payload']
+        n = len(arm.gauge_names)
+        return Identified(
+            tuple(PhysicalParameter(name, value, '') for name, value in values.items()),
+            np.tile([30.0, 0.0], (n, 1)), np.ones((n, 2)), np.ones(n), 90.0, (), 0)
+
+
+@pytest.fixture(scope='module')
+def plan(root: Path) -> Plan:
+    """Four short stimuli of two payloads."""
+    return Plan(str(root / 'config/tudor.yaml'), (0.0, 0.4), 4, 12.0, jobs=1, kinds=('elastic',),
+                elastic_seconds=24.0)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Give a place for stages that all tests here share."""
+    return tmp_path_factory.mktemp('campaign')
+
+
+@pytest.fixture
+def search(monkeypatch: pytest.MonkeyPatch) -> Search:
+    """Replace the search."""
+    made = Search()
+    monkeypatch.setattr('tudor_dynamics.identification.elastic.identify', made)
+    return made
+
+
+def test_one_search_for_each_payload(plan: Plan, folder: Path, search: Search) -> None:
+    """Strain and effort share a search, which begins where that of the payload before ended."""
+    fits = Fits(Campaign(plan, Stages(folder)))
+    table = build(fits, 'stimulus')
+    assert [call[:2] for call in search.calls] == [({0.0}, 2), ({0.4}, 2), ({0.0, 0.4}, 2)]
+    first, second, together = (call[2] for call in search.calls)
+    assert first is None
+    assert second is not None and second['alpha'] == 0.01 and 'payload' not in second
+    assert together == second
+    for block in table.blocks:
+        for row in block.rows:
+            assert row.cells['elastic'].rmse is not None
+            assert row.cells['analytical'].rmse is None
+    effort = [row.cells['elastic'].fit for row in table.blocks[1].rows]
+    assert min(effort) > 50.0  # regressed on what the arm of the description needs
+    for item in table.shared:
+        known = [value is not None for value in item.together.values()]
+        assert known == [item.model == 'elastic'] * 2
+    text = markdown(table)
+    assert 'identified from 2 of the 2 training stimuli of each payload (24 of 24 s)' in text
+
+
+def test_finished_searches_are_used_again(plan: Plan, folder: Path, search: Search) -> None:
+    """A second table searches nothing; another limit does."""
+    build(Fits(Campaign(plan, Stages(folder))), 'stimulus')
+    assert not search.calls
+    less = Fits(Campaign(replace(plan, elastic_seconds=12.0), Stages(folder)))
+    one_model(less)
+    # one stimulus at each end it is as before, and it begins at the same values
+    assert [call[:2] for call in search.calls] == [({0.0}, 1)]
+
+
+def test_undamped_is_the_same_arm(plan: Plan, folder: Path, search: Search) -> None:
+    """Without the damper the search begins at what was found with it; other kinds stand beside."""
+    fits = Fits(Campaign(plan, Stages(folder)))
+    result = fits.separate(0.4, damped=False, kinds=('analytical', 'elastic'))
+    assert search.calls[-1][0] == {0.4} and search.calls[-1][2] is not None
+    assert {*result.content['strain']} == {'analytical', 'elastic'} == {*result.content['effort']}
+    assert result.arrays['strain_elastic'].shape == result.arrays['strain_analytical'].shape
+    assert result.content['ringing']
+
+
+@pytest.mark.parametrize(('limit', 'count'), [
+    (160.0, 2), (159.0, 1), (10.0, 1), (1e9, 5)])
+def test_share_of_the_training_stimuli(limit: float, count: int) -> None:
+    """As many as the limit allows, at least one, at most all."""
+    assert stimuli_for_search(5, 80.0, limit) == count
