@@ -22,7 +22,8 @@ import pytest
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_coordinates import Straight
-from tudor_dynamics.identification.elastic_problem import Problem, Record
+from tudor_dynamics.identification.elastic_problem import Problem
+from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import fit_percent, Identified
 from tudor_dynamics.identification.elastic_search import identify, knowledge_of
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, TudorError
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.elastic_problem import Record
+from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.elastic_search import identify, Progress
 from tudor_dynamics.models.elastic import ElasticModel, follow_motion, PhysicalParameter

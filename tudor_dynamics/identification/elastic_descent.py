@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Improving the parameters of an elastic arm from where they are: one search or several stages."""
+"""Improving the parameters of an elastic arm from where they are, in one search or several."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ from tudor_dynamics.identification.elastic_result import reweight
 
 FloatArray = NDArray[np.float64]
 
+GAIN = 0.3
+"""Typical change of a gauge's gain, as a logarithm."""
 FARTHEST = 6.0
 """From the prior's centre, in its standard deviations."""
 
@@ -68,7 +70,7 @@ def improve(
     ----------
     problem : Problem
         Problem with its weights.
-    x : ndarray of shape (n_names,)
+    x : ndarray of shape (n_names,) or (unknowns,)
         Logarithms to start from.
     evaluations : int
         Of the errors, at most.
@@ -77,19 +79,30 @@ def improve(
 
     Returns
     -------
-    ndarray of shape (n_names,)
-        Logarithms where the search ended.
+    ndarray of shape (unknowns,)
+        Vector where the search ended, see ``Problem.moments``.
 
     """
     straight = Straight(problem.names, problem.center)
-    bounds = np.sort([straight.of(problem.center + sign * FARTHEST * problem.width)
-                      for sign in (-1.0, 1.0)], axis=0)
+    n = len(problem.names)
+
+    def of(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.back(u[:n]), u[n:]])
+
+    def slope(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.slope(u[:n]), np.ones(len(u) - n)])
+
+    start = problem.extended(x)
+    free = np.full(len(start) - n, np.inf)
+    bounds = np.sort([np.concatenate([
+        straight.of(problem.center + sign * FARTHEST * problem.width), sign * free])
+        for sign in (-1.0, 1.0)], axis=0)
     found = optimize.least_squares(
-        lambda u: problem.residual(straight.back(u)), straight.of(x),
-        lambda u: problem.jacobian(straight.back(u)) * straight.slope(u),
-        x_scale=problem.width, method='trf', bounds=bounds, ftol=enough, xtol=0.1 * enough, gtol=1e-12,
-        max_nfev=evaluations)
-    return straight.back(found.x)
+        lambda u: problem.residual(of(u)), np.concatenate([straight.of(start[:n]), start[n:]]),
+        lambda u: problem.jacobian(of(u)) * slope(u), method='trf', bounds=bounds,
+        x_scale=np.concatenate([problem.width, np.full(len(free), GAIN)]),
+        ftol=enough, xtol=0.1 * enough, gtol=1e-12, max_nfev=evaluations)
+    return of(found.x)
 
 
 def descend(
@@ -101,7 +114,7 @@ def descend(
     Parameters
     ----------
     problem : Problem
-        Problem; left as the last stage had it.
+        Problem; follows positions alone afterwards.
     x : ndarray of shape (n_names,)
         Logarithms to start from.
     stages : sequence of Stage
@@ -112,13 +125,13 @@ def descend(
     Returns
     -------
     ndarray of shape (n_names,)
-        Logarithms where the last stage ended.
+        Logarithms of the parameters where the last stage ended.
 
     """
     for number, stage in enumerate(stages):
         told(number)
         problem.inner = stage.inner
-        problem.draw(x, stage.bandwidth)
+        x = problem.draw(x, stage.bandwidth)
         reweight(problem, x)
         x = improve(problem, x, stage.evaluations, stage.enough)
-    return x
+    return problem.draw(x, 0.0)

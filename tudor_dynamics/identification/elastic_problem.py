@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 import os
 import queue
 
@@ -35,6 +34,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.simulation.corrected import CorrectedArm
 from tudor_dynamics.simulation.driven import INNER_STEP
 
@@ -46,48 +46,10 @@ HOPELESS = 1e3
 """Residual of a sample for parameters that cannot be simulated, in standard deviations."""
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
-    """
-    A gapless stretch to compare with.
-
-    Attributes
-    ----------
-    q : ndarray of shape (n_samples, n_joints)
-        Measured positions [rad or m].
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    strain : ndarray of shape (n_samples, n_gauges)
-        Readings in their units.
-    skip : int
-        Samples at the beginning that do not count.
-    payload : float or None
-        Mass at the tip [kg]; None where it is among the parameters.
-    before : ndarray of shape (n_earlier, 1 + n_joints), or None
-        ``[dt, q]`` of the motion just before.
-
-    """
-
-    q: FloatArray
-    dt: FloatArray
-    strain: FloatArray
-    skip: int = 0
-    payload: float | None = None
-    before: FloatArray | None = None
-
-    @property
-    def times(self) -> FloatArray:
-        """Time since the sample before; 0 at the first where nothing was before it [s]."""
-        dt = np.array(self.dt, dtype=float)
-        if self.before is None or not len(self.before):
-            dt[0] = 0.0
-        return dt
-
-    def head(self, seconds: float) -> Record:
-        """Take the first seconds of the record."""
-        n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
-        return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
-                      self.payload, self.before)
+def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
+    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
+    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
+                                 1e-3 * strain.std(axis=0) + 1e-12))
 
 
 class Problem:
@@ -111,6 +73,8 @@ class Problem:
 
     Attributes
     ----------
+    strain : ndarray of shape (n_samples, n_gauges)
+        What is compared with, all records one after the other.
     weights : ndarray of shape (n_samples, n_gauges)
         Square roots of the weights: one over the noise of the gauge, less for outliers.
     runs : int
@@ -137,6 +101,7 @@ class Problem:
             self._arms.put(CorrectedArm(arm))
         self._last: tuple[FloatArray, FloatArray | None] | None = None
         self._towards: list[tuple[FloatArray, FloatArray]] | None = None
+        self._gains: FloatArray | None = None
 
     def __enter__(self) -> Problem:
         """Give the problem itself."""
@@ -158,14 +123,24 @@ class Problem:
         finally:
             self._arms.put(arm)
 
+    @property
+    def unknowns(self) -> int:
+        """Length of the vectors: parameters, and logarithms of gains where they draw."""
+        return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
+
+    def extended(self, x: FloatArray) -> FloatArray:
+        """Give the vector of these parameters, with the gains as they were when drawn."""
+        return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
+
     def moments(self, x: FloatArray) -> FloatArray | None:
         """
         Simulate the moments that bend the gauges.
 
         Parameters
         ----------
-        x : ndarray of shape (n_names,)
-            Logarithms of the parameters.
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters; behind them, while drawn, of the gains of the gauges
+            relative to those at the time of ``draw``.
 
         Returns
         -------
@@ -175,16 +150,17 @@ class Problem:
         """
         if self._last is not None and np.array_equal(self._last[0], x):
             return self._last[1]
-        result = self._simulate(x, self.inner)
+        result = self._simulate(x)
         self._last = x.copy(), result
         return result
 
-    def _simulate(self, x: FloatArray, inner: float) -> FloatArray | None:
+    def _simulate(self, x: FloatArray) -> FloatArray | None:
         self.runs += 1
-        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=True))}
+        n = len(self.names)
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x[:n]).tolist(), strict=True))}
         parts = []
         with self._borrowed() as driven:
-            driven.inner = inner
+            driven.inner = self.inner
             for k, record in enumerate(self.records):
                 if record.payload is not None:
                     values['payload'] = record.payload
@@ -194,38 +170,53 @@ class Problem:
                     if self._towards is None:
                         response = driven.follow(record.q, record.times)
                     else:
+                        measured, gains = self._towards[k]
                         response = driven.follow_towards(
-                            record.q, record.times, *self._towards[k])
+                            record.q, record.times, measured / np.exp(x[n:]), gains)
                 except SimulationError:
                     return None
                 parts.append(response.moment[record.skip:])
         return np.vstack(parts)
 
-    def draw(self, x: FloatArray, bandwidth: float) -> None:
+    def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
         """
         Draw the simulations towards the measured strain from now on.
 
         An error of phase grows along a recording, and small differences where a gear crosses its
         play grow by themselves; so an arm that only follows positions is far off wherever its
         parameters are a little wrong. Drawn towards the strain it forgets errors within
-        1/bandwidth, and what is left are errors of prediction, smooth in the parameters.
+        1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains of
+        gauges then act on the simulation too, and are searched like the parameters.
 
         Parameters
         ----------
-        x : ndarray of shape (n_names,)
-            Logarithms of the parameters that the observer's gains belong to.
+        x : ndarray of shape (unknowns,)
+            Vector that the observer's gains belong to.
         bandwidth : float
             Rate at which an error dies out [1/s]; 0 to follow positions alone.
 
+        Returns
+        -------
+        ndarray of shape (unknowns,)
+            The parameters, as a vector of the problem as it is now.
+
         """
         moments = self.moments(x)
-        self._last = None
-        if moments is None or bandwidth <= 0.0:
+        gauges = None if moments is None else self.gauges(moments, x)
+        if moments is not None and gauges is not None and bandwidth > 0.0:
+            noise = robust_scale(self.errors(moments, x), self.strain)
+            self._towards = self._observe(x, gauges, noise / np.abs(gauges[:, 0]), bandwidth)
+        else:
             self._towards = None
-            return
-        gauges = self.gauges(moments)
-        noise = robust_scale(self.errors(moments), self.strain)
-        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=True))}
+        self._gains = None if gauges is None or self._towards is None else gauges[:, 0]
+        self._last = None
+        return self.extended(x)
+
+    def _observe(
+        self, x: FloatArray, gauges: FloatArray, deviation: FloatArray, bandwidth: float,
+    ) -> list[tuple[FloatArray, FloatArray]] | None:
+        """Give measured moments and an observer's gains along each record, if it can be done."""
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=False))}
         found = []
         with self._borrowed() as driven:
             driven.inner = self.inner
@@ -236,14 +227,12 @@ class Problem:
                 measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(
-                        record.q, record.times, measured, noise / np.abs(gauges[:, 0]), bandwidth,
-                        record.before)))
-                except SimulationError:  # nothing to draw it with
-                    self._towards = None
-                    return
-        self._towards = found
+                        record.q, record.times, measured, deviation, bandwidth, record.before)))
+                except SimulationError:
+                    return None
+        return found
 
-    def gauges(self, moments: FloatArray) -> FloatArray:
+    def gauges(self, moments: FloatArray, x: FloatArray) -> FloatArray:
         """
         Find gain and offset of each gauge for given moments.
 
@@ -251,6 +240,8 @@ class Problem:
         ----------
         moments : ndarray of shape (n_samples, n_gauges)
             [N m]
+        x : ndarray of shape (unknowns,)
+            Vector that they belong to; its gains are taken while drawn, and the best otherwise.
 
         Returns
         -------
@@ -261,46 +252,50 @@ class Problem:
         result = np.empty((moments.shape[1], 2))
         for g in range(moments.shape[1]):
             w = self.weights[:, g]
-            columns = np.column_stack([moments[:, g] * w, w])
-            result[g] = np.linalg.lstsq(columns, self.strain[:, g] * w, rcond=None)[0]
+            if self._gains is None:
+                columns = np.column_stack([moments[:, g] * w, w])
+                result[g] = np.linalg.lstsq(columns, self.strain[:, g] * w, rcond=None)[0]
+            else:
+                gain = self._gains[g] * np.exp(x[len(self.names) + g])
+                result[g] = gain, w**2 @ (self.strain[:, g] - gain * moments[:, g]) / (w @ w)
         return result
 
-    def errors(self, moments: FloatArray) -> FloatArray:
-        """Give measured less simulated strain for the best gains and offsets."""
-        gains = self.gauges(moments)
+    def errors(self, moments: FloatArray, x: FloatArray) -> FloatArray:
+        """Give measured less simulated strain, with the gains and offsets of ``gauges``."""
+        gains = self.gauges(moments, x)
         return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Give the weighted errors, and how far the parameters are from their prior."""
         moments = self.moments(x)
-        prior = (x - self.center) / self.width
+        prior = (x[:len(self.names)] - self.center) / self.width
         if moments is None:
             return np.concatenate([np.full(self.strain.size, HOPELESS), prior])
-        return np.concatenate([(self.errors(moments) * self.weights).ravel(), prior])
+        return np.concatenate([(self.errors(moments, x) * self.weights).ravel(), prior])
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """
-        Differentiate the moments by each parameter's logarithm.
+        Differentiate the moments by each unknown.
 
         Parameters
         ----------
-        x : ndarray of shape (n_names,)
-            Logarithms of the parameters.
+        x : ndarray of shape (unknowns,)
+            Vector, see ``moments``.
 
         Returns
         -------
-        ndarray of shape (n_names, n_samples, n_gauges)
+        ndarray of shape (unknowns, n_samples, n_gauges)
             [N m]
 
         """
-        here = self._simulate(x, self.inner)
+        here = self.moments(x)
         if here is None:
             return np.zeros((len(x), *self.strain.shape))
 
         def one(i: int) -> FloatArray:
             moved = x.copy()
             moved[i] += STEP
-            there = self._simulate(moved, self.inner)
+            there = self._simulate(moved)
             return np.zeros_like(here) if there is None else (there - here) / STEP
 
         return np.array(list(self._pool.map(one, range(len(x)))))
@@ -309,41 +304,21 @@ class Problem:
         """Differentiate ``residual``; what a gain or an offset can take up is left out."""
         slopes = self.slopes(x)
         moments = self.moments(x)
-        size = self.strain.size
-        result = np.zeros((size + len(x), len(x)))
-        result[size:] = np.diag(1.0 / self.width)
+        size, n = self.strain.size, len(self.names)
+        result = np.zeros((size + n, len(x)))
+        result[size:, :n] = np.diag(1.0 / self.width)
         if moments is None:
             return result
-        gains = self.gauges(moments)
+        gains = self.gauges(moments, x)
         shape = self.strain.shape
         for g in range(shape[1]):
             w = self.weights[:, g]
-            basis, _ = np.linalg.qr(np.column_stack([moments[:, g] * w, w]))
             columns = -(slopes[:, :, g] * gains[g, 0] * w).T
+            if self._gains is None:
+                basis, _ = np.linalg.qr(np.column_stack([moments[:, g] * w, w]))
+            else:
+                columns[:, n + g] -= moments[:, g] * gains[g, 0] * w
+                basis = (w / np.linalg.norm(w))[:, None]
             columns -= basis @ (basis.T @ columns)
             result[g:size:shape[1]] = columns
         return result
-
-
-def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
-    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
-    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
-                                 1e-3 * strain.std(axis=0) + 1e-12))
-
-
-@dataclass(frozen=True, eq=False)
-class Knowledge:
-    """
-    What is known of the parameters before any recording.
-
-    Attributes
-    ----------
-    start : dict of str to float
-        Starting values.
-    width : dict of str to float
-        Standard deviation of their logarithms.
-
-    """
-
-    start: dict[str, float] = field(default_factory=dict)
-    width: dict[str, float] = field(default_factory=dict)

@@ -81,7 +81,7 @@ def reweight(problem: Problem, x: FloatArray) -> None:
     moments = problem.moments(x)
     if moments is None:
         return
-    errors = problem.errors(moments)
+    errors = problem.errors(moments, x)
     scale = robust_scale(errors, problem.strain)
     size = np.abs(errors) / scale
     dt = float(np.median(np.concatenate([record.dt[1:] for record in problem.records])))
@@ -117,15 +117,15 @@ def result_of(
         If the arm with these parameters cannot follow the records.
 
     """
-    problem.draw(x, SMOOTH)
-    reweight(problem, x)
-    covariance = _covariance(problem, x)
-    problem.draw(x, 0.0)
+    drawn = problem.draw(x, SMOOTH)
+    reweight(problem, drawn)
+    covariance = _covariance(problem, drawn)
+    x = problem.draw(drawn, 0.0)
     moments = problem.moments(x)
     if moments is None:
         raise FitError(_impossible(problem))
-    errors = problem.errors(moments)
-    gains = problem.gauges(moments)
+    errors = problem.errors(moments, x)
+    gains = problem.gauges(moments, x)
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     physical = []
     for i, name in enumerate(problem.names):
@@ -155,10 +155,15 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     moments = problem.moments(x)
     if moments is None:
         raise FitError(_impossible(problem))
-    errors = problem.errors(moments)
-    gains = problem.gauges(moments)
-    n, gauges = len(x), gains.shape[0]
+    errors = problem.errors(moments, x)
+    gains = problem.gauges(moments, x)
+    n, gauges = len(problem.names), gains.shape[0]
     p = n + 2 * gauges
+    # gains act on the moments as well while these are drawn
+    through = np.zeros((p, *moments.shape))
+    through[:n] = slopes[:n]
+    for h, slope in enumerate(slopes[n:]):
+        through[n + 2 * h] = slope / gains[h, 0]
     information, meat = np.zeros((p, p)), np.zeros((p, p))
     information[:n, :n] = np.diag(1.0 / problem.width**2)
     begin = 0
@@ -171,9 +176,8 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
             score = np.zeros(p)
             for g in range(gauges):
                 w = problem.weights[part, g]
-                rows = np.zeros((len(w), p))
-                rows[:, :n] = (slopes[:, part, g] * gains[g, 0] * w).T
-                rows[:, n + 2 * g] = moments[part, g] * w
+                rows = (through[:, part, g] * gains[g, 0] * w).T
+                rows[:, n + 2 * g] += moments[part, g] * w
                 rows[:, n + 2 * g + 1] = w
                 information += rows.T @ rows
                 score += rows.T @ (errors[part, g] * w)
@@ -182,6 +186,5 @@ def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
     inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
     clustered = inverse @ meat @ inverse
     # Where the errors say too little to have a scatter, the prior's width is what remains.
-    prior = inverse[:n, :n] @ np.diag(1.0 / problem.width**2) @ inverse[:n, :n]
-    clustered[:n, :n] += prior
-    return np.asarray(clustered)
+    prior = inverse[:, :n] @ np.diag(1.0 / problem.width**2) @ inverse[:n]
+    return np.asarray(clustered + prior)

@@ -15,9 +15,9 @@
 """
 The search for the parameters of an elastic arm.
 
-Starts are compared first (``elastic_starts``). Then all parameters are searched in stages, in which
-the simulated arm is drawn towards the measured strain less and less: each begins where the one
-before has left errors small enough.
+Starts are compared first (``elastic_starts``). Then everything is searched in stages, in which the
+simulated arm is drawn towards the measured strain less and less: each begins where the one before
+has left errors small enough.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_descent import descend, Stage
-from tudor_dynamics.identification.elastic_problem import Knowledge, Problem, Record
+from tudor_dynamics.identification.elastic_problem import Problem
+from tudor_dynamics.identification.elastic_record import Knowledge, Record
 from tudor_dynamics.identification.elastic_result import Identified, result_of
 from tudor_dynamics.identification.elastic_starts import COARSE, compare_starts
 from tudor_dynamics.simulation.driven import DrivenArm, INNER_STEP
@@ -47,9 +48,9 @@ ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
 FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
-LAST = (*[Stage(0.7, INNER_STEP, 7, 1e-5)] * 3, Stage(0.0, INNER_STEP, 10, 1e-5))
-"""On all of them. What draws the arm goes by gains of gauges found before, and holds masses and
-stiffnesses to their scale: so it is renewed. Last, as the model will be used, nothing draws."""
+LAST = (*[Stage(0.7, INNER_STEP, 7, 1e-5)] * 2, Stage(0.0, INNER_STEP, 8, 1e-5))
+"""On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
+Last, as the model will be used, nothing draws."""
 
 
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:

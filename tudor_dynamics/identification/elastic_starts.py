@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic_descent import improve
-from tudor_dynamics.identification.elastic_problem import Problem, Record
+from tudor_dynamics.identification.elastic_problem import Problem
+from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import fit_percent
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +122,7 @@ def compare_starts(
         x[stiff] += np.log(factor)
         moments = scan.moments(x)
         found.append(-np.inf if moments is None else fit_percent(
-            scan.errors(moments), scan.strain))
+            scan.errors(moments, x), scan.strain))
     scan.close()
     values = np.array(found)
     if not np.isfinite(values).any():
@@ -149,7 +150,8 @@ def compare_starts(
         moments = part.moments(x[index])
         part.close()
         runs += part.runs
-        reached = -np.inf if moments is None else fit_percent(part.errors(moments), part.strain)
+        reached = -np.inf if moments is None else fit_percent(
+            part.errors(moments, x[index]), part.strain)
         starts.append((float(FACTORS[peak]), reached))
         if best is None or reached > best[0]:
             best = reached, x
