@@ -73,10 +73,12 @@ LONE_EFFORT = {'torque': 0.2, 'Ia(j1)': 0.1, 'offset': 0.3}
 """What its motor needs by gear torque and acceleration, and an offset [A, SI]."""
 
 
-def lone_recording(seed: int, seconds: float = 12.0, rate: float = 100.0) -> Recording:
+def lone_recording(
+    seed: int, seconds: float = 12.0, rate: float = 100.0, payload: float = 0.2,
+) -> Recording:
     """Record the blade: strain with noise of 2 um/m, current with noise of 5 mA."""
     driven = DrivenArm(lone_arm())
-    driven.set_parameters(LONE_TRUTH)
+    driven.set_parameters({**LONE_TRUTH, 'payload': payload})
     q = travel(seconds, rate, seed)[:, :1]
     response = driven.follow(q, even(len(q), rate))
     ddq = np.gradient(np.gradient(q, 1.0 / rate, axis=0), 1.0 / rate, axis=0)

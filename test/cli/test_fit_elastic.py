@@ -30,7 +30,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 
-RECORD = lone_recording(3)
+RECORD = lone_recording(3, 9.0)
 ALONE = ('--models', 'elastic', '--rate', 'full', '--payload-of')
 
 
@@ -53,7 +53,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp('elastic')
     arm = described(place / 'arm.yaml', lone_arm())
     bag = saved(place / 'bag', RECORD)
-    assert main(['fit', str(bag), '--test', str(saved(place / 'test', lone_recording(4, 10.0))),
+    assert main(['fit', str(bag), '--test', str(saved(place / 'test', lone_recording(4, 9.0))),
                  '--arm', str(arm), '--out', str(place / 'model'), *ALONE, f'{bag}=0.2',
                  f'{place / "test"}=0.2']) == 0
     return place

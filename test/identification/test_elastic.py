@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from elastic_making import (
     blade_arm, even, FloatArray, GAINS, lone_arm, LONE_EFFORT, lone_recording, LONE_TRUTH, OFFSETS,
@@ -25,11 +26,13 @@ import numpy as np
 import pytest
 from sample_arms import recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.elastic import ElasticTrainer, record_of, RUN_IN
+from tudor_dynamics.identification.elastic_problem import Record
+from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.elastic import ElasticModel
@@ -127,8 +130,8 @@ def bag(recording: Recording, payload: float | None = None) -> BagData:
 def fitted() -> FitResult:
     """Fit the one blade, from a description whose stiffness, play and damping are wrong."""
     return fit_models(
-        lone_arm(), [bag(lone_recording(3), 0.2)], [bag(lone_recording(4), 0.2)], None, SPEC,
-        FitSettings(kinds=('analytical', 'elastic'), random_split=True))
+        lone_arm(), [bag(lone_recording(3, 10.0), 0.2)], [bag(lone_recording(4, 10.0), 0.2)], None,
+        SPEC, FitSettings(kinds=('analytical', 'elastic'), random_split=True))
 
 
 def test_both_outputs_of_one_search(fitted: FitResult) -> None:
@@ -168,20 +171,30 @@ def test_what_the_arm_is(fitted: FitResult) -> None:
     assert {name: needed[name] for name in LONE_EFFORT} == pytest.approx(LONE_EFFORT, rel=0.1)
 
 
-def test_the_next_search_begins_at_the_last() -> None:
-    """The same bags are searched once for both outputs; others begin where those ended."""
-    said: list[str] = []
-    trainer = ElasticTrainer(lone_arm(), progress=said.append)
+def test_the_next_search_begins_at_the_last(
+    fitted: FitResult, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same bags are searched once for both outputs; others begin where the first ended."""
+    searched: list[tuple[list[Record], dict[str, float] | None]] = []
+
+    def search(arm: Arm, records: list[Record], **more: Any) -> Identified:
+        searched.append((records, more['warm']))
+        assert fitted.elastic is not None
+        return replace(fitted.elastic, runs=len(searched))
+
+    monkeypatch.setattr('tudor_dynamics.identification.elastic.identify', search)
+    trainer = ElasticTrainer(lone_arm())
     one, other = bag(lone_recording(3, 9.0), 0.2), bag(lone_recording(4, 9.0), 0.2)
     first = trainer.fit([one], 'strain')
-    begun, kept = len(said), trainer.identified
-    assert any('stiffness' in text for text in said)
     assert trainer.fit([one], 'effort').values == first.values
-    assert len(said) == begun
-    second = trainer.fit([other], 'strain')
-    assert not any('stiffness' in text for text in said[begun:]) and len(said) > begun
-    assert second.values != first.values
-    assert trainer.identified is kept
+    ((records, warm),) = searched
+    assert warm is None and records[0].payload == 0.2
+    trainer.fit([other], 'strain')
+    trainer.fit([one, other], 'strain')
+    assert [len(records) for records, _ in searched] == [1, 1, 2]
+    known = {name: value for name, value in first.values.items() if name != 'payload'}
+    assert all(warm == known for _, warm in searched[1:])
+    assert trainer.identified is not None and trainer.identified.runs == 1
 
 
 @pytest.mark.parametrize('missing', ['strain', 'time', 'links'])
