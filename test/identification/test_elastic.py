@@ -31,7 +31,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.elastic import ElasticTrainer, record_of, RUN_IN
-from tudor_dynamics.identification.elastic_problem import Record
+from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.verdict import Level
