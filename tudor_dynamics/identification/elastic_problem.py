@@ -162,10 +162,8 @@ class Problem:
         with self._borrowed() as driven:
             driven.inner = self.inner
             for k, record in enumerate(self.records):
-                if record.payload is not None:
-                    values['payload'] = record.payload
                 try:
-                    driven.set_parameters(values)
+                    driven.set_parameters(record.with_payload(values))
                     driven.begin(record.before)
                     if self._towards is None:
                         response = driven.follow(record.q, record.times)
@@ -221,9 +219,7 @@ class Problem:
         with self._borrowed() as driven:
             driven.inner = self.inner
             for record in self.records:
-                if record.payload is not None:
-                    values['payload'] = record.payload
-                driven.set_parameters(values)
+                driven.set_parameters(record.with_payload(values))
                 measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(

@@ -61,6 +61,10 @@ class Record:
             dt[0] = 0.0
         return dt
 
+    def with_payload(self, values: dict[str, float]) -> dict[str, float]:
+        """Give these parameters with the payload of this record where it is known."""
+        return values if self.payload is None else {**values, 'payload': self.payload}
+
     def head(self, seconds: float) -> Record:
         """Take the first seconds of the record."""
         n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
