@@ -42,9 +42,9 @@ LENGTH, BENDING, DENSITY, TIP = 0.4, 16.0, 0.47, 0.3
 BETA = 2e-3
 RATE = 200.0
 
-# Finite elements of the reference arm with linear gears of 232 and 162 N m/rad, without gravity and
-# play, fitted to ring-downs of the public recordings: first and second frequency [Hz] with q3 at
-# 0, 45 and 90 deg, by payload [kg].
+# Finite elements of the reference arm with linear gears of 232 and 162 N m/rad, without gravity
+# and play, fitted to ring-downs of the public recordings: first and second frequency [Hz] with q3
+# at 0, 45 and 90 deg, by payload [kg].
 TABLE = {
     0.0: ((3.05, 14.7), (3.14, 13.9), (3.38, 12.5)),
     0.1: ((2.53, 10.6), (2.64, 9.6), (2.99, 8.1)),
@@ -108,6 +108,15 @@ def test_play_makes_unloaded_gears_soft() -> None:
     assert vibrations(play, level)[0].frequency == pytest.approx(
         vibrations(none, level)[0].frequency, rel=0.01)
     assert vibrations(play, hanging)[1].frequency < 0.8 * vibrations(none, hanging)[1].frequency
+
+
+def test_every_pose_has_an_equilibrium() -> None:
+    """Also where a link stands upright or hangs, and its gear lies loose in its play."""
+    driven = driven_arm(load_arm(CONFIG / 'tudor.yaml'), {})
+    for q2 in np.linspace(0.0, 3.0, 31):
+        for upright in (pi / 2 - q2, -pi / 2 - q2):
+            for q3 in upright + np.linspace(-0.06, 0.06, 13):
+                assert vibrations(driven, np.array([q2, q3]))[0].frequency > 0.1
 
 
 def test_blade_with_a_mass() -> None:

@@ -16,8 +16,8 @@
 Ring-downs that bags hold by themselves, measured and as an elastic model has them.
 
 Where the joints stand still after a motion, strain shows the arm's own frequency and damping. The
-model is asked twice: linearised with the joints held at that pose, and simulated along the measured
-motion, so that play and joints that give way count as they did.
+model is asked twice: linearised with the joints held at that pose, and simulated along the
+measured motion, so that play and joints that give way count as they did.
 """
 
 from __future__ import annotations

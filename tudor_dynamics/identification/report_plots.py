@@ -37,7 +37,7 @@ MEASURED = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-', 'solid_capst
 MODELS: dict[str, dict[str, Any]] = {
     'analytical': {'color': '#0072b2', 'linewidth': 1.0, 'linestyle': '-'},
     'elm': {'color': '#d55e00', 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
-    'elastic': {'color': '#009e73', 'linewidth': 1.1, 'linestyle': (0, (1, 1))}}
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
 LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
 
 

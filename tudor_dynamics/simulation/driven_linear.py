@@ -28,7 +28,7 @@ from tudor_dynamics.simulation.equations import inverse_dynamics
 FloatArray = NDArray[np.float64]
 
 NUDGE = 1e-6
-"""Of coordinates and rates, for the differences: far below the rounding of a play [rad, m, 1/s]."""
+"""Of coordinates and rates, for the differences: far below the rounding of a play [SI units]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +63,9 @@ def tangents(
         State at rest; the same afterwards, but for the forces.
     free : ndarray of int, shape (m,)
         Coordinates that move.
-    aim, springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate, moving,
-    reaction
+    aim, springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate
+        As in ``driven_kernel.advance``.
+    moving, reaction
         As in ``driven_kernel.advance``.
     result : ndarray of shape (3, m, m)
         Result: stiffness, damping, mass.
