@@ -172,8 +172,8 @@ def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> Mo
             found = vibrations(driven, q)
         except SimulationError:
             continue
-        for m, mode in enumerate(found):
-            frequency[m, number], damping[m, number] = mode.frequency, mode.damping
+        for order, mode in enumerate(found):
+            frequency[order, number], damping[order, number] = mode.frequency, mode.damping
     shape = (MODES,) + (cells,) * len(joints)
     return ModeMap(joints, edges, frequency.reshape(shape), damping.reshape(shape))
 

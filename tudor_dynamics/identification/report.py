@@ -26,6 +26,7 @@ from tudor_dynamics import __version__
 from tudor_dynamics.identification import report_data, report_tables
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.report_coverage import density_figure, pair_figure
+from tudor_dynamics.identification.report_elastic import elastic_section
 from tudor_dynamics.identification.report_format import number, pretty_unit
 from tudor_dynamics.identification.report_plots import error_figure, LABELS, signal_figure
 from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
@@ -92,6 +93,7 @@ def render(result: FitResult, *, date: str | None = None) -> str:
                  dict.fromkeys(item.output for item in result.fitted)],
         analytical=any(item.kind == 'analytical' for item in result.fitted),
         ringing=_ringing(result),
+        elastic=elastic_section(result),
         joints=result.arm.active_joints,
         coverage=report_data.coverage(result),
         density=density_figure(axes),

@@ -37,7 +37,7 @@ MEASURED = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-', 'solid_capst
 MODELS: dict[str, dict[str, Any]] = {
     'analytical': {'color': '#0072b2', 'linewidth': 1.0, 'linestyle': '-'},
     'elm': {'color': '#d55e00', 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
-    'elastic': {'color': '#009e73', 'linewidth': 1.1, 'linestyle': (0, (1, 1))}}
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
 LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
 
 
@@ -198,7 +198,7 @@ def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> 
     columns = min(len(channels), 3)
     n_rows = -(-len(channels) // columns)
     with style():
-        figure, rows = new_figure(columns, [1.6] * n_rows, [0.3] + [0.75] * (n_rows - 1))
+        figure, rows = new_figure(columns, [1.6] * n_rows, [0.5] + [0.75] * (n_rows - 1))
         cells = [axes for row in rows for axes in row]
         for axes in cells[len(channels):]:
             axes.set_axis_off()
@@ -216,6 +216,7 @@ def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> 
             plain_text(axes.set_title, label(name))
             axes.set_ylim(bottom=0.0)
         cells[0].set_ylabel('share of samples [%]')
-        cells[columns - 1].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=2,
-                                  borderpad=0.1, handlelength=1.6)
+        handles, words = cells[0].get_legend_handles_labels()
+        figure.legend(handles, words, loc='upper right', ncol=len(words), borderpad=0.1,
+                      handlelength=1.6)
         return to_uri(figure)

@@ -107,26 +107,34 @@ def settle(
         vectors[Z, free[a]] = 0.0
     for s in range(springs.shape[0]):
         vectors[Z, spring_at[s]] = aim[s]
-    # Where a weak part or a play lets it overshoot, the iteration goes in shorter steps.
-    shorter, last = 1.0, math.inf
+    residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int, body_float,
+             coordinate, moving, reaction)
     for _ in range(200):
-        residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
-                 body_float, coordinate, moving, reaction)
         if not factorise(vectors, matrices, factor, free, 0.0, 1.0, aim, springs, spring_at):
             return False
         for a in range(free.shape[0]):
             delta[a] = -vectors[FORCE, free[a]]
         solve(factor, delta)
-        largest = 0.0
+        largest, downhill = 0.0, 0.0
         for a in range(free.shape[0]):
             largest = max(largest, abs(delta[a]))
+            downhill += delta[a] * vectors[FORCE, free[a]]
         if not math.isfinite(largest):
             return False
-        shorter = max(0.5 * shorter, 0.05) if largest > 0.7 * last else min(1.0, 1.5 * shorter)
-        last = largest
-        step = shorter * min(1.0, 0.2 / max(largest, 1e-300))
-        for a in range(free.shape[0]):
-            vectors[Z, free[a]] += step * delta[a]
+        # A weak part or a play lets it overshoot: back to where the way down ends.
+        done, step = 0.0, min(1.0, 0.2 / max(largest, 1e-300))
+        for _ in range(30):
+            for a in range(free.shape[0]):
+                vectors[Z, free[a]] += (step - done) * delta[a]
+            done = step
+            residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
+                     body_float, coordinate, moving, reaction)
+            uphill = 0.0
+            for a in range(free.shape[0]):
+                uphill += delta[a] * vectors[FORCE, free[a]]
+            if largest < 1e-9 or uphill <= -0.5 * downhill:
+                break
+            step *= min(0.9, max(0.1, downhill / (downhill - uphill)))
         if largest < 1e-9:
             return True
     return False
