@@ -159,7 +159,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--arm', type=Path, default=Path('config/tudor.yaml'))
     parser.add_argument('--work', type=Path, required=True, help='directory for recordings')
-    parser.add_argument('--seconds', type=float, default=40.0, help='of each recording')
+    parser.add_argument('--seconds', type=float, default=80.0, help='of each recording')
     parser.add_argument('--stimuli', type=int, default=1, help='for training, of each condition')
     parser.add_argument('--only', choices=('fits', 'collisions'))
     args = parser.parse_args()
