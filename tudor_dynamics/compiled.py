@@ -12,16 +12,104 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The one way in which the package compiles its inner loops."""
+"""The one way in which the package compiles its inner loops, and where it keeps the results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import hashlib
+import os
+from pathlib import Path
+import shutil
 from typing import cast, TypeVar
 
 import numba
 
 Function = TypeVar('Function', bound=Callable[..., object])
+
+PACKAGE = Path(__file__).parent
+MARK = '\n@compiled\n'
+"""What a file with inner loops contains."""
+
+KEPT = 'tudor_dynamics-'
+"""How directories with compiled functions begin."""
+
+
+def kernel_files() -> tuple[Path, ...]:
+    """
+    List the files whose functions are compiled.
+
+    Returns
+    -------
+    tuple of Path
+        In one order on every machine.
+
+    """
+    return tuple(file for file in sorted(PACKAGE.rglob('*.py'))
+                 if MARK in file.read_text(encoding='utf-8'))
+
+
+def kept_in() -> Path:
+    """
+    Name the directory in which compiled functions are kept between runs.
+
+    A compiled function contains those that it calls, but numba compiles it anew only where its
+    own file has changed. So the name holds a checksum of all such files: after an upgrade nothing
+    old is used.
+
+    Returns
+    -------
+    Path
+        In the directory of ``NUMBA_CACHE_DIR``, in the package, or where that cannot be written,
+        in the user's cache.
+
+    """
+    digest = hashlib.sha256()
+    for file in kernel_files():
+        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b'\0' + file.read_bytes())
+    root = PACKAGE / '__pycache__'
+    if numba.config.CACHE_DIR:
+        root = Path(numba.config.CACHE_DIR)
+    elif not os.access(root if root.exists() else PACKAGE, os.W_OK):
+        root = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+    return root / (KEPT + digest.hexdigest()[:16])
+
+
+def prepare() -> Path:
+    """
+    Make the directory in which compiled functions are kept; in the package, remove older ones.
+
+    Returns
+    -------
+    Path
+        The directory; it does not exist where nothing can be written.
+
+    """
+    here = kept_in()
+    if not here.is_dir():
+        try:
+            here.mkdir(parents=True, exist_ok=True)
+        except OSError:
+            return here
+        for old in (PACKAGE / '__pycache__').glob(KEPT + '*'):
+            if old != here:
+                shutil.rmtree(old, ignore_errors=True)
+    return here
+
+
+DIRECTORY = prepare()
+
+
+@contextmanager
+def _kept() -> Iterator[None]:
+    """Let numba keep what it is given now in the directory, and only that."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(DIRECTORY)
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def compiled(function: Function) -> Function:
@@ -41,6 +129,7 @@ def compiled(function: Function) -> Function:
         The same function, compiled at its first call.
 
     """
-    jit = numba.njit(cache=True, nogil=True, error_model='numpy',
-                     fastmath={'contract', 'reassoc', 'nsz'})
-    return cast(Function, jit(function))
+    with _kept():
+        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
+                         fastmath={'contract', 'reassoc', 'nsz'})
+        return cast(Function, jit(function))

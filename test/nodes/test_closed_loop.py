@@ -63,7 +63,7 @@ def test_move_push_and_floor(root: Path, tudor_model: Path) -> None:
     Simulated time runs below real time, and once more at a fifth where the machine was too busy
     for the processes to keep up.
     """
-    found = run(root, tudor_model, 0.7)
+    found = run(root, tudor_model, 0.5)
     move = found['move']
     if found['dropped_by_monitor'] or (
             move['stamps']['joint_reference']['longest gap'] > KEPT_UP):

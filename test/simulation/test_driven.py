@@ -349,7 +349,7 @@ def test_arms_without_flexible_links() -> None:
 
 def test_buckling_is_told() -> None:
     """A blade that cannot carry the arm upright has no equilibrium, and that is said."""
-    driven = DrivenArm(blade_arm())
-    driven.set_parameters({'bending(j1)': 0.05})
+    driven = DrivenArm(leaning_arm())
+    driven.set_parameters({'bending(j1)': 0.2})
     with pytest.raises(SimulationError, match='no equilibrium'):
         at_rest(driven, 1.3, 0.0)
