@@ -22,13 +22,14 @@ import hashlib
 import os
 from pathlib import Path
 import shutil
-from typing import cast, TypeVar
+from typing import Any, cast, TypeVar
 
 import numba
 
 Function = TypeVar('Function', bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent
+_CONFIG: Any = numba.config
 MARK = '\n@compiled\n'
 """What a file with inner loops contains."""
 
@@ -69,8 +70,8 @@ def kept_in() -> Path:
     for file in kernel_files():
         digest.update(file.relative_to(PACKAGE).as_posix().encode() + b'\0' + file.read_bytes())
     root = PACKAGE / '__pycache__'
-    if numba.config.CACHE_DIR:
-        root = Path(numba.config.CACHE_DIR)
+    if _CONFIG.CACHE_DIR:
+        root = Path(_CONFIG.CACHE_DIR)
     elif not os.access(root if root.exists() else PACKAGE, os.W_OK):
         root = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     return root / (KEPT + digest.hexdigest()[:16])
@@ -104,12 +105,12 @@ DIRECTORY = prepare()
 @contextmanager
 def _kept() -> Iterator[None]:
     """Let numba keep what it is given now in the directory, and only that."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(DIRECTORY)
+    before = _CONFIG.CACHE_DIR
+    _CONFIG.CACHE_DIR = str(DIRECTORY)
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        _CONFIG.CACHE_DIR = before
 
 
 def compiled(function: Function) -> Function:
