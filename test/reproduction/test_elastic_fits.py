@@ -28,6 +28,7 @@ from tudor_dynamics.reproduction.elastic_fits import stimuli_for_search
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.one_model import one_model
 from tudor_dynamics.reproduction.plan import Campaign, Plan
+from tudor_dynamics.reproduction.pushes import collisions
 from tudor_dynamics.reproduction.stages import Stages
 from tudor_dynamics.reproduction.table1 import build
 from tudor_dynamics.reproduction.table_text import markdown
@@ -112,6 +113,23 @@ def test_undamped_is_the_same_arm(plan: Plan, folder: Path, search: Search) -> N
     assert {*result.content['strain']} == {'analytical', 'elastic'} == {*result.content['effort']}
     assert result.arrays['strain_elastic'].shape == result.arrays['strain_analytical'].shape
     assert result.content['ringing']
+
+
+def test_pushes_are_looked_for_with_either_model(
+    plan: Plan, folder: Path, search: Search,
+) -> None:
+    """The elastic model's strain stands beside the rigid methods, and judges the same pushes."""
+    small = replace(plan, payloads=(0.0,), stimuli=2, seconds=36.0, elastic_seconds=36.0, pushes=2)
+    fits = Fits(Campaign(small, Stages(folder / 'pushes')))
+    methods = collisions(fits, 0.0).content['methods']
+    assert {*methods} == {'strain', 'effort', 'momentum', 'elastic strain'}
+    forces = [[push['force'] for push in item['pushes']] for item in methods.values()]
+    assert forces[0] and all(other == forces[0] for other in forces)
+    assert all(item['score']['pushes'] == len(forces[0]) for item in methods.values())
+    assert [call[2] is None for call in search.calls] == [True, False]
+    assert collisions(fits, 0.0).content['methods'] == methods and len(search.calls) == 2
+    plain = Fits(Campaign(replace(small, kinds=('analytical',)), Stages(folder / 'pushes')))
+    assert 'elastic strain' not in collisions(plain, 0.0).content['methods']
 
 
 @pytest.mark.parametrize(('limit', 'count'), [

@@ -29,7 +29,9 @@ from typing import Any
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, common_outputs
 from tudor_dynamics.identification.elastic import ElasticTrainer
+from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.validation import validate, Validation
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.reproduction.stages import Result
 
 Progress = Callable[[str], None]
@@ -84,6 +86,7 @@ class ElasticFit:
         self, arm: Arm, training: Sequence[BagData], warm: Mapping[str, float] | None,
         payloads: tuple[float, float] | None = None, progress: Progress = lambda _: None,
     ) -> None:
+        self.arm = arm
         trainer = ElasticTrainer(arm, payloads, progress, warm)
         self.models = {output: trainer.fit(training, output)
                        for output in common_outputs(training)}
@@ -95,6 +98,16 @@ class ElasticFit:
         """Give each output's figures and traces on some recordings."""
         return {output: validate(model, bags, output, '')
                 for output, model in self.models.items()}
+
+    def bundle(self, bags: Sequence[BagData]) -> ModelBundle:
+        """Give the models as nodes load them, with thresholds learned on free recordings."""
+        preprocessing = self.arm.spec.preprocessing
+        thresholds = fit_thresholds(
+            [(output, KIND, seen.cases) for output, seen in self.judge(bags).items()],
+            preprocessing)
+        return ModelBundle(self.arm, preprocessing, {
+            output: {KIND: model} for output, model in self.models.items()},
+            {'thresholds': thresholds})
 
 
 def merged(first: Result, second: Result) -> Result:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Single experiments behind figures: a move with and without damping, pushes, gauges, the L."""
+"""Single experiments behind figures: a move with and without damping, gauges, the L."""
 
 from __future__ import annotations
 
@@ -22,14 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.identification.bundling import bundle_of
-from tudor_dynamics.identification.collision_score import LATE
-from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
-from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.monitoring.detector import DetectorSettings
-from tudor_dynamics.monitoring.excess import Rates
-from tudor_dynamics.monitoring.watch import MonitorSettings
-from tudor_dynamics.reproduction.judging import halves, read
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -48,8 +40,6 @@ MOVE_SECONDS = 9.0
 JOINT = 1e-6
 """Distance of a gauge that is at its joint [m]."""
 LSHAPE = ('effort:motor', 'acceleration:motor', 'acceleration:tip', 'moment:corner')
-FALSE_ALARMS = 1.0
-"""Per hour, that thresholds are asked for."""
 
 
 def damping_move(campaign: Campaign, payload: float) -> Result:
@@ -148,66 +138,6 @@ def gauge_moments(campaign: Campaign, payload: float) -> Result:
 
     return _staged(campaign, 'gauge_moments',
                    {'payload': payload, 'seed': plan.seed, 'seconds': plan.seconds}, make)
-
-
-def collisions(campaign: Campaign, payload: float) -> Result:
-    """
-    Let pushes be found by strain, by current, and by a momentum observer on the currents.
-
-    Models are learned from half of the free recordings, thresholds from the other half; judged
-    are recordings with pushes, of other motions.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Recordings.
-    payload : float
-        Mass at the tip [kg].
-
-    Returns
-    -------
-    Result
-        ``content['methods'][METHOD]`` has ``score``, ``roc`` (factor, false alarms per hour,
-        detection rate), and for each push its ``force`` [N] and ``latency`` [s] (None: not found).
-
-    """
-    free = campaign.record(payload)
-    pushed = campaign.record(payload, pushes=campaign.plan.pushes)
-    campaign.progress('find collisions', 0.0)
-
-    def make() -> Result:
-        arm = campaign.arm
-        training, test = (read(arm, part) for part in halves(free))
-        result = fit_models(arm, training, test, None, arm.spec.preprocessing,
-                            FitSettings(kinds=('analytical',)))
-        bundle = bundle_of(result)
-        if not bundle.facts['thresholds']:
-            return Result({'methods': {}}, {})
-        campaign.progress('find collisions', 0.2)
-        bags = [(str(path), bag.recording)
-                for path, bag in zip(pushed, read(arm, pushed), strict=True)]
-        found = evaluate_collisions(bundle, bags, MonitorSettings(
-            rates=Rates(FALSE_ALARMS, 60.0 * FALSE_ALARMS), detector=DetectorSettings()))
-        return Result({'methods': {item.method: {
-            'score': item.score.as_dict(), 'roc': [list(point) for point in item.roc],
-            'pushes': _pushes(item)} for item in found}}, {})
-
-    depends = {**campaign.described(payload, damped=True), 'pushes': campaign.plan.pushes}
-    result = campaign.stages.result('collisions', depends, make)
-    campaign.progress('find collisions', 1.0)
-    return result
-
-
-def _pushes(item: MethodResult) -> list[dict[str, float | None]]:
-    """Give force and latency of each push, as `evaluate_collisions` counts them."""
-    rows: list[dict[str, float | None]] = []
-    for bag in item.watched:
-        times = np.array([event.stamp for event in bag.events], dtype=np.int64)
-        for push in bag.pushes:
-            hits = times[(times >= push.begin) & (times <= push.end + round(LATE * 1e9))]
-            rows.append({'force': push.force,
-                         'latency': float(hits[0] - push.begin) * 1e-9 if len(hits) else None})
-    return rows
 
 
 def l_shape_run(campaign: Campaign) -> Result:

@@ -32,6 +32,7 @@ from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import halves, read
 from tudor_dynamics.reproduction.pages import render, write_file
 from tudor_dynamics.reproduction.plan import grams
+from tudor_dynamics.reproduction.pushes import collisions
 from tudor_dynamics.reproduction.stages import Result
 from tudor_dynamics.reproduction.table1 import build
 
@@ -120,7 +121,7 @@ def gallery(fits: Fits) -> Gallery:
     table = build(fits, 'stimulus')
     moves = {payload: experiments.damping_move(campaign, payload) for payload in (middle, heavy)}
     moments = experiments.gauge_moments(campaign, heavy)
-    found = experiments.collisions(campaign, middle)
+    found = collisions(fits, middle)
     lshape = experiments.l_shape_run(campaign)
     first = read(campaign.carrying(heavy), halves(campaign.record(heavy))[1][:1])[0]
     weight = f'{1000 * heavy:.0f} g'
@@ -170,7 +171,8 @@ def gallery(fits: Fits) -> Gallery:
                 'anywhere on the links and in any direction across them (so that some hardly load '
                 'a gauge), during random motion. '
                 'Left: pushes found over false alarms while the threshold varies. Right: how '
-                'soon.', lambda: own.collisions(found)),
+                'soon. The elastic model is corrected by its observer.',
+                lambda: own.collisions(found)),
         Picture('own_strain_forms', OWN, "The paper's strain regressor and the exact one",
                 f"{weight}. Left: the paper takes the difference Δτ between the joint's moment "
                 'and that at the gauge for constant; it is not. Right: taken literally, with one '

@@ -29,8 +29,9 @@ from tudor_dynamics.reproduction.stages import Result
 from tudor_dynamics.reproduction.table1 import LABELS, Shared, TITLES
 
 OUTPUTS = ('strain', 'effort')
-METHODS = {'strain': 'strain', 'effort': 'current', 'momentum': 'momentum observer (current)'}
-METHOD_MARKERS = ('o', 's', '^')
+METHODS = {'strain': 'strain', 'effort': 'current', 'momentum': 'momentum observer (current)',
+           'elastic strain': 'strain, elastic model'}
+METHOD_MARKERS = ('o', 's', '^', 'D')
 MOST_ALARMS = 600.0
 """False alarms per hour beyond which a detector is of no use, and they run into each other."""
 
@@ -125,7 +126,7 @@ def collisions(found: Result) -> Figure:
     Parameters
     ----------
     found : Result
-        As from ``experiments.collisions``.
+        As from ``pushes.collisions``.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def collisions(found: Result) -> Figure:
     left.set_xticks([0, 5, 10, 50, 100, 500], ['0', '5', '10', '50', '100', '500'])
     right.set(xlabel='time since the begin of the push [ms]', ylabel='pushes found [%]',
               xlim=(0.0, 600.0), ylim=(0.0, 103.0), title='marker: median latency')
-    look.legend_above(figure, left, 3)
+    look.legend_above(figure, left, 4)
     return figure
 
 
