@@ -1,0 +1,88 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The elastic model on the reference recordings, beside the other models; some minutes.
+
+Strain and effort on recordings it was not identified from, collisions with thresholds learned
+from free motion. DATA is that of ``reference_fits.py``.
+
+    python bench/elastic_reference.py --data DATA
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+import tempfile
+
+from reference_fits import fit, row, tudor
+
+KINDS = ('analytical', 'elm', 'elastic')
+FLOORS = {'free': 97.0, 'undamped': 94.0, 'merit': 84.0}
+
+
+def judge(name, floor, out, arm, training, test):
+    """Print the fits of all models on a test recording."""
+    found = fit(out, arm, training, test, '--models', *KINDS)
+    for output in ('strain', 'effort'):
+        known = found.get(output, {})
+        row(name, f'{output} elastic fit', known['elastic']['fit'],
+            floor if output == 'strain' else known['analytical']['fit'])
+        print(f'{"":34} ' + ', '.join(f'{kind} {known[kind]["fit"]:.2f}' for kind in KINDS))
+    print(f'{"":34} ' + ', '.join(f'{what} {seconds:.1f} s' for what, seconds in
+                                  found['seconds'].items()))
+
+
+def pushes(bags, out):
+    """Look for the pushes with the model that is there, by each method."""
+    for kind in ('analytical', 'elastic'):
+        for bag in ('arm_200g_pushes', 'arm_200g_free_4'):
+            said = tudor('evaluate', '--model', out, bags / bag, '--collisions', '--kind', kind,
+                         '--json')
+            for method, score in said['collisions'].items():
+                late = ['-' if value is None else f'{1000 * value:.0f} ms' for value in
+                        (score['latency_median'], score['latency_p95'])]
+                print(f'{bag:16} {kind:11} {method:9} found {score["found"]} of '
+                      f'{score["pushes"]}, after {late[0]} (median), {late[1]} (95 %), '
+                      f'false alarms {score["false_alarms"]}')
+
+
+def main():
+    """Go through the recordings that are there."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--data', type=Path,
+                        default=Path(os.environ.get('TUDOR_SHARED_DATA', '../shared/data')))
+    args = parser.parse_args()
+    bags = args.data / 'bags'
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / 'model'
+        if (bags / 'arm_200g_free_4').exists():
+            judge('200 g, damped: three bags -> fourth', FLOORS['free'], out, 'two_blade_arm.yaml',
+                  [bags / f'arm_200g_free_{i}' for i in (1, 2, 3)], [bags / 'arm_200g_free_4'])
+            pushes(bags, out)
+        if (bags / 'arm_000g_undamped_1').exists():
+            bag = bags / 'arm_000g_undamped_1'
+            judge('0 g, undamped: halves', FLOORS['undamped'], out, 'two_blade_arm.yaml',
+                  [f'{bag}@0-50%'], [f'{bag}@50-100%'])
+        if (args.data / 'merit_exp1.csv').exists():
+            bag = Path(folder) / 'merit_bag'
+            tudor('import-merit', args.data / 'merit_exp1.csv', '--out', bag)
+            judge('the real arm, MERIt exp1: halves', FLOORS['merit'], out, 'tudor.yaml',
+                  [f'{bag}@0-50%'], [f'{bag}@50-100%'])
+
+
+if __name__ == '__main__':
+    main()
