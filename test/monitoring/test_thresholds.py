@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ from tudor_dynamics.monitoring.onset import learn_taps, OnsetFilter, STEP
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.threshold_io import thresholds_from_dict, thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds import Tail
 
 CHANNELS = ('a', 'b')
 
@@ -60,6 +63,18 @@ def walk(stage: ExcessStage, record: FreeMotion, push=0.0) -> list[Excess]:
     push = np.broadcast_to(np.asarray(push, dtype=float).reshape(-1, 1), record.residual.shape)
     return [stage.step(Residual(Motion(int(s), 9.0, 0.01, m), r, r, r))
             for s, m, r in zip(record.stamp, record.motion, record.residual + push, strict=True)]
+
+
+def test_doubt_about_a_tail_is_counted_in() -> None:
+    """Scales estimated from few peaks: on average it is exceeded as often as asked."""
+    rng, share = np.random.default_rng(5), 0.2
+    for count, per_hour in ((10, 6.0), (40, 6.0), (40, 60.0)):
+        tails = [Tail(0.0, scale, 0.0, share, 1.0, count) for scale in
+                 rng.gamma(count, 1.0 / count, 40000)]
+        exceeded = np.mean([math.exp(-tail.ratio(per_hour)) for tail in tails])
+        assert 3600.0 * share * exceeded == pytest.approx(per_hour, rel=0.1)
+        certain = Tail(0.0, 1.0, 0.0, share, 1.0, 1e9)
+        assert Tail(0.0, 1.0, 0.0, share, 1.0, count).ratio(per_hour) > certain.ratio(per_hour)
 
 
 def test_false_alarms_are_as_rare_as_asked(learned) -> None:

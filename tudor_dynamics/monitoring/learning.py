@@ -43,6 +43,10 @@ MAX_BOUND = 0.5
 """Tails that end more abruptly are an artefact of few peaks."""
 UPPER = 0.2
 """Share of the peaks whose excess makes up the tail."""
+SHAPE_ERROR = 2.0 / math.sqrt(3.0)
+"""Standard error of an exponential tail's shape, times the root of the number of peaks."""
+DOUBT = 2.0
+"""Standard errors of the shape by which a bound is doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,32 +104,57 @@ def learn_thresholds(
         raise FitError(msg)
     period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
     step = max(STEP, period)
-    records = [r for r in records if r.t[-1] > (LAGS + WINDOW) * step + GROUP]
+    records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)]
     seconds = float(sum(r.t[-1] for r in records))
     if seconds < MIN_BLOCKS * BLOCK:
         msg = (f'{seconds:.1f} s of free motion are too little for thresholds; at least '
                f'{MIN_BLOCKS * BLOCK:g} s without a gap are needed')
         raise FitError(msg)
-    taps = learn_taps([(r.t, r.residual) for r in records], step)
-    n_joints = records[0].motion.shape[1] // 3
-    skip = int(math.ceil((LAGS + WINDOW) * step / period))
-    columns, sizes = [], []
-    for record in records:
-        features = MotionFeatures(n_joints)
-        rows = np.array([features.step(s, m) for s, m in zip(
-            record.stamp.tolist(), record.motion, strict=True)])
-        statistic = OnsetFilter(taps, step).process(record.t, record.residual)
-        both = np.abs(np.hstack([record.residual, statistic]))
-        columns.append(rows[skip:])
-        sizes.append(both[skip:])
-    group, block = (max(1, round(x / period)) for x in (GROUP, BLOCK))
-    grouped = np.vstack([_largest(c, group) for c in columns])
-    peaks = np.vstack([_largest(s, group) for s in sizes])
-    profile = np.array([_profile(grouped, peaks[:, i]) for i in range(peaks.shape[1])])
-    ratios = np.vstack([_largest(s / (c @ profile.T), block)
-                        for c, s in zip(columns, sizes, strict=True)])
+    rows = _Rows(records, step, period)
+    halves = [_Rows([FreeMotion(r.stamp[part], r.motion[part], r.residual[part]) for r in records
+                     for part in (_half(len(r.stamp), which),)], step, period)
+              for which in (0, 1)]
+    # Ratios to a profile that was not learned from them: others are too small.
+    ratios = np.vstack([judged.ratios(*learned.law(), round(BLOCK / period))
+                        for learned, judged in (halves, halves[::-1])])
+    taps, profile = rows.law()
     return MethodThresholds(channels, step, taps, profile,
                             tuple(_tail(column) for column in ratios.T), seconds)
+
+
+def _half(n: int, which: int) -> slice:
+    return slice(which * (n // 2), n // 2 + which * (n - n // 2))
+
+
+class _Rows:
+    """What is learned from: residuals with the columns of their motion."""
+
+    def __init__(self, records: Sequence[FreeMotion], step: float, period: float) -> None:
+        self._records, self._step = records, step
+        self._group = max(1, round(GROUP / period))
+        self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
+        self._columns = []
+        for record in records:
+            features = MotionFeatures(record.motion.shape[1] // 3)
+            self._columns.append(np.array([features.step(s, m) for s, m in zip(
+                record.stamp.tolist(), record.motion, strict=True)])[self._skip:])
+
+    def law(self) -> tuple[FloatArray, FloatArray]:
+        """Learn taps and profile."""
+        taps = learn_taps([(r.t, r.residual) for r in self._records], self._step)
+        columns = np.vstack([_largest(c, self._group) for c in self._columns])
+        peaks = np.vstack([_largest(s, self._group) for s in self._sizes(taps)])
+        return taps, np.array([_profile(columns, peaks[:, i]) for i in range(peaks.shape[1])])
+
+    def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
+        """Give the largest ratio to a profile in each block."""
+        return np.vstack([_largest(s / (c @ profile.T), block)
+                          for c, s in zip(self._columns, self._sizes(taps), strict=True)])
+
+    def _sizes(self, taps: FloatArray) -> list[FloatArray]:
+        """Give the sizes of residuals and onset statistics, once the past is complete."""
+        return [np.abs(np.hstack([r.residual, OnsetFilter(taps, self._step).process(
+            r.t, r.residual)]))[self._skip:] for r in self._records]
 
 
 def _largest(x: FloatArray, count: int) -> FloatArray:
@@ -156,14 +185,19 @@ def _profile(columns: FloatArray, peaks: FloatArray) -> FloatArray:
 
 
 def _tail(peaks: FloatArray) -> Tail:
-    """Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987)."""
+    """
+    Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987).
+
+    A bound is believed as far as the peaks prove it: two standard errors below the estimate.
+    """
     location = float(np.quantile(peaks, 1.0 - UPPER))
     above = np.sort(peaks[peaks > location] - location)
     n = len(above)
     largest = float(peaks.max())
     if n < 3 or above[-1] <= 0.0:
-        return Tail(location, 0.0, 0.0, UPPER, largest)
+        return Tail(location, 0.0, 0.0, UPPER, largest, n)
     first = float(above.mean())
     second = 2.0 * float((np.arange(n) / (n - 1) * above).mean()) - first
-    shape = min(max(first / second - 2.0, 0.0), MAX_BOUND)
-    return Tail(location, first * (1.0 + shape), shape, UPPER, largest)
+    shape = first / second - 2.0 - DOUBT * SHAPE_ERROR / math.sqrt(n)
+    shape = min(max(shape, 0.0), MAX_BOUND)
+    return Tail(location, first * (1.0 + shape), shape, UPPER, largest, n)

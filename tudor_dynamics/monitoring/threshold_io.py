@@ -26,7 +26,7 @@ from tudor_dynamics.monitoring.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds import MethodThresholds, Tail
 
 DIGITS = 10
-TAIL = ('location', 'scale', 'shape', 'share', 'largest')
+TAIL = ('location', 'scale', 'shape', 'share', 'largest', 'count')
 
 
 def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
@@ -54,9 +54,7 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
         'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
         'step': short(thresholds.step), 'taps': listed(thresholds.taps.tolist()),
         'profile': listed(thresholds.profile.tolist()),
-        'tails': [{'location': short(t.location), 'scale': short(t.scale),
-                   'shape': short(t.shape), 'share': short(t.share),
-                   'largest': short(t.largest)}
+        'tails': [{key: short(getattr(t, key)) for key in TAIL}
                   for t in thresholds.tails]}
 
 
@@ -99,7 +97,7 @@ def thresholds_from_dict(
                 and np.isfinite(taps).all() and np.isfinite(profile).all()
                 and (profile >= 0).all() and (profile[:, 0] > 0).all() and step > 0
                 and all(t.scale > 0 and t.location > 0 and 0 <= t.shape <= 1 and 0 < t.share <= 1
-                        and t.largest > 0
+                        and t.largest > 0 and t.count >= 1
                         for t in tails))
     except (KeyError, TypeError, ValueError) as err:
         msg = f'the thresholds of the model cannot be read ({err}); fit the model again'

@@ -56,6 +56,8 @@ class Tail:
         That share.
     largest : float
         Largest ratio that was seen.
+    count : float
+        Peaks that the distribution was fitted to.
 
     """
 
@@ -64,10 +66,15 @@ class Tail:
     shape: float
     share: float
     largest: float
+    count: float
 
     def ratio(self, per_hour: float) -> float:
         """
         Give the ratio that is exceeded so often.
+
+        The scale is known as well as its peaks are many. What is left of the doubt is counted
+        in: the ratio is that of the predictive distribution, which for an exponential tail is
+        (1 + x / (n scale))^-n, and larger than that of the tail itself.
 
         Parameters
         ----------
@@ -80,7 +87,8 @@ class Tail:
             Ratio of statistic to profile.
 
         """
-        relative = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
+        certain = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
+        relative = -self.count * math.expm1(-certain / self.count)
         if self.shape == 0.0:
             return self.location - self.scale * relative
         return self.location - self.scale * math.expm1(self.shape * relative) / self.shape
