@@ -135,8 +135,10 @@ def identify(
                 f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
             runs += part.runs
     with Problem(arm, records, names, {}, center, width) as whole:
-        x = descend(whole, x, LAST, lambda k: progress(
-            f'elastic model, all parameters, stage {k + 1} of {len(LAST)}'))
+        # From parameters that are nearly right, what draws the arm need not be renewed.
+        stages = LAST if warm is None else LAST[1:]
+        x = descend(whole, x, stages, lambda k: progress(
+            f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
         return result_of(whole, x, starts, runs)
 
 
