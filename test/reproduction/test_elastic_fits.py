@@ -74,10 +74,10 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Search:
 
 
 def test_one_search_for_each_payload(plan: Plan, folder: Path, search: Search) -> None:
-    """Strain and effort share a search, which begins where that of the payload before ended."""
+    """Strain and effort share a search, which begins where that of the next heavier one ended."""
     fits = Fits(Campaign(plan, Stages(folder)))
     table = build(fits, 'stimulus')
-    assert [call[:2] for call in search.calls] == [({0.0}, 2), ({0.4}, 2), ({0.0, 0.4}, 2)]
+    assert [call[:2] for call in search.calls] == [({0.4}, 2), ({0.0}, 2), ({0.0, 0.4}, 2)]
     first, second, together = (call[2] for call in search.calls)
     assert first is None
     assert second is not None and second['alpha'] == 0.01 and 'payload' not in second
@@ -102,7 +102,7 @@ def test_finished_searches_are_used_again(plan: Plan, folder: Path, search: Sear
     less = Fits(Campaign(replace(plan, elastic_seconds=12.0), Stages(folder)))
     one_model(less)
     # one stimulus at each end it is as before, and it begins at the same values
-    assert [call[:2] for call in search.calls] == [({0.0}, 1)]
+    assert [call[:2] for call in search.calls] == [({0.4}, 1)]
 
 
 def test_undamped_is_the_same_arm(plan: Plan, folder: Path, search: Search) -> None:

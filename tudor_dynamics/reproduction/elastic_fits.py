@@ -18,7 +18,7 @@ Elastic models of a campaign: identified from a few recordings, each from where 
 The search simulates the arm along all it learns from, hundreds of times, so it is given a part of
 the training stimuli only; it is judged by all the test stimuli, as the other models are. Payload
 after payload is the same arm with another mass at the tip: each search begins with what was found
-for the payload before.
+for the next heavier one.
 """
 
 from __future__ import annotations

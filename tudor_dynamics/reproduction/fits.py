@@ -173,7 +173,9 @@ class Fits:
 
     def _found_before(self, payload: float, damped: bool) -> dict[str, float] | None:
         """Give what is known of the arm when this search begins."""
-        before = [other for other in sorted(self.campaign.plan.payloads) if other < payload]
+        # the heaviest first: what the arm carries shows how it bends
+        before = [other for other in sorted(self.campaign.plan.payloads, reverse=True)
+                  if other > payload]
         if not damped:
             before = [payload]  # the same arm: damping is the business of its control
         if not before:

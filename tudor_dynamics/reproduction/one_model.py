@@ -77,7 +77,7 @@ def one_model(fits: Fits) -> dict[str, Any]:
     if quick:
         together = stages.result('fit_all_payloads', {**depends, 'kinds': quick}, make).content
     if KIND in plan.kinds:
-        warm = fits.elastic(ends[0]).content[FOUND]
+        warm = fits.elastic(ends[1]).content[FOUND]
         more = stages.result(
             'elastic_all_payloads', {**depends, 'warm': warm, 'search': _at_each_end(fits)},
             lambda: _elastic(fits, recorded, ends, warm)).content
