@@ -16,8 +16,8 @@
 The elastic model on recordings of the simulated arm: all payloads, known truth, collisions.
 
 One model is fitted to recordings at 0 and 400 g, damped and undamped, and tested on other stimuli
-at 100, 200 and 300 g; its parameters are compared with those of the simulation; collisions are
-looked for in recordings with pushes. Recordings are kept in --work.
+at all payloads; its parameters are compared with those of the simulation; collisions are looked
+for in recordings with pushes. Recordings are kept in --work.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def record(args: argparse.Namespace, payload: float, *, damped: bool, seed: int,
            pushes: int = 0) -> list[str]:
     """Record bags, or find them recorded."""
     name = (f'{1000 * payload:03.0f}g_{"damped" if damped else "undamped"}_{seed}'
-            + (f'_pushes{pushes}' if pushes else ''))
+            + (f'_{stimuli}' if stimuli > 1 else '') + (f'_pushes{pushes}' if pushes else ''))
     out = args.work / name
     if not (out / 'campaign.yaml').exists():
         command = [sys.executable, '-m', 'tudor_dynamics', 'record', '--arm', str(args.arm),
@@ -114,7 +114,8 @@ def fits(args: argparse.Namespace, arm: Arm) -> None:
               + ', '.join(KINDS))
         for damped in (True, False):
             for payload in (0.0, 0.1, 0.2, 0.3, 0.4):
-                test = bags(known, record(args, payload, damped=damped, seed=2, stimuli=1))
+                test = bags(known, record(args, payload, damped=damped, seed=2,
+                                          stimuli=args.tests))
                 row = []
                 for kind in KINDS:
                     traces = [trace(model_for(models[output, kind], bag), bag, output)
@@ -161,6 +162,8 @@ def main() -> None:
     parser.add_argument('--work', type=Path, required=True, help='directory for recordings')
     parser.add_argument('--seconds', type=float, default=80.0, help='of each recording')
     parser.add_argument('--stimuli', type=int, default=1, help='for training, of each condition')
+    parser.add_argument('--tests', type=int, default=3,
+                        help='stimuli of each condition for testing')
     parser.add_argument('--only', choices=('fits', 'collisions'))
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
