@@ -23,12 +23,10 @@ from free motion. DATA is that of ``reference_fits.py``.
 
 from __future__ import annotations
 
-import argparse
-import os
 from pathlib import Path
 import tempfile
 
-from reference_fits import CONFIG, fit, row, tudor
+from reference_fits import CONFIG, data_directory, fit, row, tudor
 
 KINDS = ('analytical', 'elm', 'elastic')
 FLOORS = {'free': 97.0, 'undamped': 94.0, 'merit': 84.0}
@@ -73,11 +71,8 @@ def pushes(bags, out):
 
 def main():
     """Go through the recordings that are there."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--data', type=Path,
-                        default=Path(os.environ.get('TUDOR_SHARED_DATA', '../shared/data')))
-    args = parser.parse_args()
-    bags = args.data / 'bags'
+    data = data_directory(__doc__.splitlines()[1])
+    bags = data / 'bags'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
         if (bags / 'arm_200g_free_4').exists():
@@ -89,9 +84,9 @@ def main():
             bag = bags / 'arm_000g_undamped_1'
             judge('0 g, undamped: halves', FLOORS['undamped'], out, 'two_blade_arm.yaml',
                   [f'{bag}@0-50%'], [f'{bag}@50-100%'])
-        if (args.data / 'merit_exp1.csv').exists():
+        if (data / 'merit_exp1.csv').exists():
             bag = Path(folder) / 'merit_bag'
-            tudor('import-merit', args.data / 'merit_exp1.csv', '--out', bag)
+            tudor('import-merit', data / 'merit_exp1.csv', '--out', bag)
             judge('the real arm, MERIt exp1: halves', FLOORS['merit'], out, 'tudor.yaml',
                   [f'{bag}@0-50%'], [f'{bag}@50-100%'])
 

@@ -128,13 +128,18 @@ def merit(csv, out):
         100 * (1 - error ** 0.5), 78.0)
 
 
-def main():
-    """Go through the recordings that are there."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+def data_directory(purpose):
+    """Read from the command line where the recordings are."""
+    parser = argparse.ArgumentParser(description=purpose)
     parser.add_argument('--data', type=Path,
                         default=Path(os.environ.get('TUDOR_SHARED_DATA', '../shared/data')))
-    args = parser.parse_args()
-    bags = args.data / 'bags'
+    return parser.parse_args().data
+
+
+def main():
+    """Go through the recordings that are there."""
+    data = data_directory(__doc__.splitlines()[1])
+    bags = data / 'bags'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
         for needed, run in ((bags / 'arm_200g_free_4', two_blade),
@@ -143,8 +148,8 @@ def main():
                 run(bags, out)
             else:
                 print(f'{needed}: not there, left out')
-        if (args.data / 'merit_exp1.csv').exists():
-            merit(args.data / 'merit_exp1.csv', out)
+        if (data / 'merit_exp1.csv').exists():
+            merit(data / 'merit_exp1.csv', out)
 
 
 if __name__ == '__main__':

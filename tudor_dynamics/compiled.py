@@ -30,25 +30,25 @@ Function = TypeVar('Function', bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
-MARK = '\n@compiled\n'
+MARK = b'\n@compiled\n'
 """What a file with inner loops contains."""
 
 KEPT = 'tudor_dynamics-'
 """How directories with compiled functions begin."""
 
 
-def kernel_files() -> tuple[Path, ...]:
+def kernel_files() -> dict[Path, bytes]:
     """
-    List the files whose functions are compiled.
+    Read the files whose functions are compiled.
 
     Returns
     -------
-    tuple of Path
-        In one order on every machine.
+    dict of Path to bytes
+        Contents, in one order on every machine.
 
     """
-    return tuple(file for file in sorted(PACKAGE.rglob('*.py'))
-                 if MARK in file.read_text(encoding='utf-8'))
+    contents = {file: file.read_bytes() for file in sorted(PACKAGE.rglob('*.py'))}
+    return {file: content for file, content in contents.items() if MARK in content}
 
 
 def kept_in() -> Path:
@@ -67,8 +67,8 @@ def kept_in() -> Path:
 
     """
     digest = hashlib.sha256()
-    for file in kernel_files():
-        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b'\0' + file.read_bytes())
+    for file, content in kernel_files().items():
+        digest.update(file.relative_to(PACKAGE).as_posix().encode() + b'\0' + content)
     root = PACKAGE / '__pycache__'
     if _CONFIG.CACHE_DIR:
         root = Path(_CONFIG.CACHE_DIR)

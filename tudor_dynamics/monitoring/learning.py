@@ -111,9 +111,7 @@ def learn_thresholds(
                f'{MIN_BLOCKS * BLOCK:g} s without a gap are needed')
         raise FitError(msg)
     rows = _Rows(records, step, period)
-    halves = [_Rows([FreeMotion(r.stamp[part], r.motion[part], r.residual[part]) for r in records
-                     for part in (_half(len(r.stamp), which),)], step, period)
-              for which in (0, 1)]
+    halves = [_Rows([_half(r, which) for r in records], step, period) for which in (0, 1)]
     # Ratios to a profile that was not learned from them: others are too small.
     ratios = np.vstack([judged.ratios(*learned.law(), round(BLOCK / period))
                         for learned, judged in (halves, halves[::-1])])
@@ -122,8 +120,10 @@ def learn_thresholds(
                             tuple(_tail(column) for column in ratios.T), seconds)
 
 
-def _half(n: int, which: int) -> slice:
-    return slice(which * (n // 2), n // 2 + which * (n - n // 2))
+def _half(record: FreeMotion, which: int) -> FreeMotion:
+    middle = len(record.stamp) // 2
+    part = slice(middle, None) if which else slice(middle)
+    return FreeMotion(record.stamp[part], record.motion[part], record.residual[part])
 
 
 class _Rows:

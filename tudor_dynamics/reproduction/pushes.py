@@ -43,7 +43,7 @@ TEXT = 'find collisions'
 
 def collisions(fits: Fits, payload: float) -> Result:
     """
-    Let pushes be found by strain, by current, and by a momentum observer on the currents.
+    Let pushes be found by strain, by current, by a momentum observer, and by the elastic model.
 
     Models are learned from half of the free recordings, thresholds from the other half; judged
     are recordings with pushes, of other motions.

@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.kinematics import unit_vector
 from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import layout as at
+from tudor_dynamics.simulation.gauge_place import place_gauge
 from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
 
 FloatArray = NDArray[np.float64]
@@ -130,30 +129,16 @@ def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
         If a gauge sits on a rigid link.
 
     """
-    bodies, places, axes, signs, shares, joints = [], [], [], [], [], []
-    for gauge in arm.gauges:
-        if gauge.joint not in mechanism.beams:
-            msg = (f'{arm.source}: gauge {gauge.name!r} sits on the link of {gauge.joint!r}, '
-                   'which is rigid here; make it flexible in links, or leave the gauge out')
-            raise SimulationError(msg)
-        body = mechanism.body_of[gauge.joint]
-        floats, beam = mechanism.body_float[body], mechanism.beams[gauge.joint]
-        frame = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
-        start = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
-        axis = floats[at.AXIS:at.AXIS + 3] if gauge.axis is None else unit_vector(gauge.axis)
-        local = frame.T @ axis
-        column = 2 if abs(local[2]) >= abs(local[1]) else 1
-        bodies.append(body)
-        places.append(float(frame[:, 0] @ (
-            gauge.distance * unit_vector(gauge.direction) - start)))
-        axes.append(column)
-        signs.append(-math.copysign(1.0, float(local[column])))
-        shares.append((beam.EIz if column == 2 else beam.EIy) / beam.EIz)
-        joints.append(gauge.joint)
+    places = [place_gauge(mechanism, arm, gauge) for gauge in arm.gauges]
+    joints = tuple(gauge.joint for gauge in arm.gauges)
+    beams = [mechanism.beams[joint] for joint in joints]
     return GaugePlaces(
-        np.array(bodies, dtype=np.int64), np.array(places, dtype=float),
-        np.array(axes, dtype=np.int64), np.array(signs, dtype=float), tuple(shares),
-        tuple(joints))
+        np.array([place.body for place in places], dtype=np.int64),
+        np.array([place.distance for place in places], dtype=float),
+        np.array([place.axis for place in places], dtype=np.int64),
+        np.array([place.sign for place in places], dtype=float),
+        tuple((beam.EIz if place.axis == 2 else beam.EIy) / beam.EIz
+              for place, beam in zip(places, beams, strict=True)), joints)
 
 
 def spring_coordinates(mechanism: Mechanism, arm: Arm) -> NDArray[np.int64]:

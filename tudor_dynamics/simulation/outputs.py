@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.kinematics import unit_vector
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.energy import refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
+from tudor_dynamics.simulation.gauge_place import place_gauge
 from tudor_dynamics.simulation.loads import (
     joint_reactions, LOADS, nodal_motion, section_loads, shape)
 from tudor_dynamics.simulation.mechanism import Mechanism
@@ -161,29 +161,18 @@ class Observer:
 
     def _gauge(self, arm: Arm, number: int) -> tuple[str, float]:
         gauge, mechanism = arm.gauges[number], self.plant.mechanism
-        if gauge.joint not in mechanism.beams:
-            msg = (f'{arm.source}: gauge {gauge.name!r} sits on the link of {gauge.joint!r}, '
-                   'which is rigid here; make it flexible in links, or leave the gauge out')
-            raise SimulationError(msg)
-        body = mechanism.body_of[gauge.joint]
-        floats, beam = mechanism.body_float[body], mechanism.beams[gauge.joint]
-        axes = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
-        start = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
-        distance = float(axes[:, 0] @ (gauge.distance * unit_vector(gauge.direction) - start))
-        axis = floats[at.AXIS:at.AXIS + 3] if gauge.axis is None else unit_vector(gauge.axis)
-        local = axes.T @ axis
-        column = 2 if abs(local[2]) >= abs(local[1]) else 1
-        bending, surface = ((beam.EIz, beam.surface_y) if column == 2
-                            else (beam.EIy, beam.surface_z))
-        # Positive for the load that the joint holds: the moment of the inboard part counts.
-        sign = -math.copysign(1.0, float(local[column]))
+        place = place_gauge(mechanism, arm, gauge)
+        beam, sign = mechanism.beams[gauge.joint], place.sign
         if gauge.unit == 'N m':
-            self._gains[number] = sign, 0.0, column
+            self._gains[number] = sign, 0.0, place.axis
         else:
+            bending, surface = ((beam.EIz, beam.surface_y) if place.axis == 2
+                                else (beam.EIy, beam.surface_z))
             scale = 1.0 if gauge.unit == 'm/m' else 1e6
+            beta = mechanism.body_float[place.body, at.BETA]
             self._gains[number] = (sign * scale * surface / bending,
-                                   -sign * scale * surface * floats[at.BETA], column)
-        return gauge.joint, distance
+                                   -sign * scale * surface * beta, place.axis)
+        return gauge.joint, place.distance
 
     def _check(self, joint: str, distance: float) -> None:
         mechanism = self.plant.mechanism
