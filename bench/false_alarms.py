@@ -27,14 +27,13 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-import subprocess
-import sys
 import warnings
+
+from elastic_study import bags, record
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.collisions import evaluate_collisions
-from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
@@ -42,19 +41,7 @@ from tudor_dynamics.monitoring.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 TRAINING, LEARNING, FREE, PUSHED = 5, 5, 30, 8
-
-
-def record(args, name, stimuli, seed, *more):
-    """Record bags, or find them recorded, and read them."""
-    out = args.work / name
-    if not (out / 'campaign.yaml').exists():
-        subprocess.run([sys.executable, '-m', 'tudor_dynamics', 'record', '--arm', str(args.arm),
-                        '--payload', '0.2', '--stimuli', str(stimuli), '--seconds', '80',
-                        '--seed', str(seed), '--out', str(out), *more], check=True,
-                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    arm = load_arm(args.arm)
-    return [load(parse_choice(str(path)), arm, arm.spec.preprocessing)
-            for path in sorted(out.glob('stimulus_*'))]
+PAYLOAD = 0.2
 
 
 def main():
@@ -63,12 +50,14 @@ def main():
     parser.add_argument('--arm', type=Path, default=Path('config/tudor.yaml'))
     parser.add_argument('--work', type=Path, required=True, help='directory for recordings')
     parser.add_argument('--kinds', nargs='+', default=['analytical', 'elastic'])
+    parser.set_defaults(seconds=80.0)
     args = parser.parse_args()
     args.work.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter('ignore', TudorWarning)
-    free = record(args, 'free', TRAINING + LEARNING + FREE, 7)
-    pushed = record(args, 'pushed', PUSHED, 8, '--pushes', '6')
     arm = load_arm(args.arm)
+    free = bags(arm, record(args, PAYLOAD, damped=True, seed=7,
+                            stimuli=TRAINING + LEARNING + FREE))
+    pushed = bags(arm, record(args, PAYLOAD, damped=True, seed=8, stimuli=PUSHED, pushes=6))
     spec, models = arm.spec.preprocessing, {}
     learning, unseen = free[TRAINING:TRAINING + LEARNING], free[TRAINING + LEARNING:]
     for kind in args.kinds:
@@ -84,8 +73,8 @@ def main():
             for asked in (1.0, 10.0) if count == LEARNING else (1.0,):
                 settings = replace(MonitorSettings(kind=kind), rates=Rates(asked, 60.0 * asked))
                 seen = [evaluate_collisions(bundle, [(str(bag.choice), bag.recording)
-                                                     for bag in bags], settings)
-                        for bags in (unseen, pushed)]
+                                                     for bag in some], settings)
+                        for some in (unseen, pushed)]
                 for quiet, push in zip(*seen, strict=True):
                     a, b = quiet.score, push.score
                     print(f'thresholds from {80 * count} s, {kind:10} {quiet.method:8} asked '
