@@ -107,6 +107,18 @@ class Arm:
         return tuple(by_name[name] for name in self.active_joints)
 
     @cached_property
+    def movable_joints(self) -> tuple[str, ...]:
+        """Names of all joints that can move, active and held, in the order of the kinematics."""
+        return tuple(self.full_model.names)[1:]
+
+    @cached_property
+    def held_joints(self) -> dict[str, float]:
+        """Joints that are not active, and where each is held [rad or m]."""
+        hold = {joint.name: joint.hold for joint in self.spec.joints}
+        return {name: hold.get(name, 0.0) for name in self.movable_joints
+                if name not in self.active_joints}
+
+    @cached_property
     def gauges(self) -> tuple[GaugeSpec, ...]:
         """Gauges behind active joints or behind held ones; all of the description."""
         return self.spec.gauges
@@ -117,13 +129,12 @@ class Arm:
         return tuple(gauge.name for gauge in self.gauges)
 
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
-        held = {joint.name: joint.hold for joint in self.spec.joints}
         reference = np.zeros(model.nq)
         locked = []
         for index in range(1, model.njoints):
             name = model.names[index]
             if name not in keep:
-                reference[model.joints[index].idx_q] = held.get(name, 0.0)
+                reference[model.joints[index].idx_q] = self.held_joints[name]
                 locked.append(index)
         return pin.buildReducedModel(model, locked, reference) if locked else model
 
