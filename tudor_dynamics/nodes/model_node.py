@@ -159,6 +159,8 @@ class ModelNode(TudorNode):
         if self.bundle is not None:
             values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
         known = None if self._loaded is None else self._loaded.payload_range
+        if self._loaded is not None and self._loaded.payload is not None:
+            values['payload [kg]'] = f'{self._loaded.payload:g}'
         if known is not None and 'payload' in self.params:
             payload = float(self.value('payload'))
             values['payload [kg]'] = f'{payload:g}'
