@@ -125,8 +125,9 @@ def test_the_simulator_lays_them_out(world: World, root: Path, tmp_path: Path) -
     assert world.spin(lambda: all(world.heard[topic] for topic in topics))
     names = {topic: list(world.heard[topic][-1].name) for topic in world.heard
              if topic != '/diagnostics'}
-    assert names == {'joint_states': ['joint1', *JOINTS, 'link2_mid'], 'motor_currents': ['joint2'],
-                     'a': ['link2_hub'], 'b': ['link3_hub', 'link3_mid']}
+    assert names == {'joint_states': ['joint1', *JOINTS, 'link2_mid'],
+                     'motor_currents': ['joint2'], 'a': ['link2_hub'],
+                     'b': ['link3_hub', 'link3_mid']}
     own = world.heard['joint_states'][-1]
     assert np.isnan(own.effort).tolist() == [True, True, False, True]
     assert np.isnan(own.velocity).tolist() == [False, False, False, True]

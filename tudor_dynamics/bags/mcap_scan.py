@@ -18,7 +18,9 @@ Quick scan of the data section of an MCAP file: raw messages of chosen topics.
 rosbags reads MCAP record by record through file objects, which costs more than everything that
 follows. This scan walks the records of a chunk in memory instead. It checks every length and the
 chunk checksums, and raises Unusual for all that it does not know: the caller then asks rosbags,
-which has the last word on what the file holds.
+which has the last word on what the file holds. Only files that nobody finished, because the
+recorder was killed or its disk was full, are read here alone: they have no index, which rosbags
+asks for.
 
 Format: https://mcap.dev/spec
 """
@@ -33,7 +35,7 @@ from typing import Any, BinaryIO
 import zlib
 
 MAGIC = b'\x89MCAP0\r\n'
-FOOTER, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0F
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 0x02, 0x03, 0x04, 0x05, 0x06, 0x0F
 NESTED = (0x01, FOOTER, CHUNK, DATA_END)
 """Records that have no business inside a chunk."""
 MAX_CHUNK_BYTES = 1 << 30
@@ -163,20 +165,32 @@ def _scan_chunk(
         position = stop
 
 
+def _next_record(stream: BinaryIO, size: int, unfinished: bool) -> tuple[int, int]:
+    """Read code and length of a record; an unfinished file ends where one is not whole."""
+    head = stream.read(_RECORD.size)
+    if unfinished and (len(head) < _RECORD.size or not head[0]):  # 0: never written, by a crash
+        return DATA_END, 0
+    code, length = _RECORD.unpack(head)
+    if length > size - stream.tell():
+        if unfinished:
+            return DATA_END, 0
+        raise Unusual('a record leaves the file')
+    return code, length
+
+
 def _scan_file(
     stream: BinaryIO,
     size: int,
     wanted: Collection[str],
     found: dict[str, Scan],
     with_data: bool,
+    unfinished: bool,
 ) -> None:
     if stream.read(len(MAGIC)) != MAGIC:
         raise Unusual('no MCAP magic')
     channels: dict[int, str] = {}
     while True:
-        code, length = _RECORD.unpack(stream.read(_RECORD.size))
-        if length > size - stream.tell():
-            raise Unusual('a record leaves the file')
+        code, length = _next_record(stream, size, unfinished)
         if code in (DATA_END, FOOTER):
             return
         if code == CHUNK:
@@ -188,7 +202,9 @@ def _scan_file(
             stream.seek(length, 1)
 
 
-def scan_mcap(path: Path, topics: Collection[str], *, with_data: bool = True) -> dict[str, Scan]:
+def scan_mcap(
+    path: Path, topics: Collection[str], *, with_data: bool = True, unfinished: bool = False,
+) -> dict[str, Scan]:
     """
     Read the raw messages of some topics.
 
@@ -200,6 +216,8 @@ def scan_mcap(path: Path, topics: Collection[str], *, with_data: bool = True) ->
         Topics to read.
     with_data : bool
         Also keep the messages, not only their times.
+    unfinished : bool
+        The file breaks off anywhere; what is whole before is read.
 
     Returns
     -------
@@ -217,7 +235,60 @@ def scan_mcap(path: Path, topics: Collection[str], *, with_data: bool = True) ->
     found = {topic: Scan() for topic in topics}
     try:
         with path.open('rb') as stream:
-            _scan_file(stream, path.stat().st_size, frozenset(topics), found, with_data)
+            _scan_file(stream, path.stat().st_size, frozenset(topics), found, with_data,
+                       unfinished)
     except (OSError, struct.error, KeyError, UnicodeDecodeError, MemoryError) as err:
         raise Unusual(f'{type(err).__name__}: {err}') from None
     return found
+
+
+def unfinished_topics(path: Path) -> dict[str, str]:
+    """
+    Find the topics of a file that nobody finished.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file.
+
+    Returns
+    -------
+    dict of str to str
+        Topic to message type; empty for a file that was finished, or has no whole chunk.
+
+    """
+    found: dict[str, str] = {}
+    try:
+        with path.open('rb') as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(size - len(MAGIC), 0))
+            finished = stream.read() == MAGIC and size > len(MAGIC)
+            stream.seek(0)
+            if finished or stream.read(len(MAGIC)) != MAGIC:
+                return {}
+            schemas: dict[int, str] = {}
+            while (record := _next_record(stream, size, True))[0] not in (DATA_END, FOOTER):
+                if record[0] == CHUNK:
+                    _learn_topics(_unpack_chunk(stream.read(record[1])), schemas, found)
+                else:
+                    stream.seek(record[1], 1)
+    except (OSError, struct.error, KeyError, UnicodeDecodeError, MemoryError, Unusual, Damaged):
+        return {}
+    return found
+
+
+def _learn_topics(chunk: bytes, schemas: dict[int, str], found: dict[str, str]) -> None:
+    """Take topics and types out of a chunk."""
+    position = 0
+    while position < len(chunk):
+        code, size = _RECORD.unpack_from(chunk, position)
+        position += _RECORD.size
+        if code in (SCHEMA, CHANNEL):
+            record = chunk[position:position + size]
+            (number,) = _U16.unpack_from(record)
+            if code == SCHEMA:
+                schemas[number], _ = _text(record, 2)
+            else:
+                topic, _ = _text(record, 4)
+                found[topic] = schemas[_U16.unpack_from(record, 2)[0]]
+        position += size

@@ -24,13 +24,17 @@ from typing import Any
 from rosbags.rosbag2 import Reader
 import yaml
 
+from tudor_dynamics.bags.mcap_scan import scan_mcap, unfinished_topics
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.storage import Bag, guard, one_line, TopicInfo
+from tudor_dynamics.bags.writer import scratch_prefix
 from tudor_dynamics.errors import BagError
 
 SUFFIXES = ('.db3', '.mcap')
 METADATA = 'metadata.yaml'
 MAX_METADATA_BYTES = 10_000_000
+HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
+"""Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 
 
 def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
@@ -68,14 +72,50 @@ def _storage_name(files: Collection[Path]) -> str:
     return ', '.join(sorted({names.get(file.suffix, file.suffix) for file in files}))
 
 
+def _unfinished(file: Path) -> list[TopicInfo]:
+    """Give the topics of a file that breaks off; none where it should not."""
+    if file.suffix != '.mcap' or (file.parent / METADATA).exists():
+        return []  # with metadata it was finished once: it is a bad copy
+    types = unfinished_topics(file)
+    found = scan_mcap(file, types, with_data=False, unfinished=True) if types else {}
+    return [TopicInfo(name, types[name], len(scan.log_time)) for name, scan in found.items()]
+
+
 def _open_files(path: Path, files: tuple[Path, ...], notes: Notes) -> Bag:
-    found = [item for file in files for item in _topics(file)[0]]
+    found, unfinished = [], set()
     for file in files:
-        wal = file.with_name(file.name + '-wal')
-        if file.suffix == '.db3' and wal.is_file() and wal.stat().st_size > 0:
-            notes.add(f'{wal.name} was never merged: the last messages may be missing; '
-                      f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
-    return Bag(path, _storage_name(files), files, _merge(found), files, False)
+        _check_leftovers(file, notes)
+        try:
+            found += _topics(file)[0]
+        except BagError:
+            with guard(file):
+                topics = _unfinished(file)
+            if not topics:
+                raise
+            found += topics
+            unfinished.add(file)
+            notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
+    return Bag(path, _storage_name(files), files, _merge(found), files, False,
+               unfinished=frozenset(unfinished))
+
+
+def _check_leftovers(file: Path, notes: Notes) -> None:
+    """Look at what SQLite left beside a file that was not closed."""
+    if file.suffix != '.db3':
+        return
+    wal, journal = (file.with_name(file.name + end) for end in ('-wal', '-journal'))
+    if wal.is_file() and wal.stat().st_size > 0:
+        notes.add(f'{wal.name} was never merged: the last messages may be missing; '
+                  f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
+    if not journal.is_file():
+        return
+    with journal.open('rb') as stream:
+        # written before SQLite changes the file itself, whose pages may now be of two times
+        if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
+            msg = (f'{file}: its recorder was killed while it wrote, {journal.name} takes that '
+                   f'back: run `sqlite3 {file.name} "pragma quick_check"` beside it, best '
+                   'on a copy of the directory')
+            raise BagError(msg)
 
 
 def _metadata(directory: Path) -> tuple[tuple[Path, ...], dict[str, str]]:
@@ -162,6 +202,9 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
         raise BagError(msg) from None
     if not exists:
         msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
+        left = abandoned(path)
+        if left:
+            msg += f' (a recorder that was killed left {", ".join(str(item) for item in left)})'
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
     elif path.suffix == '.zstd':
@@ -169,3 +212,13 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
     else:
         msg = f'{path}: not a bag; give a rosbag2 directory, .mcap or .db3 file'
     raise BagError(msg)
+
+
+def abandoned(path: Path) -> list[Path]:
+    """Give what recorders that were killed left of a bag."""
+    try:
+        return sorted(item / path.name for item in path.parent.iterdir()
+                      if item.name.startswith(scratch_prefix(path))
+                      and (item / path.name).is_dir())
+    except OSError:
+        return []

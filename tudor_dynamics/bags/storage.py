@@ -92,6 +92,8 @@ class Bag:
         Whether messages or files are compressed by rosbag2.
     custom : dict of str to str
         What whoever recorded wrote into ``custom_data`` of the metadata.
+    unfinished : frozenset of Path
+        Files that break off, because their recorder was killed.
 
     """
 
@@ -102,6 +104,7 @@ class Bag:
     sources: tuple[Path, ...]
     packed: bool
     custom: Mapping[str, str] = field(default_factory=dict)
+    unfinished: frozenset[Path] = frozenset()
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,
@@ -145,7 +148,8 @@ class Bag:
         if self.packed or any(file.suffix != '.mcap' for file in self.files):
             return False
         try:
-            scans = [scan_mcap(file, tuple(times), with_data=with_data) for file in self.files]
+            scans = [scan_mcap(file, tuple(times), with_data=with_data,
+                               unfinished=file in self.unfinished) for file in self.files]
         except Unusual:
             return False
         except Damaged as err:

@@ -213,5 +213,5 @@ def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> 
     return _exit_code(node) or 0
 
 
-def _exit_code(node: TudorNode) -> int | None:
+def _exit_code(node: TudorNode | None) -> int | None:
     return node.exit_code if isinstance(node, EndingNode) else None
