@@ -18,17 +18,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -99,6 +102,8 @@ class TudorNode(Node):
     ----------
     name : str
         Name of the node, which is also its key in the table of parameters.
+    steady : callable, default=time.monotonic
+        Clock by which the node tells ages, never that of ROS, which stops with a simulator [s].
     **kwargs
         Of rclpy's Node: context, namespace, parameter_overrides, ...
 
@@ -113,9 +118,13 @@ class TudorNode(Node):
 
     """
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
+    def __init__(
+        self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
+    ) -> None:
         super().__init__(name, **kwargs)
-        self.meter = Meter()
+        self.steady = steady
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
         self.fault = ''
         self._before: Counter[str] = Counter()
@@ -127,7 +136,26 @@ class TudorNode(Node):
         self.add_post_set_parameters_callback(self._applied)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=1))
-        self._timer = self.create_timer(1.0, self.publish_diagnostics)
+        self._timer = self.every(1.0, self.publish_diagnostics)
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """
+        Call something again and again, whatever the clock of ROS does.
+
+        Parameters
+        ----------
+        period : float
+            Time between two calls on the steady clock [s].
+        callback : callable
+            What to call.
+
+        Returns
+        -------
+        rclpy.timer.Timer
+            Timer.
+
+        """
+        return self.create_timer(period, callback, clock=self._steady_clock)
 
     def value(self, name: str) -> Any:
         """Give the value of a parameter; lists of strings as tuples."""

@@ -61,7 +61,7 @@ class ModelNode(TudorNode):
         except TudorError as err:
             self.fault = str(err)
         self.create_service(Trigger, RELOAD, self._on_reload)
-        self._poll = self.create_timer(0.05, self._take_over)
+        self._poll = self.every(0.05, self._take_over)
         self._poll.cancel()
 
     def _load(self) -> ModelBundle:
