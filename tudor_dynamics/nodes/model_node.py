@@ -152,6 +152,11 @@ class ModelNode(TudorNode):
         arm = '' if self.bundle is None else self.bundle.arm.name
         return str(self.value('robot')) or arm or 'none'
 
+    def about(self) -> dict[str, str]:
+        """Add the arm."""
+        arm = 'none' if self.bundle is None else self.bundle.arm.name
+        return {**super().about(), 'arm': arm}
+
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Tell which model is in use."""
         level, message, values = super().status()
