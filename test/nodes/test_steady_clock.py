@@ -23,21 +23,10 @@ import numpy as np
 import pytest
 from std_srvs.srv import Trigger
 
-from ros_world import joint_message, JOINTS, World
+from ros_world import Hand, joint_message, JOINTS, World
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.meter import Meter
 from tudor_dynamics.nodes.monitor import MonitorNode
-
-
-class Hand:
-    """A steady clock that is turned by hand [s]."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        """Tell the time."""
-        return self.now
 
 
 @pytest.mark.parametrize('kind', ['events', 'single'])

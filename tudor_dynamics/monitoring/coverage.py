@@ -98,12 +98,14 @@ class Coverage:
         stream = self._streams.get(topic)
         if stream is None:
             return False
+        worse = False
+        if now - self._looked >= LOOK:
+            # before it counts: what came until now has been worked off
+            before = self.verdict.sight
+            worse = self.look(now).sight > before
         stream.count += 1
         stream.stamp = stamp
-        if now - self._looked < LOOK:
-            return False
-        before = self.verdict.sight
-        return self.look(now).sight > before
+        return worse
 
     def look(self, now: float) -> Verdict:
         """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""

@@ -209,7 +209,7 @@ class Judged:
         if self._flowing is None or new.motion['judged'] > last.motion['judged']:
             self._blind = None
         elif self._blind is None:
-            self._blind = new.time
+            self._blind = last.time
         for place, offsets in enumerate(self._offsets, 1):
             if came[0] and came[place]:
                 offsets.append((new.time, (new.stamps[0] - new.stamps[place]) * 1e-9))

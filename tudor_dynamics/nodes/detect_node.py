@@ -313,7 +313,7 @@ class DetectNode(ModelNode):
 
     def about(self) -> dict[str, str]:
         """Add the methods in use."""
-        methods = self.watch.stages if self.watch is not None else ()
+        methods = self.watch.methods if self.watch is not None else ()
         return {**super().about(), 'methods': ', '.join(methods) or 'none'}
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
