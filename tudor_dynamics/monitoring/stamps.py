@@ -28,7 +28,7 @@ LEARNING = 5
 """Intervals needed before a period can be told."""
 RENEWAL = 16
 """Intervals between two looks at the period, which would take a microsecond each."""
-LONG = 1.5
+LONG = 1.6
 """Steps that are longer may hide a sample that was lost [periods]."""
 EARLY = 0.9
 """Steps that are shorter make up for a sample that was late before them [periods]."""
@@ -94,11 +94,9 @@ class Losses:
         if step > LONG:
             self._late += step - 1.0
             return 0
-        if step < EARLY:
-            self._late = max(0.0, self._late - (1.0 - step))
-            return 0
-        lost, self._late = max(0, round(self._late)), 0.0
-        return lost
+        late = max(0.0, self._late - max(0.0, 1.0 - step))
+        self._late = late if step < EARLY else 0.0
+        return 0 if step < EARLY else round(late)
 
 
 @dataclass(slots=True)  # frozen would be three times as slow to make, twice a sample
