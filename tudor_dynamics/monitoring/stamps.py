@@ -84,6 +84,8 @@ class Losses:
         if not self._renewal:
             self._renewal = RENEWAL
             self._period = float(median(self.recent))
+            if self._period > self._long > 0.0:
+                self._late = 0.0  # the source has slowed down, which is no loss
             self._long = LONG * self._period
         if 0.0 < step <= self._long and not self._late:
             return 0  # nearly always

@@ -71,8 +71,9 @@ class CollisionDetectorNode(DetectNode):
                   for output in prepared.outputs}
         wanted |= {(output, topic): partial(self._on_measured, output, topic)
                    for output in prepared.outputs for topic in topics[output]}
-        for key in wanted.keys() - self._inputs.keys():
-            self._inputs[key] = self.hear_joint_states(key[1], wanted[key])
+        for key, callback in wanted.items():
+            if key not in self._inputs:
+                self._inputs[key] = self.hear_joint_states(key[1], callback)
 
     def _on_motion(self, message: PointSample) -> None:
         self.outlets.look(self.meter.begin())

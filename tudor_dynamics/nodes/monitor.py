@@ -75,9 +75,10 @@ class MonitorNode(DetectNode):
         for output in prepared.watch.outputs:
             for topic in topics[output]:
                 self._carried.setdefault(topic, []).append(output)
-        for topic in self._carried.keys() - self._inputs.keys():
-            self._inputs[topic] = self.hear_joint_states(
-                topic, self._on_joints if topic == own else partial(self._on_measured, topic))
+        for topic in self._carried:
+            if topic not in self._inputs:
+                self._inputs[topic] = self.hear_joint_states(
+                    topic, self._on_joints if topic == own else partial(self._on_measured, topic))
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
