@@ -32,6 +32,7 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
+from tudor_dynamics.nodes.model_node import ModelNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -213,15 +214,33 @@ def test_detector_without_predictions(world: World, model: Path, recording: Any)
 
 def test_two_publishers_of_collisions(world: World, model: Path) -> None:
     """Monitor and detector in one namespace name each other."""
-    nodes = [world.add(kind, model=str(model)) for kind in (MonitorNode, CollisionDetectorNode)]
-    assert world.spin(lambda: all(node._rivals for node in nodes))
-    assert nodes[0]._rivals == ['/collision_detector'] and nodes[1]._rivals == ['/monitor']
+    nodes = [world.add(kind, model=str(model), timeout=60.0)
+             for kind in (MonitorNode, CollisionDetectorNode)]
     for node in nodes:
         node.meter.begin()
-    assert '/collision_detector publish on collision, too' in nodes[0].status()[1]
-    assert nodes[0].status()[0] == WARN
+
+    def told(node: Any, rival: str) -> bool:
+        level, message, _ = node.status()
+        return level == WARN and f'{rival} publish on collision, too' in message
+    assert world.spin(lambda: told(nodes[0], '/collision_detector')
+                      and told(nodes[1], '/monitor'))
     world.end(nodes[1])
-    assert world.spin(lambda: not nodes[0]._rivals)
+    assert world.spin(lambda: nodes[0].status()[0] == OK)
+
+
+def test_a_blind_monitor_outranks_a_warning(
+    watched: Watched, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A payload outside the model's range does not hide that nothing is judged."""
+    def mute(_: int, messages: dict[str, Any]) -> None:
+        del messages['link_strains']
+    watched.feed(0, 200)
+    monkeypatch.setattr(ModelNode, 'status', lambda _: (WARN, 'payload 0.7 kg', {}))
+    level, message, _ = watched.told()
+    assert level == WARN and 'payload 0.7 kg' in message
+    watched.feed(200, 325, mute)
+    level, message, _ = watched.told()
+    assert level == ERROR and 'nothing on link_strains' in message
 
 
 def test_methods_of_the_model(

@@ -75,7 +75,6 @@ class DetectNode(ModelNode):
         self._readers: dict[tuple[str, str], NamedReader] = {}
         self._sensor_drops: dict[str, Counter[str]] = {}
         self._unserved = ''
-        self._rivals: list[str] = []
         self.coverage = Coverage()
         self.gathering: dict[str, Gathering] = {}
         self.outlets = Outlets()
@@ -90,7 +89,6 @@ class DetectNode(ModelNode):
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
         self._tell_level(Level.FREE)
-        self.every(1.0, self._look_for_rivals)
 
     def settings(self) -> MonitorSettings:
         """Give the settings that the parameters stand for."""
@@ -163,9 +161,6 @@ class DetectNode(ModelNode):
         """Count a message that the detector needs; tell at once where it sees less than before."""
         if self.coverage.came(topic, stamp, self.meter.last_arrival or 0.0):
             self.publish_diagnostics()
-
-    def _look_for_rivals(self) -> None:
-        self._rivals = self.rivals(self._flags[Level.COLLISION])
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a contact rate below that of collisions."""
@@ -330,13 +325,17 @@ class DetectNode(ModelNode):
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link
-        if level == OK:
-            level, message = self._judge_itself()
+        own, text = self._judge_itself()
+        if level in (OK, WARN) and own > level:
+            level, message = own, text
+        elif level == own == WARN:
+            message = f'{message}; {text}'
         return level, message, values
 
     def _judge_itself(self) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
         assert self.watch is not None
+        rivals = self.rivals(self._flags[Level.COLLISION])
         dead = [name for health in self.health.values() for name in health.dead()]
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages
@@ -346,8 +345,8 @@ class DetectNode(ModelNode):
             verdict.text if verdict.sight is Sight.BLIND and not learning else '']
         warnings = [
             verdict.text if not learning else '', self._unserved, self._note,
-            f'{", ".join(self._rivals)} publish on {COLLISION}, too: give each its own topic or '
-            'namespace' if self._rivals else '']
+            f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
+            'namespace' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
             if any(texts):
                 return level, '; '.join(text for text in texts if text)
