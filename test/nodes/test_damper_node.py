@@ -159,7 +159,7 @@ def test_watchdog(world: World, tudor: Path) -> None:
     arm.lose_patience(10.0)
     arm.step(gap=1000)
     assert arm.run(400)[-50:].any()
-    assert values_of(world.status('oscillation_damper'))['dropped: gap'] == '1'
+    assert values_of(world.status('oscillation_damper'))['dropped: gap'] == '1000'
 
 
 def test_reference_stops(world: World, tudor: Path) -> None:

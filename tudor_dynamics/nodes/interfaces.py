@@ -113,7 +113,8 @@ FILTER = (
     GAP)
 PREDICT = (MODEL, KIND, PAYLOAD)
 DETECT = (
-    Param('methods', ('strain',), 'what the detector listens to: strain, effort, momentum'),
+    Param('methods', (), 'what the detector listens to, of strain, effort and momentum; by '
+          'default all that the model has thresholds for, without any all that it predicts'),
     Param('false_alarms_per_hour', 1.0, 'false collisions that are allowed', '1/h', 1e-6, 3600.0,
           dynamic=True),
     Param('contact_alarms_per_hour', 60.0, 'false contacts that are allowed', '1/h', 1e-6, 3600.0,

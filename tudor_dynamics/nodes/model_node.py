@@ -61,7 +61,7 @@ class ModelNode(TudorNode):
         except TudorError as err:
             self.fault = str(err)
         self.create_service(Trigger, RELOAD, self._on_reload)
-        self._poll = self.create_timer(0.05, self._take_over)
+        self._poll = self.every(0.05, self._take_over)
         self._poll.cancel()
 
     def _load(self) -> ModelBundle:
@@ -151,6 +151,11 @@ class ModelNode(TudorNode):
         """Give the name of the robot, by default that of the model's arm."""
         arm = '' if self.bundle is None else self.bundle.arm.name
         return str(self.value('robot')) or arm or 'none'
+
+    def about(self) -> dict[str, str]:
+        """Add the arm."""
+        arm = 'none' if self.bundle is None else self.bundle.arm.name
+        return {**super().about(), 'arm': arm}
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Tell which model is in use."""
