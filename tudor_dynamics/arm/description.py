@@ -175,7 +175,7 @@ class Arm:
         whatever else they say of limits, motors, sensors, damper, links and preprocessing.
         """
         content = self.spec.model_dump(
-            mode='json', exclude={'joints': {'__all__': {'limits'}}},
+            mode='json', exclude={'joints': {'__all__': {'limits', 'planned'}}},
             include={'name', 'gravity', 'joints', 'active_joints', 'joint_topic', 'gauges'})
         model = self.full_model
         content['tree'] = [

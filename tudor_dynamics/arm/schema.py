@@ -66,22 +66,26 @@ class EffortSpec(Spec):
 
 
 class LimitSpec(Spec):
-    """Limits of a joint's motion."""
+    """What the motion of a joint never exceeds; what is missing is taken from the URDF."""
 
-    lower: Finite = -math.pi
+    lower: Finite | None = None
     """[rad or m]"""
-    upper: Finite = math.pi
+    upper: Finite | None = None
     """[rad or m]"""
     velocity: Positive | None = None
     """[rad/s or m/s]"""
     acceleration: Positive | None = None
-    """[rad/s^2 or m/s^2]"""
+    """Of the drive, by default what its motor can do without load [rad/s^2 or m/s^2]."""
 
     @model_validator(mode='after')
     def _ordered(self) -> LimitSpec:
-        if self.lower >= self.upper:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f'lower limit {self.lower} is not below upper limit {self.upper}')
         return self
+
+
+class PlannedSpec(LimitSpec):
+    """What planned motion keeps to: within ``limits``, with room for the damper."""
 
 
 class JointSpec(Spec):
@@ -104,6 +108,18 @@ class JointSpec(Spec):
     hold: Finite = 0.0
     """Position of the joint where it is not active [rad or m]."""
     limits: LimitSpec | None = None
+    planned: PlannedSpec | None = None
+
+    @model_validator(mode='after')
+    def _plans_within_limits(self) -> JointSpec:
+        planned, limits = self.planned or PlannedSpec(), self.limits or LimitSpec()
+        for key, outwards in (('lower', -1.0), ('upper', 1.0), ('velocity', 1.0),
+                              ('acceleration', 1.0)):
+            inner, outer = getattr(planned, key), getattr(limits, key)
+            if inner is not None and outer is not None and outwards * (inner - outer) > 0.0:
+                raise ValueError(f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
+                                 'nothing may be planned that must not happen')
+        return self
 
     @field_validator('friction')
     @classmethod
