@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
@@ -100,7 +101,7 @@ class ArmProcess:
     floor : Floor or None
         Obstacle.
     command_timeout : float
-        The joints stop where no command came for so long [s].
+        The joints brake with their planned acceleration where no command came for so long [s].
     held : dict of str to float
         Joints that are not active, and where each is held [rad or m].
     failure : str
@@ -128,6 +129,7 @@ class ArmProcess:
         self._samples = 0
         initial = arm.spec.simulation.initial
         self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
+        self._braking = planned_limits(arm).acceleration
         self.command_timeout = 0.1
         self.floor: Floor | None = None
         self.reset()
@@ -155,6 +157,11 @@ class ArmProcess:
             return
         self._speed = np.array(speed, dtype=float)
         self._age = 0.0
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speeds that the joints were told last, or brake to by themselves [rad/s]."""
+        return self._speed.copy()
 
     def tip(self) -> FloatArray:
         """Give the place of the tip in the base frame [m]."""
@@ -188,7 +195,9 @@ class ArmProcess:
     def _advance(self, t: float, force: FloatArray) -> Sample:
         self.loop.set_force(force)
         period = self.steps * self.loop.dt
-        speed = self._speed if self._age < self.command_timeout else np.zeros_like(self._speed)
+        if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
+            self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
+        speed = self._speed
         self._age += period
         q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
         signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
