@@ -34,10 +34,19 @@ from tudor_dynamics.nodes.wire import JointStateDecoder
 
 EDGE = 0.3
 """What was on its way when a node began, ended or was stopped [s]."""
-CATCH_UP = 1.0
+CATCH_UP = 2.0
 """Time to work off what came during a stop [s]."""
 GROWTH = 2.0
 """Memory that a node may grow by [MB]."""
+MEETING = 5.0
+"""A new publisher and who listens must have found each other by then [s]."""
+TELLING = 1.5
+"""A node has told what it does, and brought to disk what it records, so soon [s]."""
+STARTED = 15.0
+"""Behind so much life a node has surely started and minds SIGTERM [s]."""
+PUBLISHERS = {'joint_states': 'arm_simulator', 'link_strains': 'arm_simulator',
+              'joint_reference': 'reference_generator'}
+"""Who publishes what is recorded with stamps."""
 ROUNDING = 1e-3
 """Of encoders [rad], and of what is compared with a limit."""
 
@@ -80,14 +89,14 @@ class Life:
         """Say whether it is stopped, or was a moment ago."""
         return any(begin <= now <= end + CATCH_UP for begin, end in self.pauses)
 
-    def windows(self, first: float) -> Iterator[tuple[float, float]]:
+    def windows(self, first: float, edge: float = EDGE) -> Iterator[tuple[float, float]]:
         """Give the times in which it surely took what came, from its first output on."""
         begin = first + EDGE
         assert self.ended is not None
         for stop, go in self.pauses:
-            yield begin, stop - EDGE
+            yield begin, stop - edge
             begin = go + CATCH_UP
-        yield begin, self.ended - EDGE
+        yield begin, self.ended - edge
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,35 +155,58 @@ def inside(arrival: NDArray[np.float64], windows: list[tuple[float, float]]) -> 
     return found
 
 
-def lived(observed: Observed, node: str, topic: str) -> list[tuple[float, float]]:
+def lived(
+    observed: Observed, node: str, topic: str, edge: float = EDGE,
+) -> list[tuple[float, float]]:
     """Give the windows in which a node surely took what came: from its first output on."""
     arrival, windows = observed.tracks[topic].arrival, []
     for life in observed.lives:
         assert life.ended is not None
         own = arrival[(arrival > life.began) & (arrival < life.ended)]
         if life.node == node and own.size:
-            windows += list(life.windows(own[0]))
+            windows += list(life.windows(own[0], edge))
     return [(begin, end) for begin, end in windows if end > begin]
+
+
+def met_late(
+    observed: Observed, publisher: str, track: Track, taken: NDArray[np.bool_],
+) -> NDArray[np.bool_]:
+    """Say what was sent before a new publisher and who listens had met: it never came in."""
+    late = np.zeros(len(track), dtype=bool)
+    for life in observed.lives:
+        if life.node == publisher:
+            assert life.ended is not None
+            of_it = inside(track.arrival, [(life.began, life.ended + EDGE)])
+            first = track.arrival[of_it & taken]
+            began = track.arrival[of_it]
+            if began.size:
+                met = min(first[0] if first.size else np.inf, began[0] + MEETING)
+                late |= of_it & (track.arrival < met)
+    return late
 
 
 def monitored(observed: Observed) -> list[Line]:
     """Compare what was published with what the monitor received, judged, and told it did not."""
     joints, motion = observed.tracks['joint_states'], observed.tracks['joint_motion']
     windows = lived(observed, 'monitor', 'joint_motion')
-    sent = joints.stamp[inside(joints.arrival, windows)]
-    missing = np.setdiff1d(sent, motion.stamp)
-    within = inside(motion.arrival, windows)
+    lives, taken = inside(joints.arrival, windows), np.isin(joints.stamp, motion.stamp)
+    late = met_late(observed, 'arm_simulator', joints, taken | ~lives) & lives
+    sent = lives & ~late
+    missing = int((sent & ~taken).sum())
+    within = inside(motion.arrival, lived(observed, 'monitor', 'joint_motion', TELLING))
     unjudged = within & ~np.isin(motion.stamp, observed.tracks['strain_residuals'].stamp)
+    told = told_of(observed, motion.stamp)
+    secret = unjudged & ~told
     # the strain of a motion may be lost with the simulator that was killed between the two
     settling = motion.elapsed * 1e-9 < observed.settle + 2 * observed.period
-    silent = motion.stamp[unjudged & ~settling]
-    secret = silent[~told_of(observed, silent)]
-    return [Line('monitor: samples not received', f'{len(missing)} of {len(sent)}', '0',
-                 not len(missing) and len(sent) > 0),
-            Line('monitor: not judged, not told', f'{len(secret)} of {int(within.sum())}', '0',
-                 not len(secret)),
-            Line('  not judged: settling; told', f'{int((unjudged & settling).sum())}; '
-                 f'{len(silent) - len(secret)}', '-', True)]
+    return [Line('monitor: samples not received', f'{missing} of {int(sent.sum())}', '0',
+                 not missing and bool(sent.any())),
+            Line('monitor: not judged, not told', f'{int(secret.sum())} of {int(within.sum())}',
+                 '0', not secret.any()),
+            Line('  settling, not judged for else',
+                 f'{int((unjudged & settling).sum())}, {int((unjudged & ~settling).sum())}', '-',
+                 True),
+            Line('  sent before the two had met', str(int(late.sum())), '-', True)]
 
 
 def told_of(observed: Observed, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -192,7 +224,7 @@ def told_of(observed: Observed, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
     return found
 
 
-def stamps_in(path: str, topic: str) -> NDArray[np.int64]:
+def stamps_in(path: Path, topic: str) -> NDArray[np.int64]:
     """Read the stamps of a recorded topic [ns]."""
     decoder = JointStateDecoder(Counter())
     samples = [decoder.decode(data) for data in read_track(path, [topic]).data]
@@ -200,45 +232,39 @@ def stamps_in(path: str, topic: str) -> NDArray[np.int64]:
 
 
 def recorded(observed: Observed) -> list[Line]:
-    """Compare what was published with what stands in the bags of recorders that could end."""
-    lost = sent = bags = rescued = killed = 0
-    for life in observed.lives:
-        if life.node != 'bag_recorder':
-            continue
-        if life.by == 'SIGKILL':
-            killed += 1
-            rescued += readable(Path(life.bag))
-            continue
-        for topic in ('joint_states', 'link_strains', 'joint_reference'):
+    """Compare what was published with the bags, those of killed recorders up to the last save."""
+    lost = sent = early = unreadable = 0
+    lives = [life for life in observed.lives if life.node == 'bag_recorder']
+    for life in lives:
+        bag, killed = found_bag(Path(life.bag)), life.by == 'SIGKILL'
+        assert life.ended is not None
+        for topic, publisher in PUBLISHERS.items():
             track = observed.tracks[topic]
-            assert life.ended is not None
-            during = inside(track.arrival, [(life.began, life.ended)])
+            during = inside(track.arrival, [(life.began + STARTED, life.ended)])
             try:
-                kept = stamps_in(life.bag, topic)
+                kept = stamps_in(bag, topic)
             except TudorError:
-                if during.sum() > 1.0 / observed.period:  # else there was hardly time to begin
-                    lost += int(during.sum())
+                unreadable += topic == 'joint_states' and bool(during.any())
                 continue
-            bags += topic == 'joint_states'
-            first = track.arrival[np.isin(track.stamp, kept)]
-            windows = list(life.windows(first[0])) if first.size else []
-            wanted = track.stamp[inside(track.arrival, windows)]
-            sent += len(wanted)
-            lost += len(np.setdiff1d(wanted, kept))
+            taken = np.isin(track.stamp, kept)
+            first = track.arrival[taken]
+            windows = life.windows(first[0], TELLING if killed else EDGE) if first.size else ()
+            within = inside(track.arrival, list(windows))
+            late = met_late(observed, publisher, track, taken | ~within) & within
+            early += int(late.sum())
+            sent += int((within & ~late).sum())
+            lost += int((within & ~late & ~taken).sum())
     return [Line('recorder: messages not in the bag', f'{lost} of {sent}', '0',
                  not lost and sent > 0),
-            Line('  bags ended; killed, readable', f'{bags}; {killed}, {rescued}', '-', True)]
+            Line('recorder: bags that cannot be read', f'{unreadable} of {len(lives)}', '0',
+                 not unreadable),
+            Line('  sent before the two had met', str(early), '-', True)]
 
 
-def readable(bag: Path) -> bool:
-    """Say whether the bag of a killed recorder can be read as it was left."""
-    for file in bag.parent.glob(f'.{bag.name}.*/**/*.mcap'):
-        try:
-            read_track(file)
-        except TudorError:
-            continue
-        return True
-    return False
+def found_bag(bag: Path) -> Path:
+    """Give a bag, or what a recorder that was killed has left of it."""
+    left = sorted(bag.parent.glob(f'.{bag.name}.*/{bag.name}'))
+    return bag if bag.exists() or not left else left[0]
 
 
 def grown(observed: Observed) -> list[Line]:
@@ -260,8 +286,9 @@ def grown(observed: Observed) -> list[Line]:
 
 def ended(observed: Observed) -> Line:
     """Judge exit codes: 0 for SIGTERM, and no death without a signal."""
-    bad = [life for life in observed.lives if not life.asked
-           or (life.by == 'SIGTERM' and life.code != 0)]
+    bad = [life for life in observed.lives if not life.asked or (
+        life.by == 'SIGTERM' and life.code != 0 and life.ended is not None
+        and life.ended - life.began > STARTED)]
     return Line('ends: by themselves, or not with 0', f'{len(bad)} of {len(observed.lives)}', '0',
                 not bad)
 

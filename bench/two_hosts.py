@@ -52,7 +52,8 @@ SCENARIOS = {'cut 5 s': Line(cut=True), 'loss 5 %': Line(loss=0.05),
              'delay 20 ms': Line(delay=0.02), 'delay 60 ms': Line(delay=0.06)}
 DISCOVERY = {'multicast': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
              'peers': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                       'ROS_STATIC_PEERS': ';'.join(ADDRESSES)}}
+                       'ROS_STATIC_PEERS': ';'.join(ADDRESSES)},
+             'server': {'ROS_DISCOVERY_SERVER': f'{ADDRESSES[0]}:11811'}}
 COMMON = {'ROS_DOMAIN_ID': '77', 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4', 'OMP_NUM_THREADS': '1',
           'OPENBLAS_NUM_THREADS': '1'}
 """Without shared memory, which two namespaces of one machine would have in common."""
@@ -68,11 +69,13 @@ STATES = ('following', 'holding', 'fault')
 class Inhabitant:
     """What lives on a host: nodes, and a user who hears and acts."""
 
-    def __init__(self, arm: str, side: int) -> None:
+    def __init__(self, arm: str, serve: bool, side: int) -> None:
+        self.nodes = Processes()
+        if serve and side == ROBOT:
+            self.nodes.serve_discovery(ADDRESSES[side])
         rclpy.init()
         self.arm = load_arm(arm)
         self.user = Listener(self.arm, f'user_{side}')
-        self.nodes = Processes()
         joints = self.arm.active_joints
         self.tracks = {topic: self.user.track(topic, names, reliable=reliable)
                        for topic, names, reliable in (
@@ -197,7 +200,8 @@ def obey(net: Network) -> tuple[float, list[str]]:
 def run(args: argparse.Namespace, name: str, local: bool) -> dict[str, Any]:
     """Run a scenario and give its figures."""
     settings = {**COMMON, **DISCOVERY[args.discovery]}
-    with Network(partial(Inhabitant, args.arm), settings, args.seed) as net:
+    make = partial(Inhabitant, args.arm, args.discovery == 'server')
+    with Network(make, settings, args.seed) as net:
         robot, remote = net.hosts
         start(robot, remote, args, local)
         times = disturb(net, SCENARIOS[name], args.rest)
