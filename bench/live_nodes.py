@@ -73,6 +73,7 @@ class Processes:
 
     def __init__(self) -> None:
         self.running: dict[str, subprocess.Popen] = {}
+        self._server: subprocess.Popen | None = None
 
     def start(self, node: str, **values: Any) -> None:
         """Start a node with parameters."""
@@ -89,7 +90,7 @@ class Processes:
         words = ['fast-discovery-server', '-i', '0', '-l', address, '-p', str(port)]
         if (own := place / 'bin' / words[0]).exists():
             words[0] = str(own)
-        self.running['discovery server'] = subprocess.Popen(
+        self._server = subprocess.Popen(
             words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             env={**os.environ, 'LD_LIBRARY_PATH': path})
 
@@ -103,6 +104,9 @@ class Processes:
 
     def end(self) -> dict[str, int]:
         """Ask all to end; give their exit codes."""
+        if self._server is not None:
+            self._server.kill()
+            self._server.wait()
         for process in self.running.values():
             process.send_signal(signal.SIGCONT)
             process.send_signal(signal.SIGINT)

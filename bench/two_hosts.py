@@ -308,16 +308,21 @@ def main() -> int:
     parser.add_argument('--inside', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.inside:
-        return inside(args)
+        try:
+            return inside(args)
+        except KeyboardInterrupt:
+            return 130
     words, why = isolation()
     if not words:
         print(f'two_hosts.py skipped: {why}')
         return 0
     process = subprocess.Popen([*words, sys.executable, *sys.argv, '--inside'])
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # who is killed with the first process of a namespace of processes: all others in it
+    signal.signal(signal.SIGTERM, lambda *_: process.kill())
     try:
-        return process.wait()
-    except KeyboardInterrupt:  # the others have got it, too, or end with their namespace
+        code = process.wait()
+        return code if code >= 0 else 128 - code
+    except KeyboardInterrupt:  # those inside have got it, too, and end their nodes
         try:
             process.wait(30.0)
         except subprocess.TimeoutExpired:

@@ -143,9 +143,10 @@ def inhabit(pipe: Any, side: int, settings: dict[str, str], make: Callable[[int]
     ip('link', 'set', device, 'up')
     ip('route', 'add', '224.0.0.0/4', 'dev', device)
     os.environ.update(settings)
-    inhabitant = make(side)
-    pipe.send(None)
+    inhabitant = None
     try:
+        inhabitant = make(side)
+        pipe.send(None)
         while True:
             inhabitant.spin(0.01)
             while pipe.poll():
@@ -154,7 +155,8 @@ def inhabit(pipe: Any, side: int, settings: dict[str, str], make: Callable[[int]
     except (EOFError, KeyboardInterrupt):
         pass
     finally:
-        inhabitant.close()
+        if inhabitant is not None:
+            inhabitant.close()
 
 
 class Host:
