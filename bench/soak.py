@@ -28,7 +28,6 @@ machine.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, field
 import json
 from pathlib import Path
 import random
@@ -42,6 +41,7 @@ from typing import Any
 from live_nodes import Listener, make_model, PAYLOAD, Processes, Track, usage
 import numpy as np
 import rclpy
+from rclpy.signals import SignalHandlerOptions
 from soak_checks import Life, Line, Observed, verdict
 
 from tudor_dynamics.arm import load_arm
@@ -68,47 +68,50 @@ def queues(depth: int, publish: tuple[str, ...], hear: tuple[str, ...] = ()) -> 
             for topic in topics}
 
 
-@dataclass
 class Chaos:
     """Kills, stops and starts nodes at random; remembers their lives."""
 
-    args: argparse.Namespace
-    folder: Path
-    processes: Processes = field(default_factory=Processes)
-    lives: list[Life] = field(default_factory=list)
-    current: dict[str, Life] = field(default_factory=dict)
-    _due: list[tuple[float, str, str]] = field(default_factory=list)
-    _weighed: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.random = random.Random(self.args.seed)
-        self.begin = self._next = time.monotonic()
+    def __init__(self, args: argparse.Namespace, folder: Path) -> None:
+        self.args, self.folder = args, folder
+        self.processes = Processes()
+        self.lives: list[Life] = []
+        self.current: dict[str, Life] = {}
         self.counts = dict.fromkeys(('SIGKILL', 'SIGTERM', 'SIGSTOP'), 0)
+        self.over = False
+        self._random = random.Random(args.seed)
+        self._due: list[tuple[float, str, str]] = []
+        self.begin()
+
+    def begin(self) -> None:
+        """Count the time from now on."""
+        self.begun = self._next = self._weighed = time.monotonic()
+
+    def parameters(self, node: str) -> dict[str, Any]:
+        """Give the parameters of a node."""
+        arm, rate = self.args.arm, self.args.rate
+        return {
+            'arm_simulator': {'arm': arm, 'rate': rate, 'payload': PAYLOAD,
+                              'seed': self.args.seed,
+                              **queues(DEPTH, ('joint_states', 'link_strains'))},
+            'oscillation_damper': {'arm': arm, **queues(DEPTH, ('velocity_commands',))},
+            'reference_generator': {'arm': arm, 'rate': rate,
+                                    **queues(DEPTH, ('joint_reference',))},
+            'monitor': {'model': self.args.model, 'methods': ['strain'],
+                        **queues(DEPTH, ('joint_motion', 'strain_residuals'),
+                                 ('joint_states', 'link_strains'))},
+            'bag_recorder': {'bag': str(self.folder / f'bag_{len(self.lives)}'),
+                             'topics': list(RECORDED)}}[node]
 
     def start(self, node: str) -> None:
         """Start a node."""
-        values: dict[str, Any] = {'arm': self.args.arm}
-        if node == 'arm_simulator':
-            values |= {'rate': self.args.rate, 'payload': PAYLOAD, 'seed': self.args.seed,
-                       **queues(DEPTH, ('joint_states', 'link_strains'))}
-        elif node == 'oscillation_damper':
-            values |= queues(DEPTH, ('velocity_commands',))
-        elif node == 'reference_generator':
-            values |= {'rate': self.args.rate, **queues(DEPTH, ('joint_reference',))}
-        elif node == 'monitor':
-            values = {'model': self.args.model, 'methods': ['strain'], **queues(
-                DEPTH, ('joint_motion', 'strain_residuals'), ('joint_states', 'link_strains'))}
-        else:
-            values = {'bag': str(self.folder / f'bag_{len(self.lives)}'),
-                      'topics': list(RECORDED)}
+        values = self.parameters(node)
         self.processes.start(node, **values)
-        life = Life(node, time.monotonic(), bag=values.get('bag', ''))
-        self.lives.append(life)
-        self.current[node] = life
+        self.current[node] = Life(node, time.monotonic(), bag=values.get('bag', ''))
+        self.lives.append(self.current[node])
 
     def immune(self) -> str:
         """Name the node whose turn it is to live."""
-        share = (time.monotonic() - self.begin) / (60.0 * self.args.minutes)
+        share = (time.monotonic() - self.begun) / (60.0 * self.args.minutes)
         return NODES[min(int(share * len(NODES)), len(NODES) - 1)]
 
     def step(self) -> None:
@@ -125,7 +128,7 @@ class Chaos:
                 if life.ended is None:
                     life.memory.append((now, usage(self.processes.running[node].pid)[1]))
         if now >= self._next:
-            self._next = now + self.random.expovariate(1.0 / self.args.every)
+            self._next = now + self._random.expovariate(1.0 / self.args.every)
             self._strike(now)
 
     def _bury(self, node: str, life: Life) -> None:
@@ -137,13 +140,12 @@ class Chaos:
             if life.ended is None:
                 life.ended = time.monotonic()
             if not self.over:
-                self._due.append((time.monotonic() + self.random.uniform(0.0, 2.0), 'start', node))
-
-    over = False
+                again = time.monotonic() + self._random.uniform(0.0, 2.0)
+                self._due.append((again, 'start', node))
 
     def _strike(self, now: float) -> None:
-        node = self.random.choice(NODES)
-        kind = self.random.choice(('SIGKILL', 'SIGTERM', 'SIGSTOP'))
+        node = self._random.choice(NODES)
+        kind = self._random.choice(('SIGKILL', 'SIGTERM', 'SIGSTOP'))
         life = self.current[node]
         if life.ended is not None or life.paused(now) or (
                 kind != 'SIGSTOP' and node == self.immune()):
@@ -159,7 +161,7 @@ class Chaos:
             return
         self.processes.signal(node, getattr(signal, what))
         if what == 'SIGSTOP':
-            pause = self.random.uniform(0.1, LONGEST_PAUSE)
+            pause = self._random.uniform(0.1, LONGEST_PAUSE)
             life.pauses.append((now, now + pause))
             self._due.append((now + pause, 'SIGCONT', node))
         elif what != 'SIGCONT':
@@ -225,14 +227,16 @@ class User:
 
 def soak(args: argparse.Namespace, folder: Path) -> tuple[list[Line], dict[str, Any]]:
     """Run and judge."""
-    rclpy.init()
+    # an interrupt must not end the context before the nodes have ended
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     chaos, user = Chaos(args, folder), User(args)
     try:
         for node in NODES:
             chaos.start(node)
         user.listener.wait(lambda: all(len(track) for track in user.tracks.values()), 'the nodes')
-        chaos.begin = chaos._next = time.monotonic()
-        while time.monotonic() - chaos.begin < 60.0 * args.minutes:
+        chaos.begin()
+        while time.monotonic() - chaos.begun < 60.0 * args.minutes:
             user.step()
             chaos.step()
         chaos.finish()
@@ -261,9 +265,12 @@ def main() -> int:
     parser.add_argument('--json', action='store_true')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        if args.model is None:
-            args.model = make_model(args.arm, Path(folder))
-        lines, done = soak(args, Path(folder))
+        try:
+            if args.model is None:
+                args.model = make_model(args.arm, Path(folder))
+            lines, done = soak(args, Path(folder))
+        except KeyboardInterrupt:
+            return 130
     if args.json:
         print(json.dumps({**done, 'lines': [line.__dict__ for line in lines]}))
     else:

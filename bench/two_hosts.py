@@ -43,6 +43,7 @@ from envelope import Envelope
 from live_nodes import Listener, make_model, PAYLOAD, Processes
 import numpy as np
 import rclpy
+from rclpy.signals import SignalHandlerOptions
 from two_namespaces import ADDRESSES, Host, isolation, Line, Network
 
 from tudor_dynamics.arm import load_arm
@@ -73,7 +74,7 @@ class Inhabitant:
         self.nodes = Processes()
         if serve and side == ROBOT:
             self.nodes.serve_discovery(ADDRESSES[side])
-        rclpy.init()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         self.arm = load_arm(arm)
         self.user = Listener(self.arm, f'user_{side}')
         joints = self.arm.active_joints
