@@ -84,15 +84,11 @@ class Processes:
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def serve_discovery(self, address: str, port: int = 11811) -> None:
-        """Start the discovery server of Fast DDS, of ROS or of its wheels."""
-        place = Path(sys.prefix)
-        path = ':'.join([str(place / 'lib'), os.environ.get('LD_LIBRARY_PATH', '')])
-        words = ['fast-discovery-server', '-i', '0', '-l', address, '-p', str(port)]
-        if (own := place / 'bin' / words[0]).exists():
-            words[0] = str(own)
+        """Start the discovery server of Fast DDS; rclpy's wheels bring it and its libraries."""
+        own = Path(sys.prefix) / 'bin' / 'fast-discovery-server'
         self._server = subprocess.Popen(
-            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            env={**os.environ, 'LD_LIBRARY_PATH': path})
+            [str(own) if own.exists() else own.name, '-i', '0', '-l', address, '-p', str(port)],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
     def signal(self, node: str, number: int) -> None:
         """Send a signal to a node."""

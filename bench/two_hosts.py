@@ -141,14 +141,14 @@ def delay_of(status: Any) -> str:
     return {item.key: item.value for item in status.values}.get('loop delay [ms]', '')
 
 
-def wait_for(done: Callable[[], bool], seconds: float) -> float:
-    """Wait until something is so; give the time that it took, infinite for never [s]."""
+def wait_for(done: Callable[[], bool], seconds: float) -> float | None:
+    """Wait until something is so; give the time that it took, None for never [s]."""
     begin = time.monotonic()
     while time.monotonic() - begin < seconds:
         if done():
             return time.monotonic() - begin
         time.sleep(0.05)
-    return float('inf')
+    return None
 
 
 def start(robot: Host, remote: Host, args: argparse.Namespace, local: bool) -> None:
@@ -159,7 +159,7 @@ def start(robot: Host, remote: Host, args: argparse.Namespace, local: bool) -> N
     remote.ask('start', 'reference_generator', arm=args.arm, rate=args.rate)
     remote.ask('start', 'monitor', model=args.model, methods=['strain'])
     for host, topic in ((robot, 'velocity_commands'), (remote, 'strain_residuals')):
-        if wait_for(lambda: host.ask('heard', topic) > 100, 60.0) == float('inf'):
+        if wait_for(lambda: host.ask('heard', topic) > 100, 60.0) is None:
             raise SystemExit(f'no {topic}: the hosts do not find each other, or a node ended')
     time.sleep(2.0)
 
@@ -183,7 +183,7 @@ def disturb(net: Network, line: Line, rest: float) -> dict[str, float]:
     return times
 
 
-def obey(net: Network) -> tuple[float, list[str]]:
+def obey(net: Network) -> tuple[float | None, list[str]]:
     """Send goals until the arm obeys; give the time it took and who needed ``~/reset``."""
     robot, remote = net.hosts
     begin, reset = time.monotonic(), []
@@ -193,9 +193,9 @@ def obey(net: Network) -> tuple[float, list[str]]:
                 host.ask('reset', node)
                 reset.append(node)
         remote.ask('go', HOME)
-        if wait_for(lambda: np.abs(robot.ask('position') - HOME).max() < NEAR, 3.0) < 3.0:
+        if wait_for(lambda: np.abs(robot.ask('position') - HOME).max() < NEAR, 3.0) is not None:
             return time.monotonic() - begin, sorted(set(reset))
-    return float('inf'), sorted(set(reset))
+    return None, sorted(set(reset))
 
 
 def run(args: argparse.Namespace, name: str, local: bool) -> dict[str, Any]:
@@ -243,14 +243,14 @@ def judge(args: argparse.Namespace, times: dict[str, float], seen: Any, far: Any
 def judge_told(times: dict[str, float], told: dict[str, Any]) -> dict[str, Any]:
     """Give the sequence of states of each node, and when all were well again."""
     states: dict[str, list[str]] = {}
-    well = 0.0
+    well: float | None = 0.0
     for node, found in told.items():
         texts = [f'{LEVELS[level]} {text}' for t, level, text, _ in found
                  if t > times['begin_told'] - 1.0]
         states[node] = [text for k, text in enumerate(texts) if k == 0 or text != texts[k - 1]]
         bad = [t for t, level, _, _ in found if level]
         good = [t for t, _, _, _ in found if t > max(bad, default=0.0)]
-        well = max(well, good[0] - times['end_told'] if good else float('inf'))
+        well = max(well, good[0] - times['end_told']) if good and well is not None else None
     delays = [float(delay) for found in told.values() for *_, delay in found if delay]
     return {'all_ok_s': well, 'states': states, 'loop_delay_ms': max(delays, default=None)}
 
@@ -260,10 +260,11 @@ def table(results: list[dict[str, Any]]) -> str:
     lines = ['damper scenario      lost  back obeys all OK  command     step    rest  outside',
              '                        %     s     s      s    deg/s    deg/s   deg/s      deg']
     for x in results:
-        rest = '-' if x['rest_command_deg_s'] is None else f'{x["rest_command_deg_s"]:.1f}'
+        rest, obeys, well = ('-' if x[key] is None else f'{x[key]:.1f}' for key in (
+            'rest_command_deg_s', 'obeys_s', 'all_ok_s'))
         lines.append(
             f'{x["damper"]:6s} {x["scenario"]:12s} {x["lost_percent"]:5.1f} '
-            f'{x["commands_back_s"]:5.2f} {x["obeys_s"]:5.1f} {x["all_ok_s"]:6.1f} '
+            f'{x["commands_back_s"]:5.2f} {obeys:>5s} {well:>6s} '
             f'{x["largest_command_deg_s"]:8.1f} {x["largest_step_deg_s"]:8.2f} {rest:>7s} '
             f'{x["outside_deg"]:6.1f} {"ok" if x["within_limits"] else "!"}')
     for x in results:
