@@ -37,6 +37,7 @@ import sys
 import tempfile
 import time
 from typing import Any
+import warnings
 
 from live_nodes import Listener, make_model, PAYLOAD, Processes, Track, usage
 import numpy as np
@@ -45,12 +46,14 @@ from rclpy.signals import SignalHandlerOptions
 from soak_checks import Life, Line, Observed, verdict
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.signals.excitation import joint_range
 
 NODES = ('arm_simulator', 'oscillation_damper', 'reference_generator', 'monitor', 'bag_recorder')
 RECORDED = ('joint_states', 'link_strains', 'velocity_commands', 'joint_reference')
-DEPTH = 1000
+DEPTH, HISTORY = 1000, 100
+"""Of subscriptions and publishers; what a publisher keeps for stopped readers is its memory."""
 LONGEST_PAUSE = 3.0
 """Of a stopped process [s]."""
 GOALS = 4.0
@@ -61,11 +64,11 @@ WEIGH = 2.0
 """Time between two looks at the memory [s]."""
 
 
-def queues(depth: int, publish: tuple[str, ...], hear: tuple[str, ...] = ()) -> dict[str, int]:
+def queues(publish: tuple[str, ...], hear: tuple[str, ...] = ()) -> dict[str, int]:
     """Parameters that make queues deeper."""
     return {f'qos_overrides./{topic}.{kind}.depth': depth
-            for kind, topics in (('publisher', publish), ('subscription', hear))
-            for topic in topics}
+            for kind, depth, topics in (('publisher', HISTORY, publish),
+                                        ('subscription', DEPTH, hear)) for topic in topics}
 
 
 class Chaos:
@@ -92,12 +95,12 @@ class Chaos:
         return {
             'arm_simulator': {'arm': arm, 'rate': rate, 'payload': PAYLOAD,
                               'seed': self.args.seed,
-                              **queues(DEPTH, ('joint_states', 'link_strains'))},
-            'oscillation_damper': {'arm': arm, **queues(DEPTH, ('velocity_commands',))},
+                              **queues(('joint_states', 'link_strains'))},
+            'oscillation_damper': {'arm': arm, **queues(('velocity_commands',))},
             'reference_generator': {'arm': arm, 'rate': rate,
-                                    **queues(DEPTH, ('joint_reference',))},
+                                    **queues(('joint_reference',))},
             'monitor': {'model': self.args.model, 'methods': ['strain'],
-                        **queues(DEPTH, ('joint_motion', 'strain_residuals'),
+                        **queues(('joint_motion', 'strain_residuals'),
                                  ('joint_states', 'link_strains'))},
             'bag_recorder': {'bag': str(self.folder / f'bag_{len(self.lives)}'),
                              'topics': list(RECORDED)}}[node]
@@ -265,6 +268,7 @@ def main() -> int:
     parser.add_argument('--json', action='store_true')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
+        warnings.simplefilter('ignore', TudorWarning)  # of bags that killed recorders left
         try:
             if args.model is None:
                 args.model = make_model(args.arm, Path(folder))
