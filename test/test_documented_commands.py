@@ -106,6 +106,22 @@ def test_nodes_and_parameters_are_known() -> None:
     assert seen > 5
 
 
+def test_scripts_and_their_options_are_known() -> None:
+    """Every script that a command runs is there, and speaks of each option that it is given."""
+    seen = 0
+    for page, text in shell(run=True) + shell(run=False):
+        for words in commands(text):
+            for at, word in enumerate(words):
+                if not word.startswith(('bench/', 'tools/')) or words[at - 1] != 'python':
+                    continue
+                source = (ROOT / word).read_text(encoding='utf-8')
+                unknown = [option for option in words[at + 1:]
+                           if option.startswith('--') and f"'{option}'" not in source]
+                assert not unknown, (page, words)
+                seen += 1
+    assert seen > 5
+
+
 @pytest.fixture(scope='module')
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Place to run them in, with what a checkout has, and ``tudor`` on its path."""
