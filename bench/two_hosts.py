@@ -107,13 +107,13 @@ class Inhabitant:
         """Name the nodes here that wait for ``~/reset``, as their newest diagnosis says."""
         told = {node: self.user.diagnoses(node) for node in self.nodes.running}
         return [node for node, found in told.items()
-                if found and ('reset' in found[-1][1].message or text_of(found[-1][1]) == 'fault')]
+                if found and ('reset' in found[-1][1].message or state_of(found[-1][1]) == 'fault')]
 
     def reset(self, node: str) -> None:
         """Reset a node."""
         self.user.reset(node)
 
-    def told(self) -> dict[str, list[tuple[float, int, str, str]]]:
+    def told(self) -> dict[str, list[tuple[float, int, str, float | None]]]:
         """Give time, level, text and loop delay of what the nodes here told."""
         return {node: [(t, status.level[0], text_of(status), delay_of(status))
                        for t, status in self.user.diagnoses(node)] for node in self.nodes.running}
@@ -130,15 +130,25 @@ class Inhabitant:
         rclpy.shutdown()
 
 
-def text_of(status: Any) -> str:
-    """Give the state that a diagnosis tells, or its message without numbers."""
+def state_of(status: Any) -> str:
+    """Give the state that a diagnosis tells; empty for none."""
     state = {item.key: item.value for item in status.values}.get('state', '')
-    return state if state in STATES else re.sub(r'[-\d.]*\d', '#', status.message)
+    return state if state in STATES else ''
 
 
-def delay_of(status: Any) -> str:
-    """Give the loop delay that a diagnosis tells; empty for none."""
-    return {item.key: item.value for item in status.values}.get('loop delay [ms]', '')
+def text_of(status: Any) -> str:
+    """Give what a diagnosis tells: the state, and if not all is well the words, no numbers."""
+    words = re.sub(r'[-\d.]*\d', '#', status.message)
+    state = state_of(status)
+    return words if not state else state if status.level[0] == 0 else f'{state}: {words}'
+
+
+def delay_of(status: Any) -> float | None:
+    """Give the loop delay that a diagnosis tells [ms]."""
+    try:
+        return float({item.key: item.value for item in status.values}['loop delay [ms]'])
+    except (KeyError, ValueError):  # not of this node, or not known yet
+        return None
 
 
 def wait_for(done: Callable[[], bool], seconds: float) -> float | None:
@@ -251,7 +261,7 @@ def judge_told(times: dict[str, float], told: dict[str, Any]) -> dict[str, Any]:
         bad = [t for t, level, _, _ in found if level]
         good = [t for t, _, _, _ in found if t > max(bad, default=0.0)]
         well = max(well, good[0] - times['end_told']) if good and well is not None else None
-    delays = [float(delay) for found in told.values() for *_, delay in found if delay]
+    delays = [delay for found in told.values() for *_, delay in found if delay is not None]
     return {'all_ok_s': well, 'states': states, 'loop_delay_ms': max(delays, default=None)}
 
 
