@@ -105,9 +105,9 @@ class Inhabitant:
 
     def troubled(self) -> list[str]:
         """Name the nodes here that wait for ``~/reset``, as their newest diagnosis says."""
-        told = {node: self.user.diagnoses(node) for node in self.nodes.running}
-        return [node for node, found in told.items()
-                if found and ('reset' in found[-1][1].message or state_of(found[-1][1]) == 'fault')]
+        told = {node: self.user.diagnoses(node)[-1:] for node in self.nodes.running}
+        return [node for node, found in told.items() for _, status in found
+                if 'reset' in status.message or state_of(status) == 'fault']
 
     def reset(self, node: str) -> None:
         """Reset a node."""
@@ -116,7 +116,8 @@ class Inhabitant:
     def told(self) -> dict[str, list[tuple[float, int, str, float | None]]]:
         """Give time, level, text and loop delay of what the nodes here told."""
         return {node: [(t, status.level[0], text_of(status), delay_of(status))
-                       for t, status in self.user.diagnoses(node)] for node in self.nodes.running}
+                       for t, status in self.user.diagnoses(node)]
+                for node in self.nodes.running}
 
     def figures(self) -> dict[str, tuple[Any, Any, Any]]:
         """Give stamps, arrivals and values of what was heard."""
