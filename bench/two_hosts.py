@@ -240,6 +240,7 @@ def judge(args: argparse.Namespace, times: dict[str, float], seen: Any, far: Any
     late = (arrival > times['end'] - 1.0) & (arrival < times['end'])
     return {
         'lost_percent': 100.0 * float(lost),
+        'longest_silence_s': float(np.diff(arrival).max()),
         'commands_back_s': float(max(again, default=times['end']) - times['end']),
         'largest_command_deg_s': float(np.degrees(np.abs(command).max())),
         'command_of_limit': envelope.speed(command),
@@ -280,7 +281,8 @@ def table(results: list[dict[str, Any]]) -> str:
             f'{x["outside_deg"]:6.1f} {"ok" if x["within_limits"] else "!"}')
     for x in results:
         lines += ['', f'damper {x["damper"]}, {x["scenario"]}: largest command '
-                  f'{x["command_of_limit"]:.2f}, step {x["step_of_limit"]:.2f} of its limit',
+                  f'{x["command_of_limit"]:.2f}, step {x["step_of_limit"]:.2f} of its limit,',
+                  f'  longest silence of commands {x["longest_silence_s"]:.2f} s',
                   f'  needed ~/reset: {", ".join(x["reset"]) or "none"}']
         lines += [textwrap.fill(f'{node}: {" > ".join(states)}', 78, initial_indent='  ',
                                 subsequent_indent='      ')
