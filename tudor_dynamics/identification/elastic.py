@@ -139,9 +139,17 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
     return records
 
 
+def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
+    return tuple(str(bag.choice) for bag in bags)
+
+
 class ElasticTrainer:
     """
-    Fits elastic models to bags; what was found for some bags is where the next search begins.
+    Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
+
+    A search from nothing takes three times as long as one that begins nearly right. For parts of
+    the bags it may begin where that for a half of all ended, if the half lies within the part:
+    so nothing that is left out to judge a model by has a hand in it.
 
     Parameters
     ----------
@@ -152,12 +160,12 @@ class ElasticTrainer:
     progress : callable
         Told what is done next.
     warm : mapping of str to float, optional
-        Physical parameters of an arm that is nearly this one, where the first search begins.
+        Physical parameters of an arm that is nearly this one, where every search begins.
 
     Attributes
     ----------
     identified : Identified or None
-        What was found for the first bags.
+        What was found for the first bags, which are all.
 
     """
 
@@ -171,6 +179,7 @@ class ElasticTrainer:
         self.identified: Identified | None = None
         self._warm = warm
         self._done: dict[tuple[str, ...], Identified] = {}
+        self._halves: tuple[Sequence[BagData], ...] = ()
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """
@@ -211,17 +220,26 @@ class ElasticTrainer:
         return model
 
     def _identify(self, bags: Sequence[BagData]) -> Identified:
-        key = tuple(str(bag.choice) for bag in bags)
+        key = _names(bags)
         if key not in self._done:
             check_arm(self.arm)
             records = records_of(bags)
-            warm = None if self._warm is None else dict(self._warm)
-            if self.identified is not None:
-                warm = {p.name: p.value for p in self.identified.physical}
-            self._done[key] = identify(self.arm, records, warm=warm, progress=self.progress)
+            self._done[key] = identify(self.arm, records, warm=self._begin(bags),
+                                       progress=self.progress)
             if self.identified is None:
                 self.identified = self._done[key]
+                middle = len(bags) // 2
+                self._halves = (bags[:middle], bags[middle:]) if middle else ()
         return self._done[key]
+
+    def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
+        """Say where a search begins, by nothing but the bags it is given."""
+        if self._warm is not None:
+            return dict(self._warm)
+        for half in self._halves:
+            if {*_names(half)} < {*_names(bags)}:
+                return {p.name: p.value for p in self._identify(half).physical}
+        return None
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
