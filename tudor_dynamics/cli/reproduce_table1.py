@@ -30,7 +30,8 @@ from tudor_dynamics.cli.console import finite, print_json
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.pages import write_table
 from tudor_dynamics.reproduction.table1 import build, LABELS, MODELS, Table1
-from tudor_dynamics.reproduction.table_text import FIGURE_TEXT, finding_texts, Grid, grids, SPLIT_TEXTS
+from tudor_dynamics.reproduction.table_text import (
+    FIGURE_TEXT, finding_texts, Grid, grids, SPLIT_TEXTS)
 
 
 def run(args: argparse.Namespace) -> int:

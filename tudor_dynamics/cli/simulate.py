@@ -55,8 +55,8 @@ A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSI
 active joint. Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt,
 abs, sign, tanh, min, max, step(x), ramp(x, width).
 
-Beams bend by little: above an elastic rotation of 0.3 rad a warning says so, as deflections are then
-more than 4 % too large (at 0.5 rad 10 %, at 1 rad 35 %).
+Beams bend by little: above an elastic rotation of 0.3 rad a warning says so, as deflections are
+then more than 4 % too large (at 0.5 rad 10 %, at 1 rad 35 %).
 """
 
 

@@ -78,7 +78,7 @@ def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
 
 def stimuli(arm: Arm, bags: Sequence[BagData]) -> Figure:
     """
-    Draw how the first joint follows some stimuli (Figure 5).
+    Draw how the first joint moves in each stimulus, as Figure 5 does.
 
     Parameters
     ----------

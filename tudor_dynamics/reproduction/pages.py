@@ -27,7 +27,8 @@ from tudor_dynamics import __version__
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.reproduction.plan import Campaign
 from tudor_dynamics.reproduction.table1 import Table1
-from tudor_dynamics.reproduction.table_text import csv_text, FIGURE_TEXT, grids, markdown, SPLIT_TEXTS
+from tudor_dynamics.reproduction.table_text import (
+    csv_text, FIGURE_TEXT, grids, markdown, SPLIT_TEXTS)
 
 _HERE = Path(__file__).parent
 

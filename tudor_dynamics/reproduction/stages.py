@@ -17,8 +17,8 @@ Stages of a long computation that are kept, and used again after an interruption
 
 The name of a stage's directory ends in a digest of all that its result depends on: settings, arm,
 version of the package and the source of the parts that compute it, with what these parts share.
-Another digest is another directory, so nothing out of date is ever taken for a result; what a stage
-left behind under older digests is removed.
+Another digest is another directory, so nothing out of date is ever taken for a result; what a
+stage left behind under older digests is removed.
 """
 
 from __future__ import annotations
