@@ -26,9 +26,10 @@ from tudor_dynamics.reproduction.table1 import Block, Cell, FIGURES, LABELS, MOD
 EMPTY = ''
 PAPER = ('rmse', 'sigma_e', 'fit_printed')
 """Figures that the paper has."""
-FIGURE_TEXT = ('`fit` is 100 (1 - |y - ŷ| / |y - mean y|); Eq. (18) is what the paper prints in '
-               'its place, with |ŷ - mean y| below the line; σ(E) of ours is the standard deviation '
-               "of the error's norm over the channels, that of the paper is not defined")
+FIGURE_TEXT = (
+    '`fit` is 100 (1 - |y - ŷ| / |y - mean y|); Eq. (18) is what the paper prints in its place, '
+    'with |ŷ - mean y| below the line; σ(E) of ours is the standard deviation of the norm of the '
+    'error over the channels, that of the paper is not defined')
 SPLIT_TEXTS = {
     'stimulus': 'half of the stimuli for training, the other half for testing',
     'random': 'half of the samples at random for training, the other half for testing '
