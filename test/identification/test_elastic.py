@@ -30,7 +30,7 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, halves
 from tudor_dynamics.identification.elastic import ElasticTrainer, record_of, RUN_IN
 from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import Identified
@@ -241,6 +241,30 @@ def test_a_fold_knows_nothing_of_what_is_left_out(
         traces.append(trace(models[-1], judged, 'strain').predicted)
     assert models[0].values == models[1].values
     assert np.array_equal(*traces)
+
+
+def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
+    """The part that is kept is searched from nothing, and the whole begins where that ended."""
+    for changed in (False, True):
+        whole_bag = bag(lone_recording(3, 12.0), 0.2)
+        kept, held = halves(whole_bag, 0.25, SPEC)
+        assert held.recording.strain is not None and whole_bag.recording.strain is not None
+        if changed:
+            strain = whole_bag.recording.strain.copy()
+            strain[-len(held.recording.strain):] *= 1.5
+            whole_bag = bag(replace(whole_bag.recording, strain=strain), 0.2)
+        trainer = ElasticTrainer(lone_arm(), kept=kept)
+        whole_model = trainer.fit([whole_bag], 'strain')
+        part_model = trainer.fit([kept], 'strain')
+        assert whole_model.values != part_model.values
+        (_, first), (_, second) = search.calls[-2:]
+        assert first is None
+        assert second == {k: v for k, v in part_model.values.items() if k != 'payload'}
+        if changed:
+            assert part_model.values == known
+        known = part_model.values
+        assert trainer.identified is not None
+        assert trainer.identified.runs == len(search.calls)
 
 
 def test_folds_begin_at_half_of_the_bags(search: Search) -> None:

@@ -147,9 +147,10 @@ class ElasticTrainer:
     """
     Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
 
-    A search from nothing takes three times as long as one that begins nearly right. For parts of
-    the bags it may begin where that for a half of all ended, if the half lies within the part:
-    so nothing that is left out to judge a model by has a hand in it.
+    A search from nothing takes three times as long as one that begins nearly right. It may begin
+    where that for less ended, if that lies within what it is given: for all bags the part that
+    is kept where the rest is held out, for some of the bags a half of all. So nothing that is left
+    out to judge a model by has a hand in it.
 
     Parameters
     ----------
@@ -161,6 +162,8 @@ class ElasticTrainer:
         Told what is done next.
     warm : mapping of str to float, optional
         Physical parameters of an arm that is nearly this one, where every search begins.
+    kept : BagData, optional
+        Part of the only bag, the rest of which is held out.
 
     Attributes
     ----------
@@ -172,14 +175,16 @@ class ElasticTrainer:
     def __init__(
         self, arm: Arm, payload_range: tuple[float, float] | None = None,
         progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
+        kept: BagData | None = None,
     ) -> None:
         self.arm = arm
         self.payload_range = payload_range
         self.progress = progress
         self.identified: Identified | None = None
         self._warm = warm
+        self._kept = () if kept is None else (kept,)
+        self._all: Sequence[BagData] = ()
         self._done: dict[tuple[str, ...], Identified] = {}
-        self._halves: tuple[Sequence[BagData], ...] = ()
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """
@@ -220,26 +225,29 @@ class ElasticTrainer:
         return model
 
     def _identify(self, bags: Sequence[BagData]) -> Identified:
+        self._all = self._all or bags
         key = _names(bags)
         if key not in self._done:
             check_arm(self.arm)
             records = records_of(bags)
             self._done[key] = identify(self.arm, records, warm=self._begin(bags),
                                        progress=self.progress)
-            if self.identified is None:
+            if key == _names(self._all):
                 self.identified = self._done[key]
-                middle = len(bags) // 2
-                self._halves = (bags[:middle], bags[middle:]) if middle else ()
         return self._done[key]
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
         """Say where a search begins, by nothing but the bags it is given."""
         if self._warm is not None:
             return dict(self._warm)
-        for half in self._halves:
-            if {*_names(half)} < {*_names(bags)}:
-                return {p.name: p.value for p in self._identify(half).physical}
-        return None
+        middle = len(self._all) // 2
+        less: Sequence[BagData] = ()
+        if _names(bags) == _names(self._all):
+            less = self._kept
+        elif middle:
+            less = next((half for half in (self._all[:middle], self._all[middle:])
+                         if {*_names(half)} < {*_names(bags)}), ())
+        return {p.name: p.value for p in self._identify(less).physical} if less else None
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""

@@ -251,7 +251,8 @@ def fit_models(
     for note in notes:
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
-    trainer = ElasticTrainer(arm, settings.payloads, progress)
+    trainer = ElasticTrainer(arm, settings.payloads, progress,
+                             kept=None if holdout is None else holdout[0])
     for output in outputs:
         for kind in settings.kinds:
             progress(f'{kind} {output}')
