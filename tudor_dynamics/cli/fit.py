@@ -31,7 +31,7 @@ from tudor_dynamics.cli.console import finite, print_json, print_table, score_ta
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, halves, load, parse_choice)
+    BagChoice, BagData, halves, load, parse_choice, refuse_copies)
 from tudor_dynamics.identification.elastic import check_arm
 from tudor_dynamics.identification.fit import (
     DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
@@ -203,6 +203,7 @@ def _fit(
 
     training_data = [read(choice, learn=True) for choice in training]
     test_data = [read(choice, learn=False) for choice in test]
+    refuse_copies(training_data, test_data)
     clock.lap('read and filter')
     alone = len(training) == 1 and not test
     holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None

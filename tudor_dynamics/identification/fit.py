@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.dataset import (
-    BagData, common_outputs, OUTPUTS, refuse_copies, training_blocks)
+    BagData, common_outputs, OUTPUTS, training_blocks)
 from tudor_dynamics.identification.elastic import check_arm, ElasticTrainer, records_of
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.payloads import new_payload_model
@@ -231,10 +231,9 @@ def fit_models(
     Raises
     ------
     FitError
-        If the bags have no output in common, test bags lack the outputs, or one is a copy.
+        If the bags have no output in common, or test bags lack the outputs.
 
     """
-    refuse_copies(training, test)
     if 'elastic' in settings.kinds:  # refuse before any work
         check_arm(arm)
         records_of(training)
