@@ -37,6 +37,7 @@ from tudor_dynamics.simulation.lshape import l_shape
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.simulation.run import largest_rotation
 
 HELD = np.array([False, True])
 
@@ -53,7 +54,7 @@ def cantilever(load: float) -> tuple[float, float]:
     plant = Plant(mechanism, 1e-3)
     plant.drive('root', 'hold')
     plant.reset(external_force=[0.0, load * mechanism.beams['root'].EIz, 0.0], equilibrium=True)
-    return float(Observer(plant).observe().position[mechanism.tip, 1]), plant.bent()
+    return float(Observer(plant).observe().position[mechanism.tip, 1]), largest_rotation(plant)
 
 
 def elastica(load: float) -> float:

@@ -39,7 +39,8 @@ from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.plots import (
     pick_signal, plot_configuration, plot_signal, signal_names)
 from tudor_dynamics.simulation.results import save_run
-from tudor_dynamics.simulation.run import LARGEST_ROTATION, Run, simulate, simulate_with_scipy
+from tudor_dynamics.simulation.run import (
+    LARGEST_ROTATION, largest_rotation, Run, simulate, simulate_with_scipy)
 
 EXAMPLES = """\
 examples:
@@ -203,7 +204,7 @@ def run(args: argparse.Namespace) -> int:
                            f'{arm.name}: initial configuration')
         print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
     if not args.torque and args.motion is None and (args.plot or args.modes is not None):
-        _warn_of(plant.bent(), arm)
+        _warn_of(largest_rotation(plant), arm)
         return 0
     signals = args.signals or _default_signals(mechanism, arm)
     for name in signals:

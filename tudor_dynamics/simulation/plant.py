@@ -304,11 +304,6 @@ class Plant:
         return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
                               mechanism.coordinate, self._moving))
 
-    def bent(self) -> float:
-        """Give the largest elastic rotation of a node in its link's frame, now [rad]."""
-        turned = self._vectors[gen.Z][self.mechanism.rotations]
-        return float(np.linalg.norm(turned, axis=1).max(initial=0.0))
-
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
         return Counts(int(self._settings[gen.ITERATIONS]), int(self._settings[gen.FACTORS]))
