@@ -243,6 +243,15 @@ def test_a_fold_knows_nothing_of_what_is_left_out(
     assert np.array_equal(*traces)
 
 
+def test_a_half_that_is_too_short(search: Search) -> None:
+    """Where a half of the bags shows nothing by itself, folds that have it begin from nothing."""
+    short = bag(lone_recording(3, 5.0), 0.2)
+    bags, trainer = [short, *runs(4, 5)], ElasticTrainer(lone_arm())
+    trainer.fit(bags, 'strain')
+    trainer.fit([short, bags[1]], 'strain')
+    assert [warm for _, warm in search.calls] == [None, None]
+
+
 def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
     """The part that is kept is searched from nothing, and the whole begins where that ended."""
     known: list[dict[str, float]] = []

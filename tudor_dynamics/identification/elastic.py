@@ -106,6 +106,11 @@ def check_arm(arm: Arm) -> None:
         raise FitError(msg)
 
 
+def _records(bags: Sequence[BagData]) -> list[Record]:
+    return [record for bag in bags for stretch in bag.stretches
+            if (record := record_of(stretch, bag.payload)) is not None]
+
+
 def records_of(bags: Sequence[BagData]) -> list[Record]:
     """
     Take from bags what the search compares with.
@@ -126,8 +131,7 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
         If there is none.
 
     """
-    records = [record for bag in bags for stretch in bag.stretches
-               if (record := record_of(stretch, bag.payload)) is not None]
+    records = _records(bags)
     if not records:
         names = ', '.join(str(bag.choice) for bag in bags)
         msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
@@ -247,7 +251,9 @@ class ElasticTrainer:
         elif middle:
             less = next((half for half in (self._all[:middle], self._all[middle:])
                          if {*_names(half)} < {*_names(bags)}), ())
-        return {p.name: p.value for p in self._identify(less).physical} if less else None
+        if not _records(less):  # nothing, or too short a part of what is long enough
+            return None
+        return {p.name: p.value for p in self._identify(less).physical}
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
