@@ -259,7 +259,8 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
         rows = spec.kinematics.dh
         assert rows is not None  # the schema has one of the two
         model = model_from_dh(rows, [joint.name for joint in spec.joints],
-                              [joint.type or 'revolute' for joint in spec.joints])
+                              [joint.type or 'revolute' for joint in spec.joints],
+                              spec.kinematics.convention)
     _check_against_model(spec, model, source)
     model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
     return Arm(spec, model, source, urdf)

@@ -36,17 +36,27 @@ FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'squa
 
 
 class KinematicsSpec(Spec):
-    """Where the kinematics come from: a URDF file, or standard D-H rows; one of the two."""
+    """Where the kinematics come from: a URDF file, or D-H rows; one of the two."""
 
     urdf: str | None = None
     """Path of a URDF file, relative to the description."""
     dh: tuple[tuple[Finite, Finite, Finite, Finite], ...] | None = None
-    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint (standard D-H)."""
+    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint."""
+    convention: Literal['standard', 'modified'] = 'standard'
+    """Of the rows: standard (Siciliano), or modified (Craig), as Franka and KUKA publish it.
+
+    Everything else of a link (centres of mass, beams, gauges) is given in the frame of its joint,
+    which turns with it, z along its axis. Its origin stands before the d and a of a standard row,
+    so it is not the D-H frame, which is at the far end; behind those of a modified one, so it is.
+    A modified table may have a row more, for a flange that is fixed to the last link.
+    """
 
     @model_validator(mode='after')
     def _one_source(self) -> KinematicsSpec:
         if (self.urdf is None) == (self.dh is None):
             raise ValueError('give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]')
+        if self.urdf is not None and self.convention != 'standard':
+            raise ValueError('convention is that of D-H rows; leave it out with urdf')
         return self
 
 
@@ -215,9 +225,11 @@ class ArmSpec(Spec):
                                  f'which is not among the joints {names}')
         check_links(self.links, self.simulation, names)
         rows = self.kinematics.dh
-        if rows is not None and len(rows) != len(names):
+        flange = self.kinematics.convention == 'modified'
+        if rows is not None and len(rows) - len(names) not in (0, flange):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
-                             'give one row a joint, base first')
+                             'give one row a joint, base first'
+                             + (', and one more at most, for the flange' if flange else ''))
         check_drives(self.motors, self.sensors, self.damper, names,
                      [gauge.name for gauge in self.gauges])
         check_overlap(self.links, [motor.joint for motor in self.motors])

@@ -34,6 +34,8 @@ from tudor_dynamics.simulation.plots import pick_signal, spectrum
 
 FloatArray = NDArray[np.float64]
 
+EXPERIMENT = (*RECORDING, 'reproduction/experiments.py')
+"""Parts of the package that these depend on."""
 MOVE = (45.0, -45.0)
 """Move that shows the damping, from stretched out and as horizontal as the range allows [deg]."""
 MOVE_AT = 1.0
@@ -87,7 +89,7 @@ def _staged(campaign: Campaign, name: str, depends: dict[str, Any], make: Any) -
     text = name.replace('_', ' ')
     campaign.progress(text, 0.0)
     result = campaign.stages.result(name, {'arm': arm_content(campaign.arm), **depends}, make,
-                                    RECORDING)
+                                    EXPERIMENT)
     campaign.progress(text, 1.0)
     return result
 
