@@ -175,7 +175,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ArmError, match='binary.yaml: the arm description cannot be read'):
         load_arm(tmp_path / 'binary.yaml')
     (tmp_path / 'big.yaml').write_bytes(b'#' * 2_000_001)
-    with pytest.raises(ArmError, match='big.yaml: larger than 2000000 bytes'):
+    with pytest.raises(ArmError, match='big.yaml: .*larger than 2000000 bytes'):
         load_arm(tmp_path / 'big.yaml')
 
 

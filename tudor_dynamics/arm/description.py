@@ -27,13 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 from pydantic import ValidationError
-import yaml
 
 from tudor_dynamics.arm.kinematics import (
-    is_prismatic, joint_axis, model_from_dh, model_from_urdf, read_urdf, unit_vector,
-    with_gauge_joints)
+    is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
+from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
+from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ArmError
+from tudor_dynamics.files import read_bounded
 
 MAX_YAML_BYTES = 2_000_000
 
@@ -276,19 +277,16 @@ def load_arm(path: str | Path) -> Arm:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_YAML_BYTES:
-            msg = f'{path}: larger than {MAX_YAML_BYTES} bytes, this is no arm description'
-            raise ArmError(msg)
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as err:
+        text = read_bounded(path, MAX_YAML_BYTES).decode()
+    except OSError as err:
+        msg = f'{path}: the arm description cannot be read ({err.strerror}); check --arm'
+        raise ArmError(msg) from None
+    except ValueError as err:  # no UTF-8, or a NUL in the path
         msg = f'{path}: the arm description cannot be read ({err}); check --arm'
         raise ArmError(msg) from None
-    except yaml.YAMLError as err:
-        where = getattr(err, 'problem_mark', None)
-        line = f' in line {where.line + 1}' if where else ''
-        msg = f'{path}: no valid YAML{line}: {getattr(err, "problem", err)}'
-        raise ArmError(msg) from None
-    except RecursionError:
-        msg = f'{path}: nested too deeply to be an arm description'
+    try:
+        content = load_yaml(text)
+    except ValueError as err:
+        msg = f'{path}: {err}'
         raise ArmError(msg) from None
     return arm_from_dict(content, base=path.parent, source=str(path))

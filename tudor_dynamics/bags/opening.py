@@ -17,33 +17,35 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 import re
-from typing import Any
 
-from rosbags.rosbag2 import Reader
-import yaml
-
+from tudor_dynamics.bags.mcap_summary import mcap_topics
+from tudor_dynamics.bags.metadata import Metadata, METADATA, read_metadata
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.storage import Bag, guard, one_line, TopicInfo
+from tudor_dynamics.bags.sqlite_scan import sqlite_topics
+from tudor_dynamics.bags.storage import Bag, one_line, storage_file, TopicInfo
+from tudor_dynamics.bags.unpacking import Damaged
 from tudor_dynamics.errors import BagError
 
 SUFFIXES = ('.db3', '.mcap')
-METADATA = 'metadata.yaml'
-MAX_METADATA_BYTES = 10_000_000
+MAX_TOPICS = 4096
 
 
-def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
-    with guard(source), Reader(source) as reader:
-        found = [TopicInfo(item.topic, item.msgtype, item.msgcount)
-                 for item in reader.connections]
-        packed = bool(reader.compression_mode)
+def _topics(file: Path, compression: str = '') -> list[TopicInfo]:
+    with storage_file(file, compression) as opened:
+        read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
+        if read is None:
+            raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
+        found = [TopicInfo(*item) for item in read(opened)]
+        if len(found) > MAX_TOPICS:
+            raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
         for item in found:
             if not (isinstance(item.name, str) and item.name.isprintable()
-                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()
-                    and isinstance(item.count, int) and item.count >= 0):
-                raise ValueError(f'impossible topic entry {item}')
-    return found, packed
+                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()):
+                raise Damaged(f'impossible topic entry {item}')
+    return found
 
 
 def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
@@ -65,36 +67,31 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
 
 def _storage_name(files: Collection[Path]) -> str:
     names = {'.db3': 'sqlite3', '.mcap': 'mcap'}
-    return ', '.join(sorted({names.get(file.suffix, file.suffix) for file in files}))
+    suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix for file in files}
+    return ', '.join(sorted(names.get(suffix, suffix) for suffix in suffixes))
 
 
-def _open_files(path: Path, files: tuple[Path, ...], notes: Notes) -> Bag:
-    found = [item for file in files for item in _topics(file)[0]]
+def _open_files(
+    path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
+) -> Bag:
+    compression = '' if metadata is None else metadata.compression
+    topics = _merge([item for file in files for item in _topics(file, compression)])
     for file in files:
         wal = file.with_name(file.name + '-wal')
         if file.suffix == '.db3' and wal.is_file() and wal.stat().st_size > 0:
             notes.add(f'{wal.name} was never merged: the last messages may be missing; '
                       f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
-    return Bag(path, _storage_name(files), files, _merge(found), files, False)
-
-
-def _metadata(directory: Path) -> tuple[tuple[Path, ...], dict[str, str]]:
-    """Give the storage files and the custom data."""
-    with guard(directory):
-        content: Any = yaml.safe_load((directory / METADATA).read_text(encoding='utf-8'))
-        information = content['rosbag2_bagfile_information']
-        custom = information.get('custom_data')
-        return (tuple(directory / Path(name).name
-                      for name in information['relative_file_paths']),
-                {str(key): str(value) for key, value in custom.items()}
-                if isinstance(custom, dict) else {})
+    if metadata is None:
+        return Bag(path, _storage_name(files), files, topics)
+    announced = {name: replace(info, count=metadata.counts.get(name, info.count))
+                 for name, info in topics.items()}
+    return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
                           if item.suffix in SUFFIXES and item.is_file()), key=_natural))
-    metadata = path / METADATA
-    if not metadata.is_file():
+    if not (path / METADATA).exists():
         if not files:
             msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
                    'files); give the directory that `ros2 bag record` made')
@@ -103,24 +100,18 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
                   'in the order of their names')
         return _open_files(path, files, notes)
     try:
-        if metadata.stat().st_size > MAX_METADATA_BYTES:
-            msg = f'{metadata}: larger than {MAX_METADATA_BYTES} bytes, this is no {METADATA}'
-            raise BagError(msg)
-        found, packed = _topics(path)
-        listed, custom = _metadata(path)
+        metadata = read_metadata(path)
     except BagError as err:
         if not files:
             raise
-        bag = _open_files(path, files, notes)  # a damaged storage file is reported by its name
         cause = str(err).removeprefix(f'{path}: ').rpartition(';')[0]
         notes.add(f'{METADATA} cannot be used: {cause}; read '
                   f'{", ".join(file.name for file in files)} in the order of their names')
-        return bag
-    missed = [file.name for file in files if file not in listed]
-    if missed and not packed:
+        return _open_files(path, files, notes)
+    missed = [file.name for file in files if file not in metadata.files]
+    if missed and not metadata.compression:
         notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
-    return Bag(path, _storage_name(listed), listed, _merge(found), (path,), packed,
-               custom)
+    return _open_files(path, metadata.files, notes, metadata)
 
 
 def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
