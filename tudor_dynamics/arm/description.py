@@ -37,6 +37,8 @@ from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_bounded
 
 MAX_YAML_BYTES = 2_000_000
+MAX_PARTS = 8
+"""Mistakes that one message names."""
 
 
 def validation_message(err: ValidationError) -> str:
@@ -62,9 +64,14 @@ def validation_message(err: ValidationError) -> str:
             text = 'unknown key (misspelt?)'
         found = item.get('input')
         shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
-            f', found {found!r}')
-        parts.append(f'{where}: {text}{shown}')
-    return '; '.join(parts)
+            f', found {_short(repr(found))}')
+        parts.append(f'{_short(where)}: {text}{shown}')
+    more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
+    return '; '.join(parts[:MAX_PARTS]) + more
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 100 else f'{text[:100]}...'
 
 
 @dataclass(frozen=True, eq=False)

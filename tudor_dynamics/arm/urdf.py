@@ -173,7 +173,7 @@ def _are_numbers(text: str, count: int, positive: bool) -> bool:
 
 @contextmanager
 def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
-    """Keep what compiled code writes to standard error; it is told on unless asked for."""
+    """Keep what compiled code writes to standard error, for the caller to tell on."""
     try:
         sys.stderr.flush()
         usual = os.dup(2)
@@ -183,17 +183,13 @@ def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
     with tempfile.TemporaryFile() as file:
         def taken() -> str:
             file.seek(0)
-            text = file.read(10_000).decode(errors='replace')
-            file.seek(0)
-            file.truncate()
-            return text
+            return file.read(10_000).decode(errors='replace')
         os.dup2(file.fileno(), 2)
         try:
             yield taken
         finally:
             os.dup2(usual, 2)
             os.close(usual)
-            sys.stderr.write(taken())
 
 
 def model_from_urdf(text: str, path: str) -> pin.Model:
@@ -221,14 +217,21 @@ def model_from_urdf(text: str, path: str) -> pin.Model:
     root = _parse(text, path)
     _adapt(root, path)
     _check_numbers(root, path)
+    model, cause = None, None
     with _stderr_of_libraries() as taken:
         try:
             model = pin.buildModelFromXML(ElementTree.tostring(root, encoding='unicode'))
         except (ValueError, RuntimeError, IndexError) as err:
-            said = re.findall(r'^Error: *(.*)', taken(), re.MULTILINE)
-            msg = (f'{path}: Pinocchio cannot build a model from this URDF '
-                   f'({said[0] if said else err})')
-            raise ArmError(msg) from None
+            cause = str(err)
+        said = taken()
+    # urdfdom tells of an inertia that it cannot read, and goes on without it
+    errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
+    if model is None or errors:
+        cause = errors[0] if errors else cause
+        msg = f'{path}: Pinocchio cannot build a model from this URDF ({cause})'
+        raise ArmError(msg)
+    if said and sys.stderr is not None:
+        sys.stderr.write(said)
     if model.nq != model.nv:
         msg = f'{path}: a joint of this URDF needs more than one coordinate'
         raise ArmError(msg)
