@@ -43,6 +43,7 @@ from tudor_dynamics.errors import TudorError, TudorWarning
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / 'test'))  # helpers that tests need, too
+MEMORY = '/dev/shm' if Path('/dev/shm').is_dir() else None  # noqa: S108 (a disk is slow)
 MAX_SECONDS = 10.0
 MAX_BYTES = 500_000_000
 START_SECONDS, PATIENCE = 300.0, 60.0
@@ -111,7 +112,7 @@ def case(kind, name, seed, number, folder):
 
 def work(name, seed, first, last, pipe):
     """Judge cases one after the other; the samples themselves must be read."""
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         kind = target(name, Path(folder, 'samples'))
         for sample in kind.samples:
             outcome, text, _, _ = judge(kind, kind.make(None, sample, Path(folder)))
@@ -183,7 +184,7 @@ def main():
     args = parser.parse_args()
     if args.only:
         name, _, number = args.only.partition(':')
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
             kind = target(name, Path(folder))
             sample, path = case(kind, name, args.seed, int(number), args.keep or Path(folder))
             print(f'{sample}, {path}:', *judge(kind, path)[:2], sep='\n')

@@ -19,11 +19,12 @@ import shutil
 
 from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import numpy as np
-import yaml
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
+from tudor_dynamics.models.bundle_files import dump_yaml
 from tudor_dynamics.simulation.mechanism import build_mechanism
 
 MAX_JOINTS = 12
@@ -56,8 +57,7 @@ class Arms:
             if uses_urdf and kind < 0.7:
                 urdf = in_bytes(rng, urdf) if kind < 0.25 else _in_xml(rng, urdf)
             elif kind < 0.8:
-                description = yaml.safe_dump(
-                    in_values(rng, yaml.safe_load(description))).encode()
+                description = dump_yaml(in_values(rng, load_yaml(description))).encode()
             else:
                 description = in_bytes(rng, description)
         path = folder / 'arm'

@@ -34,6 +34,7 @@ from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.joint_states import decode_joint_states
 from tudor_dynamics.bags.reader import read_wrenches
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.models.bundle_files import dump_yaml
 
 JOINTS = ('shoulder', 'elbow')
 MESSAGES = 60
@@ -81,7 +82,7 @@ class Bags:
 
     def __init__(self, folder):
         """Write the samples."""
-        self._samples = {}
+        self._samples, self._parsed = {}, {}
         for storage, plugin in (('mcap', StoragePlugin.MCAP), ('sqlite3', StoragePlugin.SQLITE3)):
             for name, mode in MODES.items():
                 if (storage, name) != ('sqlite3', 'chunk'):
@@ -95,6 +96,7 @@ class Bags:
                     c, (mcap.STATISTICS, mcap.CHUNK_INDEX))}.items():
             metadata, file, content, _ = plain
             self._samples[f'mcap-{name}'] = metadata, file, change(content), ''
+        self._turn = 0
         self.arm = arm_from_dict(
             {'name': 'pair', 'kinematics': {'dh': [[0.4, 0, 0, 0], [0.4, 0, 0, 0]]},
              'joints': [{'name': name, 'effort': {'topic': 'motor_currents', 'unit': 'A'}}
@@ -131,7 +133,9 @@ class Bags:
         if kind < 0.1:
             return in_bytes(rng, metadata), content
         if kind < 0.2:
-            return yaml.safe_dump(in_values(rng, yaml.safe_load(metadata))).encode(), content
+            if metadata not in self._parsed:
+                self._parsed[metadata] = yaml.safe_load(metadata)
+            return dump_yaml(in_values(rng, self._parsed[metadata])).encode(), content
         if mode == 'file' and kind < 0.8:
             inner = zstd.decompress(content)
             return metadata, zstd.compress(self._deep(rng, scratch, inner))
@@ -174,16 +178,14 @@ class Bags:
 
     def use(self, path):
         """Read the bag in every way; BagError where it cannot be."""
-        found = []
-        for way in (describe, lambda p: read_recording(p, self.arm), read_wrenches,
-                    lambda p: open_bag(p).read(open_bag(p).topics)):
-            try:
-                found.append(way(path))
-            except BagError as err:
-                found.append(err)
-        if isinstance(found[-1], BagError):
-            raise found[-1]
-        return found[-1]
+        self._turn += 1
+        ways = (describe, lambda p: read_recording(p, self.arm), read_wrenches)
+        try:  # each takes its turn
+            ways[self._turn % len(ways)](path)
+        except BagError:
+            pass
+        bag = open_bag(path)
+        return bag.read(bag.topics)
 
     def compare(self, path, found):
         """Say how what was read differs from what rosbags reads; None where it does not."""

@@ -21,13 +21,14 @@ import zipfile
 
 from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import numpy as np
-import yaml
 
 from tudor_dynamics.arm import arm_from_dict, PreprocessingSpec
+from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle_files import dump_yaml
 from tudor_dynamics.models.elastic import ElasticModel, PhysicalParameter
 from tudor_dynamics.monitoring.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.threshold_io import stored_thresholds, thresholds_to_dict
@@ -125,24 +126,24 @@ class Bundles:
             name = sorted(files)[int(rng.integers(len(files)))]
             return {**files, name: in_bytes(rng, files[name])}
         if kind < 0.65:
-            head = _dump(in_values(rng, yaml.safe_load(head)))
+            head = _dump(in_values(rng, load_yaml(head)))
         elif kind < 0.75:
             head = in_bytes(rng, head)
         else:
             if kind < 0.85 or 'elm.npz' not in files:
                 name = 'arm.yaml'
                 data = (in_bytes(rng, files[name]) if rng.random() < 0.3 else
-                        _dump(in_values(rng, yaml.safe_load(files[name]))))
+                        _dump(in_values(rng, load_yaml(files[name]))))
             else:
                 name = 'elm.npz'
                 data = (in_bytes(rng, files[name]) if rng.random() < 0.3 else
                         _arrays(rng, files[name]))
             files = {**files, name: data}
-            content = yaml.safe_load(head)
+            content = load_yaml(head)
             content['files'][name] = hashlib.sha256(data).hexdigest()
             if name == 'arm.yaml':
                 try:  # else nothing behind the digest is ever seen
-                    arm = arm_from_dict(yaml.safe_load(data), base=None, source='')
+                    arm = arm_from_dict(load_yaml(data), base=None, source='')
                     content['arm']['digest'] = arm.digest
                 except Exception:  # noqa: S110 (the check says how it ends, not this)
                     pass
@@ -180,7 +181,7 @@ class Bundles:
 
 
 def _dump(content):
-    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
+    return dump_yaml(content).encode()
 
 
 def _arrays(rng, data):
