@@ -129,8 +129,9 @@ def work(name, seed, first, last, pipe):
 class Tally:
     """How the cases of one kind ended."""
 
+    kind: str
     outcomes: Counter = field(default_factory=Counter)
-    wrong: list = field(default_factory=list)
+    wrong: int = 0
     slowest: float = 0.0
     memory: int = 0
 
@@ -139,12 +140,13 @@ class Tally:
         self.outcomes[outcome] += 1
         self.slowest, self.memory = max(self.slowest, seconds), max(self.memory, memory)
         if outcome == WRONG:
-            self.wrong.append((number, sample, text))
+            self.wrong += 1
+            print(f'{self.kind}:{number} ({sample}): {text}', flush=True)
 
 
 def run(name, seed, first, last):
     """Go through the cases of one kind, with another process wherever one ends or hangs."""
-    context, tally = multiprocessing.get_context('spawn'), Tally()
+    context, tally = multiprocessing.get_context('spawn'), Tally(name)
     while first < last:
         ours, theirs = context.Pipe(duplex=False)
         worker = context.Process(target=work, args=(name, seed, first, last, theirs), daemon=True)
@@ -193,9 +195,7 @@ def main():
     for name in COUNTS:
         begun = time.perf_counter()
         tally = run(name, args.seed, 0, getattr(args, name))
-        for number, sample, text in tally.wrong:
-            print(f'{name}:{number} ({sample}): {text}')
-        failed += len(tally.wrong)
+        failed += tally.wrong
         print(f'{name}: {sum(tally.outcomes.values())} mutations in '
               f'{time.perf_counter() - begun:.0f} s: {tally.outcomes[READ]} read, '
               f'{tally.outcomes[REFUSED]} refused, {tally.outcomes[WRONG]} wrong; slowest '

@@ -211,8 +211,7 @@ def test_metadata_without_end(tmp_path: Path, change: Callable[[str], str]) -> N
 @pytest.mark.parametrize(('key', 'value'), [
     ('version', 10), ('version', 'x'), ('storage_identifier', 'none'),
     ('relative_file_paths', 5), ('relative_file_paths', [{}]), ('compression_mode', 'odd'),
-    ('compression_mode', 'FILE'), ('topics_with_message_count', [{'message_count': 1}]),
-    ('topics_with_message_count', [{'message_count': -1, 'topic_metadata': {'name': 'x'}}])])
+    ('compression_mode', 'FILE')])
 def test_metadata_that_make_no_sense(tmp_path: Path, key: str, value: Any) -> None:
     """Wrong types and unknown values are told, and the data are read."""
     bag = make_bag(tmp_path / 'b')
@@ -221,6 +220,19 @@ def test_metadata_that_make_no_sense(tmp_path: Path, key: str, value: Any) -> No
     content['rosbag2_bagfile_information'][key] = value
     metadata.write_text(yaml.safe_dump(content))
     assert any('metadata.yaml cannot be used' in text for text in describe(bag).odd)
+
+
+@pytest.mark.parametrize('value', [
+    None, [3], [{'message_count': 1}], [{'message_count': {}, 'topic_metadata': {'name': 'x'}}]])
+def test_counts_that_are_none(tmp_path: Path, value: Any) -> None:
+    """Numbers of messages that are none in the metadata cost nothing: the storage counts."""
+    bag = make_bag(tmp_path / 'b')
+    metadata = bag / 'metadata.yaml'
+    content = yaml.safe_load(metadata.read_text())
+    content['rosbag2_bagfile_information']['topics_with_message_count'] = value
+    metadata.write_text(yaml.safe_dump(content))
+    found = describe(bag)
+    assert found.odd == [] and found.topics[0].count == 300
 
 
 def test_more_messages_announced_than_found(tmp_path: Path) -> None:

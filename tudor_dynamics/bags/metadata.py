@@ -110,15 +110,22 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
         if not file.is_file():
             msg = f'{file.name} is not there, or no file'
             raise ValueError(msg)
-    counts = {}
-    for item in information['topics_with_message_count']:
-        name, count = item['topic_metadata']['name'], item['message_count']
-        if not isinstance(name, str) or not isinstance(count, int) or count < 0:
-            msg = f'impossible topic entry {name!r}: {count!r}'
-            raise ValueError(msg)
-        counts[name] = counts.get(name, 0) + count
     custom = information.get('custom_data')
     return Metadata(
-        files, compression.replace('storage', ''), counts,
+        files, compression.replace('storage', ''), _counts(information),
         {str(key): str(value) for key, value in custom.items()}
         if isinstance(custom, dict) else {})
+
+
+def _counts(information: dict[str, Any]) -> dict[str, int]:
+    """Give the counts that are numbers; the storage has the last word on what there is."""
+    counts: dict[str, int] = {}
+    listed = information.get('topics_with_message_count')
+    for item in listed if isinstance(listed, list) else []:
+        try:
+            name, count = item['topic_metadata']['name'], item['message_count']
+            if isinstance(name, str) and isinstance(count, int) and count >= 0:
+                counts[name] = counts.get(name, 0) + count
+        except (KeyError, TypeError):
+            continue
+    return counts

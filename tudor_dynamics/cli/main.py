@@ -25,7 +25,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from contextlib import suppress
-import errno
 from importlib import import_module
 import os
 import sys
@@ -126,7 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
             _complain(name, f'{place}{err.strerror or err}')
-            if err.errno == errno.ENOSPC:
+            try:
+                sys.stdout.flush()
+            except OSError:
                 _forget_output()
             return WRONG_INPUT
         except KeyboardInterrupt:
