@@ -88,7 +88,7 @@ def judge(kind, path):
         outcome, text = REFUSED, str(err)
         if len(text) > 2000:
             outcome, text = WRONG, f'a message of {len(text)} characters'
-        elif any(not (char.isprintable() or char == '\n') for char in text):
+        elif not text.isprintable():
             outcome, text = WRONG, f'a message that steers the terminal: {text!r}'
     except Exception:
         outcome, text = WRONG, traceback.format_exc()
@@ -115,6 +115,7 @@ def work(name, seed, first, last, pipe):
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         kind = target(name, Path(folder, 'samples'))
         for sample in kind.samples:
+            kind.use(kind.make(None, sample, Path(folder)))  # compiles what is not yet
             outcome, text, _, _ = judge(kind, kind.make(None, sample, Path(folder)))
             if outcome != READ:
                 pipe.send(('sample', sample, WRONG, text, 0.0, 0))

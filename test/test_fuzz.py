@@ -22,7 +22,7 @@ import sys
 
 
 def test_damaged_input(root: Path) -> None:
-    """Some hundred damaged bags, bundles and arms: refused on one line, or read as rosbags does."""
+    """Some damaged bags, bundles and arms: refused on one line, or read as rosbags does."""
     done = subprocess.run(
         [sys.executable, 'bench/fuzz.py', '--bags', '120', '--bundles', '60', '--arms', '60',
          '--seed', '7'], cwd=root, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,

@@ -103,7 +103,7 @@ def _check(text: str | bytes) -> None:
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in sizes:
                 msg = f'the reference *{event.anchor} stands for nothing, or for itself'
-                raise yaml.MarkedYAMLError(problem=msg, problem_mark=event.start_mark)
+                raise _refused(msg, event)
             values += sizes[event.anchor]
         else:
             values += 1
@@ -115,4 +115,9 @@ def _check(text: str | bytes) -> None:
                                   (values, MAX_VALUES, 'values')):
             if found > most:
                 msg = f'more than {most} {what}'
-                raise yaml.MarkedYAMLError(problem=msg, problem_mark=event.start_mark)
+                raise _refused(msg, event)
+
+
+def _refused(problem: str, event: yaml.Event) -> yaml.YAMLError:
+    mark: Any = event.start_mark
+    return yaml.MarkedYAMLError(problem=problem, problem_mark=mark)

@@ -143,7 +143,10 @@ PLAIN = 'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data
      'compute what they hold'),
     ([PLAIN, "INSERT INTO messages VALUES (1, 1, 1, 'text')"], 'which are no bytes'),
     ([PLAIN, 'INSERT INTO messages VALUES (1, 1, 1, zeroblob(5000))'], 'a message of 5000 bytes'),
-    ([PLAIN, "INSERT INTO messages VALUES (1, 1, 'now', x'00')"], 'log times that are no times'),
+    ([PLAIN, "INSERT INTO messages VALUES (1, 1, 'now', x'00')"],
+     'a str in place of a log time'),
+    ([PLAIN, "INSERT INTO messages VALUES (1, 1, 1e-300, x'00')"],
+     'a float in place of a log time'),
     ([], 'no tables messages and topics'),
 ])
 def test_databases_that_are_no_bags(
@@ -153,6 +156,35 @@ def test_databases_that_are_no_bags(
     monkeypatch.setattr(sqlite_scan, 'MAX_PIECE', 4000)
     with pytest.raises(BagError, match=cause):
         describe(database(tmp_path, *statements))
+
+
+def test_names_without_end(tmp_path: Path) -> None:
+    """A topic has the name that ROS allows, no novel."""
+    file = database(tmp_path, PLAIN, f"UPDATE topics SET name = '/{'y' * 5000}'")
+    with pytest.raises(BagError, match='impossible topic entry') as caught:
+        describe(file)
+    assert len(str(caught.value)) < 600
+
+
+def test_text_of_a_library_does_not_steer_the_terminal(tmp_path: Path) -> None:
+    """What SQLite says of a damaged file goes into the message, without control characters."""
+    file = database(tmp_path, PLAIN)
+    file.write_bytes(file.read_bytes().replace(b'CREATE TABLE topics', b'CREATE TABLE \x1b[2J  '))
+    with pytest.raises(BagError, match='SQLite: malformed') as caught:
+        describe(file)
+    assert str(caught.value).isprintable()
+
+
+def test_file_that_is_listed_twice(tmp_path: Path) -> None:
+    """It is read once, and told."""
+    bag = make_bag(tmp_path / 'b')
+    metadata = bag / 'metadata.yaml'
+    content = yaml.safe_load(metadata.read_text())
+    content['rosbag2_bagfile_information']['relative_file_paths'] *= 2
+    metadata.write_text(yaml.safe_dump(content))
+    found = describe(bag)
+    assert found.odd == ['metadata.yaml lists a file twice; read once']
+    assert found.topics[0].count == 300
 
 
 def test_rows_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

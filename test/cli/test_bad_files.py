@@ -34,7 +34,7 @@ import yaml
 from tudor_dynamics.cli.main import main
 
 MAX_SECONDS, MAX_BYTES = 10.0, 500_000_000
-RUNNER = '''
+RUNNER = """
 import contextlib, io, json, os, resource, sys, time
 from tudor_dynamics.cli.main import main
 
@@ -58,7 +58,7 @@ for words in json.load(sys.stdin):
             code = repr(error)
     print(json.dumps([code, out.getvalue(), err.getvalue(), time.process_time() - begun,
                       peak()]), flush=True)
-'''
+"""
 ARM = {'name': 'pair', 'kinematics': {'dh': [[0.4, 0, 0, 0], [0.4, 0, 0, 0]]},
        'joints': [{'name': name} for name in JOINTS]}
 LINK = '<link name="l{0}"/>'

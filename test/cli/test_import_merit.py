@@ -124,7 +124,7 @@ def test_full_disk(small_disk, tmp_path, capsys):
 
 
 def test_full_disk_as_sqlite_tells_it(tmp_path, capsys, monkeypatch):
-    """SQLite has an error of its own for a full disk."""
+    """Full disks are an error of SQLite's own, no OSError."""
     def fail(*_):
         raise sqlite3.OperationalError('database or disk is full')
     monkeypatch.setattr('rosbags.rosbag2.storage_sqlite3.Sqlite3Writer.write', fail)

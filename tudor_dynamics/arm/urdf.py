@@ -44,7 +44,7 @@ MAX_ELEMENTS = 100_000
 MAX_DEPTH = 50
 """Levels of XML elements; a URDF has six."""
 MAX_LINKS = 1000
-"""Links, and joints, fixed ones included: Pinocchio's parser ends the process at some thousands."""
+"""Links, and joints with the fixed ones: Pinocchio's parser ends the process at some thousands."""
 
 NUMBERS = {
     'mass': {'value': 1}, 'origin': {'xyz': 3, 'rpy': 3}, 'axis': {'xyz': 3},

@@ -114,11 +114,13 @@ class Channels:
 class _Walk:
     """Goes through the records of one file."""
 
-    def __init__(self, topics: Collection[str] | None, with_data: bool) -> None:
+    def __init__(
+        self, topics: Collection[str] | None, with_data: bool, channels: Channels,
+    ) -> None:
         self.found: dict[str, Scan] = {} if topics is None else {name: Scan() for name in topics}
         self._all = topics is None
         self._with_data = with_data
-        self._channels = Channels()
+        self._channels = channels
         self._sinks: dict[int, Scan | None] = {}
 
     def _definition(self, code: int, record: bytes) -> None:
@@ -198,6 +200,7 @@ def _unpack_chunk(record: bytes, unpacker: Unpacker) -> bytes:
 
 def scan_mcap(
     path: Path, topics: Collection[str] | None = None, *, with_data: bool = True,
+    channels: Channels | None = None,
 ) -> dict[str, Scan]:
     """
     Read the raw messages of some topics.
@@ -210,6 +213,8 @@ def scan_mcap(
         Topics to read; all by default.
     with_data : bool
         Also keep the messages, not only their times.
+    channels : Channels, optional
+        What the summary says, which the data must not contradict.
 
     Returns
     -------
@@ -222,7 +227,7 @@ def scan_mcap(
         If the file contradicts itself, or asks for more than it may.
 
     """
-    walk = _Walk(topics, with_data)
+    walk = _Walk(topics, with_data, channels or Channels())
     with open_regular(path) as stream:
         try:
             walk.file(stream, path.stat().st_size)

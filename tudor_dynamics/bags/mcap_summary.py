@@ -23,6 +23,8 @@ Format: https://mcap.dev/spec
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 import struct
 import zlib
@@ -61,16 +63,36 @@ def mcap_topics(path: Path) -> list[tuple[str, str, int]]:
         If the file has no beginning or end, or contradicts itself.
 
     """
+    summary = _read(path)
+    if summary.complete:
+        return [(topic, msgtype, summary.counts.get(number, 0))
+                for number, (topic, msgtype) in summary.channels.topics.items()]
+    return [(topic, msgtype, len(scan.log_time) if number == 0 else 0)
+            for topic, scan in scan_mcap(
+                path, with_data=False, channels=summary.channels).items()
+            for number, msgtype in enumerate(scan.msgtypes)]
+
+
+def mcap_channels(path: Path) -> Channels:
+    """Give the channels that the summary of a file names; none where it cannot be used."""
+    return _read(path).channels
+
+
+@dataclass(frozen=True)
+class _Summary:
+    """Channels, number of messages of each, and whether that is all there is to know."""
+
+    channels: Channels = field(default_factory=Channels)
+    counts: Mapping[int, int] = field(default_factory=dict)
+    complete: bool = False
+
+
+def _read(path: Path) -> _Summary:
     summary = _summary(path)
     try:
-        found = None if summary is None else _from_summary(summary)
+        return _Summary() if summary is None else _from_summary(summary)
     except (struct.error, UnicodeDecodeError, Damaged):
-        found = None
-    if found is not None:
-        return found
-    return [(topic, msgtype, len(scan.log_time) if number == 0 else 0)
-            for topic, scan in scan_mcap(path, with_data=False).items()
-            for number, msgtype in enumerate(scan.msgtypes)]
+        return _Summary()
 
 
 def _summary(path: Path) -> bytes | None:
@@ -98,8 +120,9 @@ def _summary(path: Path) -> bytes | None:
     return summary if not offsets else summary[:max(0, offsets - start)]
 
 
-def _from_summary(summary: bytes) -> list[tuple[str, str, int]] | None:
-    channels, counts, total, position = Channels(), {}, None, 0
+def _from_summary(summary: bytes) -> _Summary:
+    channels, total, position = Channels(), None, 0
+    counts: dict[int, int] = {}
     while position < len(summary):
         code, size = RECORD.unpack_from(summary, position)
         position += RECORD.size
@@ -116,7 +139,6 @@ def _from_summary(summary: bytes) -> list[tuple[str, str, int]] | None:
                 raise Damaged('statistics leave their record')
             counts = dict(_COUNT.iter_unpack(record[_COUNTS.size:_COUNTS.size + length]))
         position += size
-    if total is None or sum(counts.values()) != total or not counts.keys() <= channels.topics.keys():
-        return None
-    return [(topic, msgtype, counts.get(number, 0))
-            for number, (topic, msgtype) in channels.topics.items()]
+    known = counts.keys() <= channels.topics.keys()
+    return _Summary(channels, counts, known and total is not None
+                    and sum(counts.values()) == total)

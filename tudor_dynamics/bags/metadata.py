@@ -47,6 +47,8 @@ class Metadata:
         Number of messages of each topic.
     custom : dict of str to str
         What whoever recorded added.
+    doubled : bool
+        Whether a file was listed more than once.
 
     """
 
@@ -54,6 +56,7 @@ class Metadata:
     compression: str
     counts: Mapping[str, int]
     custom: Mapping[str, str]
+    doubled: bool = False
 
 
 def read_metadata(directory: Path) -> Metadata:
@@ -114,7 +117,7 @@ def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
     return Metadata(
         files, compression.replace('storage', ''), _counts(information),
         {str(key): str(value) for key, value in custom.items()}
-        if isinstance(custom, dict) else {})
+        if isinstance(custom, dict) else {}, len(files) < len(names))
 
 
 def _counts(information: dict[str, Any]) -> dict[str, int]:

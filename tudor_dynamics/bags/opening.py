@@ -22,7 +22,7 @@ from pathlib import Path
 import re
 
 from tudor_dynamics.bags.mcap_summary import mcap_topics
-from tudor_dynamics.bags.metadata import Metadata, METADATA, read_metadata
+from tudor_dynamics.bags.metadata import METADATA, Metadata, read_metadata
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.sqlite_scan import sqlite_topics
 from tudor_dynamics.bags.storage import Bag, one_line, storage_file, TopicInfo
@@ -31,6 +31,8 @@ from tudor_dynamics.errors import BagError
 
 SUFFIXES = ('.db3', '.mcap')
 MAX_TOPICS = 4096
+MAX_NAME = 255
+"""Characters in the name of a topic or type, as in DDS."""
 
 
 def _topics(file: Path, compression: str = '') -> list[TopicInfo]:
@@ -42,9 +44,9 @@ def _topics(file: Path, compression: str = '') -> list[TopicInfo]:
         if len(found) > MAX_TOPICS:
             raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
         for item in found:
-            if not (isinstance(item.name, str) and item.name.isprintable()
-                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()):
-                raise Damaged(f'impossible topic entry {item}')
+            for text in (item.name, item.msgtype):
+                if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
+                    raise Damaged(f'impossible topic entry {item}')
     return found
 
 
@@ -108,6 +110,8 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
         notes.add(f'{METADATA} cannot be used: {cause}; read '
                   f'{", ".join(file.name for file in files)} in the order of their names')
         return _open_files(path, files, notes)
+    if metadata.doubled:
+        notes.add(f'{METADATA} lists a file twice; read once')
     missed = [file.name for file in files if file not in metadata.files]
     if missed and not metadata.compression:
         notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')

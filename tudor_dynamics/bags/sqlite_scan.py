@@ -138,6 +138,8 @@ def scan_sqlite(
         names = {number: name for number, name
                  in connection.execute('SELECT id, name FROM topics') if name in times}
         for number, time, message in _rows(connection, names, with_data):
+            if type(time) is not int:  # a column of integers can hold anything
+                raise Damaged(f'SQLite: a {type(time).__name__} in place of a log time')
             times[names[number]].append(time)
             if with_data:
                 if not isinstance(message, bytes):
@@ -150,7 +152,7 @@ def scan_sqlite(
 
 def _rows(
     connection: sqlite3.Connection, numbers: Collection[int], with_data: bool,
-) -> Iterator[tuple[int, int, object]]:
+) -> Iterator[tuple[int, object, object]]:
     what = 'messages.data' if with_data else 'NULL'
     marks = ', '.join('?' * len(numbers))
     return iter(connection.execute(

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.mcap_scan import scan_mcap
+from tudor_dynamics.bags.mcap_summary import mcap_channels
 from tudor_dynamics.bags.sqlite_scan import scan_sqlite
 from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker
 from tudor_dynamics.errors import BagError
@@ -226,7 +227,8 @@ def _read_file(
 ) -> None:
     before = {name: len(messages) for name, messages in data.items()}
     if file.suffix == '.mcap':
-        for name, found in scan_mcap(file, tuple(times), with_data=with_data).items():
+        scans = scan_mcap(file, tuple(times), with_data=with_data, channels=mcap_channels(file))
+        for name, found in scans.items():
             times[name] += found.log_time
             data[name] += found.data
     else:

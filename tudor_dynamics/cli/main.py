@@ -35,7 +35,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
 from tudor_dynamics import __version__  # noqa: E402
-from tudor_dynamics.errors import TudorError, TudorWarning  # noqa: E402
+from tudor_dynamics.errors import printable, TudorError, TudorWarning  # noqa: E402
 
 SUBCOMMANDS = {
     'fit': 'learn a dynamics model from bags',
@@ -117,7 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            _complain(name, ' '.join(str(err).split()))
+            _complain(name, str(err))
             return WRONG_INPUT
         except BrokenPipeError:
             _forget_output()
@@ -137,11 +137,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _complain(name: str, text: str) -> None:
     with suppress(OSError):  # standard error may lead to a full disk
-        print(f'{name}: {text}', file=sys.stderr)
+        print(f'{name}: {printable(text)}', file=sys.stderr)
 
 
 def _open_standard_streams() -> None:
-    """Let closed standard streams lead nowhere; else the next file opened would take their place."""
+    """Let closed standard streams lead nowhere; the next file opened would take their place."""
     for number, stream in enumerate(('stdin', 'stdout', 'stderr')):
         try:
             os.fstat(number)
@@ -156,7 +156,7 @@ def _open_standard_streams() -> None:
 
 
 def _forget_output() -> None:
-    """Send what could not be written nowhere, so that the interpreter does not try again at exit."""
+    """Send what could not be written nowhere; the interpreter would try again at its end."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

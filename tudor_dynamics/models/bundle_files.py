@@ -140,13 +140,18 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
                 msg = f'{file}: unpacks to more than a model can have'
                 raise ModelError(msg)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name], dtype=float) for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
     except ModelError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
         msg = f'{file}: no archive of numbers ({err}); fit the model again'
         raise ModelError(msg) from None
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
+            msg = f'{file}: no archive of numbers ({name[:100]!r} holds others); fit the model again'
+            raise ModelError(msg)
+    return {name: array.astype(float) for name, array in arrays.items()}
 
 
 def read_file(path: Path, name: str) -> bytes:

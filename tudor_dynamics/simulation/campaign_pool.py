@@ -53,7 +53,7 @@ def _end(*_: object) -> None:
 
 
 def _watch_parent() -> None:
-    """End with the process that began this one, also where that was killed and could tell nobody."""
+    """End with the process that began this one, also where that was killed and told nobody."""
     parent = multiprocessing.parent_process()
     assert parent is not None  # this runs in a child
     connection.wait([parent.sentinel])
