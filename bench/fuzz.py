@@ -115,7 +115,9 @@ def work(name, seed, first, last, pipe):
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         kind = target(name, Path(folder, 'samples'))
         for sample in kind.samples:
-            kind.use(kind.make(None, sample, Path(folder)))  # compiles what is not yet
+            with warnings.catch_warnings():
+                warnings.simplefilter('ignore', TudorWarning)
+                kind.use(kind.make(None, sample, Path(folder)))  # compiles what is not yet
             outcome, text, _, _ = judge(kind, kind.make(None, sample, Path(folder)))
             if outcome != READ:
                 pipe.send(('sample', sample, WRONG, text, 0.0, 0))

@@ -88,6 +88,7 @@ def test_defaults() -> None:
     ('joints.1.name', 'one', ['top level', "joint 'one' is named twice"]),
     ('gravity', [0.0, -9.81], ['gravity.2', 'Field required']),
     ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
+    ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
     ('active_joints', ['three'],
      ["active joint 'three' is not among the joints ['one', 'two']"]),
     ('active_joints', ['two', 'two'], ["active joint 'two' is named twice"]),

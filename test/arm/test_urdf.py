@@ -37,6 +37,12 @@ def chain(links: int, kind: str = 'revolute') -> str:
     return f'<robot name="r">{"".join(parts)}</robot>'
 
 
+def test_limits_that_are_none() -> None:
+    """Some write a limit that is none as a very large number."""
+    text = chain(2).replace('lower="-1" upper="1"', 'lower="-1e16" upper="1e16"')
+    assert model_from_urdf(text, 'r.urdf').nq == 1
+
+
 def test_chains_of_a_size_are_read() -> None:
     """A hundred joints are an arm."""
     assert model_from_urdf(chain(101), 'r.urdf').nq == 100
@@ -53,6 +59,7 @@ def test_chains_of_a_size_are_read() -> None:
     (chain(3).replace('mass value="1"', 'mass value="-1"', 1), 'expected a mass in kg'),
     (chain(3).replace('ixx="1"', 'ixx="1_0"', 1), 'expected a finite number'),
     (chain(3).replace('xyz="1 0 0"', 'xyz="1 0 inf"', 1), 'expected 3 finite numbers'),
+    (chain(3).replace('xyz="1 0 0"', 'xyz="1 0 1e16"', 1), 'expected 3 finite numbers'),
     (chain(3).replace('xyz="0 0 1"', 'xyz="0 1"', 1), "joint 'j1' has axis xyz='0 1'"),
     (chain(3).replace('"l2"', '"l1"'), "link 'l1' is not unique"),
     (chain(3).replace('<mass value="1"/>', '', 1), 'Inertial element must have a mass'),

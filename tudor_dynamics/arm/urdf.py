@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import math
 import os
 from pathlib import Path
 import re
@@ -32,9 +31,9 @@ import tempfile
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pinocchio as pin
 
+from tudor_dynamics.arm.fields import LARGEST
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_bounded
 
@@ -154,7 +153,7 @@ def _check_numbers(root: ElementTree.Element, path: str) -> None:
         for element in part.iter():
             for key, count in NUMBERS.get(element.tag, {}).items():
                 text = element.get(key)
-                if text is not None and not _are_numbers(text, count, element.tag == 'mass'):
+                if text is not None and not _are_numbers(text, count, element.tag):
                     what = ('a mass in kg' if element.tag == 'mass' else
                             'a finite number' if count == 1 else f'{count} finite numbers')
                     msg = (f'{path}: {part.tag} {part.get("name")!r} has {element.tag} '
@@ -162,13 +161,15 @@ def _check_numbers(root: ElementTree.Element, path: str) -> None:
                     raise ArmError(msg)
 
 
-def _are_numbers(text: str, count: int, positive: bool) -> bool:
+def _are_numbers(text: str, count: int, tag: str) -> bool:
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
         return False
-    return ('_' not in text and len(values) == count and all(map(math.isfinite, values))
-            and not (positive and min(values) < 0.0))
+    # a limit that is none may be any number
+    largest = sys.float_info.max if tag == 'limit' else LARGEST
+    return ('_' not in text and len(values) == count and all(abs(v) <= largest for v in values)
+            and not (tag == 'mass' and min(values) < 0.0))
 
 
 @contextmanager
@@ -234,10 +235,5 @@ def model_from_urdf(text: str, path: str) -> pin.Model:
         sys.stderr.write(said)
     if model.nq != model.nv:
         msg = f'{path}: a joint of this URDF needs more than one coordinate'
-        raise ArmError(msg)
-    values = [*(inertia.toDynamicParameters() for inertia in model.inertias),
-              *(place.homogeneous for place in model.jointPlacements)]
-    if not all(np.all(np.isfinite(value)) for value in values):
-        msg = f'{path}: masses or places come to more than any number; correct inertial and origin'
         raise ArmError(msg)
     return model
