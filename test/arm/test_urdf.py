@@ -20,6 +20,7 @@ from pathlib import Path
 
 import pytest
 
+from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.errors import ArmError
 
@@ -80,3 +81,14 @@ def test_what_is_no_file(path: str, cause: str) -> None:
     """Devices are not read."""
     with pytest.raises(ArmError, match=f'the URDF cannot be read .{cause}.; check'):
         read_urdf(Path(path))
+
+
+def test_joint_and_link_of_one_name(tmp_path: Path) -> None:
+    """Where Pinocchio cannot hold a joint because a link has its name, the answer says so."""
+    (tmp_path / 'r.urdf').write_text(chain(3).replace('"j1"', '"l1"'))
+    content = {'name': 'r', 'kinematics': {'urdf': 'r.urdf'}, 'joints': [{'name': 'l1'},
+                                                                         {'name': 'j2'}]}
+    arm_from_dict(content, base=tmp_path, source='r.yaml').model.createData()
+    held = arm_from_dict({**content, 'active_joints': ['j2']}, base=tmp_path, source='r.yaml')
+    with pytest.raises(ArmError, match='r.yaml: joints cannot be held .*own names'):
+        held.model.createData()

@@ -133,7 +133,11 @@ class Arm:
             if name not in keep:
                 reference[model.joints[index].idx_q] = held.get(name, 0.0)
                 locked.append(index)
-        return pin.buildReducedModel(model, locked, reference) if locked else model
+        try:
+            return pin.buildReducedModel(model, locked, reference) if locked else model
+        except ValueError as err:  # names that several parts of a URDF share
+            msg = f'{self.source}: joints cannot be held ({err}); give joints and links own names'
+            raise ArmError(msg) from None
 
     @cached_property
     def model(self) -> pin.Model:

@@ -149,7 +149,8 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
         raise ModelError(msg) from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
-            msg = f'{file}: no archive of numbers ({name[:100]!r} holds others); fit the model again'
+            msg = (f'{file}: no archive of numbers ({name[:100]!r} holds others); fit the model '
+                   'again')
             raise ModelError(msg)
     return {name: array.astype(float) for name, array in arrays.items()}
 
