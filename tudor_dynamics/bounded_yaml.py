@@ -32,6 +32,7 @@ MAX_VALUES = 300_000
 """Keys and values, counted again wherever a reference stands for them."""
 MAX_DIGITS = 400
 """Of a number."""
+MAX_INTEGER = 1 << 64
 
 
 class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
@@ -39,12 +40,16 @@ class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ign
 
     def construct_number(self, node: yaml.ScalarNode) -> float:
         """Read an integer or float; YAML has them in base 60, too, which take quadratic time."""
-        if len(node.value) > MAX_DIGITS:
-            raise yaml.constructor.ConstructorError(
-                None, None, f'a number of more than {MAX_DIGITS} characters', node.start_mark)
-        value: float = (self.construct_yaml_int(node) if node.tag.endswith('int')
-                        else self.construct_yaml_float(node))
-        return value
+        value: float = 0.0
+        if len(node.value) <= MAX_DIGITS:
+            value = (self.construct_yaml_int(node) if node.tag.endswith('int')
+                     else self.construct_yaml_float(node))
+            # Longer integers can be made to share one hash, and as keys take quadratic time, too.
+            if isinstance(value, float) or abs(value) < MAX_INTEGER:
+                return value
+        raise yaml.constructor.ConstructorError(
+            None, None, f'a number of more than {MAX_DIGITS} characters or 64 bits',
+            node.start_mark)
 
 
 for _kind in ('int', 'float'):

@@ -66,7 +66,9 @@ def test_the_sum_is_bounded() -> None:
         assert len(unpacker.unpack(FRAME, 'zstd')) == 1 << 24
     with pytest.raises(Damaged, match='more than 64 times its size, or 64 MB'):
         unpacker.unpack(FRAME, 'zstd')
-    Unpacker(10_000_000).unpack(FRAME * 7, 'zstd', 7 << 24)
+    larger = Unpacker(10_000_000)
+    for _ in range(3):
+        larger.unpack(FRAME * 3, 'zstd', 3 << 24)
 
 
 def chunk_bomb(path: Path, size: int) -> Path:
@@ -83,8 +85,7 @@ def chunk_bomb(path: Path, size: int) -> Path:
 
 
 @pytest.mark.parametrize(('size', 'cause'), [
-    (256 << 24, 'at most 134217728 are unpacked'), (1000, 'unpacks to 1001 or more'),
-    (100 << 20, 'more than 64 times its size, or 64 MB')])
+    (256 << 24, 'at most 67108864 are unpacked'), (1000, 'unpacks to 1001 or more')])
 def test_chunk_of_gigabytes(tmp_path: Path, size: int, cause: str) -> None:
     """A chunk that says or hides what it unpacks to is refused at once."""
     with pytest.raises(BagError, match=cause):
@@ -112,7 +113,7 @@ def test_file_and_message_of_gigabytes(tmp_path: Path, storage: str, mode: str) 
         content['rosbag2_bagfile_information'] |= {
             'compression_mode': 'MESSAGE', 'compression_format': 'zstd'}
         metadata.write_text(yaml.safe_dump(content))
-    with pytest.raises(BagError, match='unpacks to more than|unpacks to 134217729 or more'):
+    with pytest.raises(BagError, match='unpacks to more than 64 times'):
         describe(tmp_path / 'b')
 
 
@@ -135,9 +136,9 @@ PLAIN = 'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data
 
 @pytest.mark.parametrize(('statements', 'cause'), [
     (['CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, '
-      'data BLOB GENERATED ALWAYS AS (zeroblob(1000000000)) VIRTUAL)',
+      'data BLOB GENERATED ALWAYS AS (zeroblob(900000000)) VIRTUAL)',
       'INSERT INTO messages VALUES (1, 1, 1)'], 'compute what they hold'),
-    (['CREATE VIEW messages AS SELECT 1 id, 1 topic_id, 1 timestamp, zeroblob(1000000000) data'],
+    (['CREATE VIEW messages AS SELECT 1 id, 1 topic_id, 1 timestamp, zeroblob(900000000) data'],
      'no tables messages and topics'),
     (['CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)'],
      'compute what they hold'),

@@ -84,21 +84,21 @@ def bomb(path: Path) -> Path:
     packed = zstd.compress(bytes(1 << 24)) * 256
     chunk = mcap.close_chunk(bytes(16), '', b'')[:24] + b'\0\0\0\0\4\0\0\0zstd'
     chunk += len(packed).to_bytes(8, 'little') + packed
-    data, summary = mcap.sections(content)
+    data, _ = mcap.sections(content)
     data = [(kind, chunk if kind == mcap.CHUNK else body) for kind, body in data]
-    (path / f'{path.name}.mcap').write_bytes(mcap.build(data, summary))
+    (path / f'{path.name}.mcap').write_bytes(mcap.build(data, []))
     return path
 
 
 def computed(path: Path) -> Path:
-    """Write a database whose messages are computed: a gigabyte each."""
+    """Write a database whose messages are computed: nearly a gigabyte each."""
     connection = sqlite3.connect(path)
     connection.execute('CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, '
                        'serialization_format)')
     connection.execute("INSERT INTO topics VALUES (1, '/joint_states', "
                        "'sensor_msgs/msg/JointState', 'cdr')")
     connection.execute('CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, '
-                       'data BLOB GENERATED ALWAYS AS (zeroblob(1000000000)) VIRTUAL)')
+                       'data BLOB GENERATED ALWAYS AS (zeroblob(900000000)) VIRTUAL)')
     connection.executemany('INSERT INTO messages VALUES (?, 1, 1)', [(i,) for i in range(9)])
     connection.commit()
     connection.close()

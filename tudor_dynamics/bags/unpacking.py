@@ -33,7 +33,7 @@ MAX_RATIO = 64
 """Times its own size that a compressed file may unpack to ..."""
 FREE_BYTES = 64 << 20
 """... or to this, whichever is more."""
-MAX_PIECE = 128 << 20
+MAX_PIECE = 64 << 20
 """Largest chunk or message that is unpacked or read at once [bytes]."""
 
 
