@@ -26,7 +26,7 @@ export PIP_NO_INPUT := 1
 WORKERS ?= 2
 PYTEST_ARGS ?=
 DEMO_OUT ?= demo_out
-BENCHES := $(sort $(wildcard bench/*.py))
+BENCHES := $(sort $(shell grep -l __main__ bench/*.py))
 
 help:
 	@echo 'make venv   .venv with everything; `tudor` is .venv/bin/tudor'

@@ -23,180 +23,23 @@ everything is judged by stamps, so that a slow machine may run the simulator bel
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import json
-import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
 import tempfile
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from live_nodes import FloatArray, Listener, make_model, PAYLOAD, Processes
 import numpy as np
-from numpy.typing import NDArray
-from rcl_interfaces.srv import SetParameters
 import rclpy
-from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Header
-from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.nodes.base import latched
-from tudor_dynamics.nodes.messages import floats, nanoseconds
-from tudor_dynamics.nodes.runner import new_executor
+from tudor_dynamics.nodes.messages import nanoseconds
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 
-FloatArray = NDArray[np.float64]
-
 BAND = 10.0  # um/m
-PAYLOAD = 0.2  # kg
 MOVE = np.radians([75.0, -45.0])
-HEARD = {'joint_states': JointState, 'link_strains': JointState, 'joint_reference': JointState,
-         'strain_residuals': JointState, 'applied_wrench': WrenchStamped}
-EVENTS = {'collision': Bool, 'collision_event': Header, '/diagnostics': DiagnosticArray}
-
-
-class Processes:
-    """Nodes as processes, ended together."""
-
-    def __init__(self) -> None:
-        self.running: dict[str, subprocess.Popen] = {}
-
-    def start(self, node: str, **values: Any) -> None:
-        """Start a node with parameters."""
-        words = [word for name, value in values.items()
-                 for word in ('-p', f'{name}:={json.dumps(value)}')]
-        self.running[node] = subprocess.Popen(
-            [sys.executable, '-m', f'tudor_dynamics.nodes.{node}', '--ros-args', *words],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-
-    def cpu(self) -> dict[str, float]:
-        """Give the CPU time of each [s]."""
-        found = {}
-        for name, process in self.running.items():
-            fields = Path(f'/proc/{process.pid}/stat').read_text().rsplit(')', 1)[1].split()
-            found[name] = (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-        return found
-
-    def end(self) -> dict[str, int]:
-        """Ask all to end; give their exit codes."""
-        for process in self.running.values():
-            process.send_signal(signal.SIGINT)
-        for process in self.running.values():
-            try:
-                process.communicate(timeout=20)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.communicate()
-        return {name: int(process.returncode) for name, process in self.running.items()}
-
-
-class Listener:
-    """Hears everything, undecoded, and acts as a user would."""
-
-    def __init__(self, arm: Arm) -> None:
-        self.arm = arm
-        self.node = rclpy.create_node('closed_loop_user')
-        self.executor = new_executor('events')
-        self.executor.add_node(self.node)
-        self.raw: dict[str, list[bytes]] = {topic: [] for topic in HEARD}
-        self.events: dict[str, list[Any]] = {topic: [] for topic in EVENTS}
-        self._ears: dict[str, Any] = {}
-        for topic, kind in EVENTS.items():
-            self.node.create_subscription(
-                kind, topic, self.events[topic].append,
-                latched() if topic == 'collision' else QoSProfile(depth=100))
-        self.goals = self.node.create_publisher(JointTrajectory, 'joint_trajectory', 10)
-        self.wrench = self.node.create_publisher(WrenchStamped, 'external_wrench', 10)
-
-    def hear(self, *topics: str) -> None:
-        """Hear these topics and no others: every message costs the machine under test."""
-        for topic in set(self._ears) - set(topics):
-            self.node.destroy_subscription(self._ears.pop(topic))
-        for topic in set(topics) - set(self._ears):
-            self._ears[topic] = self.node.create_subscription(
-                HEARD[topic], topic, self.raw[topic].append, QoSProfile(depth=1000), raw=True)
-
-    def wait(self, done: Callable[[], bool], what: str, seconds: float = 60.0) -> None:
-        """Handle messages until something is so."""
-        end = time.monotonic() + seconds
-        while not done():
-            if time.monotonic() > end:
-                raise SystemExit(f'{what}: not within {seconds:g} s')
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def newest(self, topic: str = 'joint_states') -> Any:
-        """Decode the newest message of a topic."""
-        return deserialize_message(self.raw[topic][-1], HEARD[topic])
-
-    def now(self) -> float:
-        """Give the newest stamp of the arm [s]."""
-        return nanoseconds(self.newest().header.stamp) * 1e-9
-
-    def let_pass(self, seconds: float) -> None:
-        """Let time of the arm pass [s]."""
-        until = self.now() + seconds
-        self.wait(lambda: self.now() >= until, 'time of the simulator', 60.0 * max(seconds, 1.0))
-
-    def go(self, target: Sequence[float] | FloatArray) -> None:
-        """Send a goal [rad]."""
-        self.goals.publish(JointTrajectory(
-            joint_names=list(self.arm.active_joints),
-            points=[JointTrajectoryPoint(positions=floats(np.asarray(target, dtype=float)))]))
-
-    def push(self, force: Sequence[float]) -> None:
-        """Let a force act on the tip [N]."""
-        message = WrenchStamped()
-        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = force
-        self.wrench.publish(message)
-
-    def call(self, kind: Any, service: str, request: Any) -> Any:
-        """Call a service."""
-        client = self.node.create_client(kind, service)
-        self.wait(client.service_is_ready, service)
-        future = client.call_async(request)
-        self.wait(future.done, service)
-        return future.result()
-
-    def configure(self, node: str, **values: Any) -> None:
-        """Set parameters."""
-        answer = self.call(SetParameters, f'{node}/set_parameters', SetParameters.Request(
-            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]))
-        refused = [item.reason for item in answer.results if not item.successful]
-        if refused:
-            raise SystemExit(f'{node}: {refused}')
-
-    def status(self, node: str) -> Any:
-        """Wait for the next diagnosis of a node."""
-        heard = self.events['/diagnostics']
-        begin = len(heard)
-
-        def found() -> list[Any]:
-            return [s for array in heard[begin:] for s in array.status
-                    if s.name.startswith(f'{node}: /')]
-        self.wait(lambda: bool(found()), f'a diagnosis of {node}')
-        return found()[-1]
-
-    def series(self, topic: str, field: str, names: Sequence[str] = ()) -> tuple[
-            FloatArray, FloatArray]:
-        """Give stamps [s] and values of all that was heard on a topic."""
-        messages = [deserialize_message(raw, HEARD[topic]) for raw in self.raw[topic]]
-        t = np.array([nanoseconds(m.header.stamp) * 1e-9 for m in messages])
-        if field == 'force':
-            values = np.array([[getattr(m.wrench.force, x) for x in 'xyz'] for m in messages])
-        else:
-            index = [list(messages[0].name).index(name) for name in names]
-            values = np.array([list(getattr(m, field)) for m in messages])[:, index]
-        order = np.argsort(t, kind='stable')
-        return t[order], values[order]
 
 
 def settling(t: FloatArray, strain: FloatArray, ends: float, until: float) -> dict[str, float]:
@@ -307,8 +150,8 @@ def react(user: Listener, name: str, act: Callable[[], None]) -> dict[str, Any]:
     if name == 'push':
         user.push((0.0, 0.0, 0.0))
         user.let_pass(1.0)
-    user.call(Trigger, 'reference_generator/reset', Trigger.Request())
-    user.call(Trigger, 'monitor/reset', Trigger.Request())
+    user.reset('reference_generator')
+    user.reset('monitor')
     return seen
 
 
@@ -339,18 +182,6 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
             'told_s': seen['arrived'] - touched,
             'let_go_s': float(pressing[-1]) - onset, 'reaction': seen['reaction'],
             'reference_moved_deg': float(np.degrees(np.ptp(reacting, axis=0).max()))}
-
-
-def make_model(arm_path: str, folder: Path) -> str:
-    """Record the simulated arm, damped as it will be, and fit a model to it."""
-    tudor = [sys.executable, '-m', 'tudor_dynamics']
-    subprocess.run([*tudor, 'record', '--arm', arm_path, '--payload', str(PAYLOAD), '--stimuli',
-                    '3', '--seconds', '60', '--jobs', '1', '--out', str(folder / 'bags')],
-                   check=True, capture_output=True)
-    subprocess.run([*tudor, 'fit', *(str(folder / f'bags/stimulus_0{k}') for k in (1, 2, 3)),
-                    '--arm', arm_path, '--models', 'analytical', '--out', str(folder / 'model')],
-                   check=True, capture_output=True)
-    return str(folder / 'model')
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

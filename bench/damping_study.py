@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
 from tudor_dynamics.signals.ringdown import ring_modes, RingMode
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
@@ -84,14 +85,21 @@ def frequencies(arm: Arm, title: str) -> None:
     print(f'  largest deviation {100 * worst:.1f} %')
 
 
+def stretched(arm: Arm) -> NDArray[np.float64]:
+    """Give the pose nearest to stretched out and horizontal in the planned range [rad]."""
+    planned = planned_limits(arm)
+    return np.clip(np.zeros(len(planned.lower)), planned.lower, planned.upper)
+
+
 def settle(arm: Arm, payload: float, damping: float, move: tuple[float, float]) -> str:
-    """Give settling of the strain and return of the joint after a move from stretched out."""
+    """Give settling of the strain, return and overshoot of the joints after a move."""
     loop = ClosedLoop(with_payload(arm, payload), damping=damping, seed=1)
-    loop.reset([0.0, 0.0])
-    begin = np.array([2.0])
+    start = stretched(arm)
+    loop.reset(start)
+    begin, target = np.array([2.0]), start + np.radians(move)
     reference = follow_targets(
-        [0.0, 0.0], [begin, begin], [np.radians(move[:1]), np.radians(move[1:])],
-        motion_limits(arm), loop.dt, int(10.0 / loop.dt))
+        start, [begin, begin], [target[:1], target[1:]], motion_limits(arm), loop.dt,
+        int(10.0 / loop.dt))
     seen = loop.run(reference.q, reference.dq)
     ends = seen.t[np.flatnonzero(np.abs(reference.dq).max(axis=1) > 1e-9)[-1]]
     # The mean over the last oscillations is the final value; over 10 ms noise is averaged out.
@@ -105,14 +113,16 @@ def settle(arm: Arm, payload: float, damping: float, move: tuple[float, float]) 
     never = outside.size and outside[-1] > t[-1] - 0.3
     time_text = f'> {t[-1] - ends:.1f}' if never else f'{max(outside[-1] - ends, 0.0):5.2f}'
     back = max(away[-1] - ends, 0.0) if away.size else 0.0
-    return f'{time_text:>6} s  {peak:5.0f} um/m  {back:4.2f} s'
+    over = np.degrees(((seen.q - target) * np.sign(move)).max())
+    return f'{time_text:>6} s  {peak:5.0f} um/m  {back:4.2f} s  {max(over, 0.0):4.1f} deg'
 
 
 def settling(arm: Arm) -> None:
     """Print settling after moves."""
     for move in ((45.0, -45.0), (30.0, -30.0), (20.0, 20.0)):
-        print(f'\nmove (0, 0) -> {move} deg: link 2 within 10 um/m of its final value, residual '
-              'peak, joints within 0.2 deg; after the end of the reference')
+        print(f'\nmove of {move} deg from stretched out: link 2 within 10 um/m of its final '
+              'value, residual\npeak, joints within 0.2 deg after the end of the reference; '
+              'overshoot')
         for payload in PAYLOADS:
             print(f'  {1000 * payload:3.0f} g   damped {settle(arm, payload, 1.0, move)}'
                   f'   undamped {settle(arm, payload, 0.0, move)}')

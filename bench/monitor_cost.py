@@ -15,6 +15,8 @@
 """
 Cost of a sample in the monitor's numerics, without ROS: a recording through the live chain.
 
+Counting is what it costs beside the chain itself to know which share of the samples is judged.
+
 The same object runs in the node `monitor`; `tudor evaluate --collisions` replays bags through it.
 An elastic model takes several steps between two samples, the more the longer the time between
 them, so its cost depends on the rate: `--rate` puts other samples on the same motion.
@@ -34,6 +36,7 @@ from scipy.interpolate import CubicSpline
 from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.elastic_live import OBSERVERS
+from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import MonitorSettings
@@ -41,10 +44,11 @@ from tudor_dynamics.monitoring.watch import MonitorSettings
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """Times of each sample behind the first second: all of it, and the prediction in it [us]."""
+    """Times of each sample behind the first second: all of it, and parts of it [us]."""
 
     whole: np.ndarray
     prediction: np.ndarray
+    counting: np.ndarray
 
 
 def resampled(recording: Recording, rate: float) -> Recording:
@@ -77,18 +81,27 @@ def measure(bundle: ModelBundle, recording: Recording, settings: MonitorSettings
     monitor.predictor.step = timed  # type: ignore[method-assign]
     outputs = {output: values for output, values in (
         ('effort', recording.effort), ('strain', recording.strain)) if values is not None}
+    coverage = Coverage()
+    for output in monitor.watch.outputs:
+        coverage.add(output, 'joints', None, (output,),
+                     [monitor.filter.drops, monitor.watch.counts[output]],
+                     [monitor.watch.pairing[output].drops], monitor.watch.settle)
+    topics = ('joints', *monitor.watch.outputs)
     taken = []
     for k, stamp in enumerate(recording.stamp.tolist()):
         q, dq = recording.q[k], None if recording.dq is None else recording.dq[k]
         values = [(output, outputs[output][k]) for output in monitor.watch.outputs]
         begin = time.perf_counter_ns()
+        for topic in topics:
+            coverage.came(topic, stamp, stamp * 1e-9)
+        counted = time.perf_counter_ns() - begin
+        begin = time.perf_counter_ns()
         monitor.add_joints(stamp, q, dq)
         for output, reading in values:
             monitor.add_measured(output, stamp, reading)
-        taken.append((time.perf_counter_ns() - begin, inside[0]))
+        taken.append((time.perf_counter_ns() - begin, inside[0], counted))
     first = int(np.searchsorted(recording.stamp, recording.stamp[0] + 10**9))
-    whole, prediction = 1e-3 * np.array(taken[first:]).T
-    return Taken(whole, prediction)
+    return Taken(*1e-3 * np.array(taken[first:]).T)
 
 
 def choices(bundle: ModelBundle) -> Iterator[MonitorSettings]:
@@ -117,12 +130,13 @@ def main() -> None:
         recording = resampled(recording, args.rate)
     print(f'{len(recording.stamp)} samples at {1.0 / recording.dt:g} Hz, medians of {args.runs} '
           'runs, us a sample')
-    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s}')
-    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 2)
+    print(f'{"":46s} {"whole sample":>17s} {"prediction":>17s} {"counting":>17s}')
+    print(f'{"model":11s} {"observer":9s} {"methods":24s}' + f' {"median":>8s} {"p99":>8s}' * 3)
     for settings in choices(bundle):
         runs = [measure(bundle, recording, settings) for _ in range(args.runs)]
         figures = [float(np.median([np.percentile(values, share) for values in of]))
-                   for of in ([run.whole for run in runs], [run.prediction for run in runs])
+                   for of in ([run.whole for run in runs], [run.prediction for run in runs],
+                              [run.counting for run in runs])
                    for share in (50, 99)]
         observer = settings.observer if settings.kind == 'elastic' else ''
         print(f'{settings.kind:11s} {observer:9s} {", ".join(settings.methods):24s}',

@@ -28,7 +28,8 @@ import subprocess
 import sys
 import time
 
-from node_rates import chains, Robot, start, usage
+from live_nodes import usage
+from node_rates import chains, Robot, start
 import rclpy
 
 from tudor_dynamics.nodes.runner import spin_for

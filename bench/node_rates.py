@@ -42,6 +42,7 @@ from threading import Thread
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from live_nodes import usage
 import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -78,14 +79,6 @@ def start(words: Sequence[str]) -> subprocess.Popen:
     """Start a process."""
     return subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL,
                             stderr=subprocess.DEVNULL, env=os.environ)
-
-
-def usage(pid: int | str) -> tuple[float, float]:
-    """CPU time [s] and resident memory [MB] of a process."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return ((int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK'),
-            pages * os.sysconf('SC_PAGE_SIZE') / 1e6)
 
 
 def busy() -> float:

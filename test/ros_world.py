@@ -47,6 +47,17 @@ def overrides(**values: Any) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
+class Hand:
+    """A steady clock that a test turns by hand [s]."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        """Tell the time."""
+        return self.now
+
+
 class World:
     """Nodes on one executor, with publishers of the sensors and ears on any topic."""
 

@@ -27,12 +27,14 @@ from pathlib import Path
 import re
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 
 import pytest
 
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
+from tudor_dynamics.nodes.interfaces import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', *(ROOT / 'docs').glob('*.md')])
@@ -89,16 +91,50 @@ def test_options_are_known(run: bool, capsys: pytest.CaptureFixture[str]) -> Non
     assert parsed > 3
 
 
+def test_nodes_and_parameters_are_known() -> None:
+    """Every node that a command starts is there, and so are the parameters that it sets."""
+    seen = 0
+    for page, text in shell(run=True) + shell(run=False):
+        for words in commands(text):
+            words = words[3:] if words[:3] == ['ros2', 'run', 'tudor_dynamics'] else words
+            if words[0] not in NODES:
+                continue
+            known = {param.name for param in NODES[words[0]]}
+            assert {word.partition(':=')[0] for flag, word in zip(words, words[1:], strict=False)
+                    if flag == '-p'} <= known, (page, words)
+            seen += 1
+    assert seen > 5
+
+
+def test_scripts_and_their_options_are_known() -> None:
+    """Every script that a command runs is there, and speaks of each option that it is given."""
+    seen = 0
+    for page, text in shell(run=True) + shell(run=False):
+        for words in commands(text):
+            for at, word in enumerate(words):
+                if not word.startswith(('bench/', 'tools/')) or words[at - 1] != 'python':
+                    continue
+                source = (ROOT / word).read_text(encoding='utf-8')
+                unknown = [option for option in words[at + 1:]
+                           if option.startswith('--') and f"'{option}'" not in source]
+                assert not unknown, (page, words)
+                seen += 1
+    assert seen > 5
+
+
 @pytest.fixture(scope='module')
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Place to run them in, with what a checkout has, and ``tudor`` on its path."""
     folder = tmp_path_factory.mktemp('checkout')
-    for name in ('config', 'bags'):
+    for name in ('config', 'bags', 'tools'):
         shutil.copytree(ROOT / name, folder / name)
-    tool = folder / 'bin' / 'tudor'
-    tool.parent.mkdir()
-    tool.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m tudor_dynamics "$@"\n')
-    tool.chmod(0o755)
+    (folder / 'bin').mkdir()
+    modules = {'tudor': 'tudor_dynamics',
+               **{node: f'tudor_dynamics.nodes.{node}' for node in NODES}}
+    for tool, words in {'python': '', **{k: f'-m {v} ' for k, v in modules.items()}}.items():
+        file = folder / 'bin' / tool
+        file.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {words}"$@"\n')
+        file.chmod(0o755)
     return folder
 
 
@@ -108,11 +144,23 @@ def test_commands_run(page: str, checkout: Path, tmp_path: Path) -> None:
     place = tmp_path / 'work'
     shutil.copytree(checkout, place)
     script = 'set -e\n' + '\n'.join(text for own, text in shell(run=True) if own == page)
-    done = subprocess.run(
-        ['bash', '-c', script], cwd=place, capture_output=True, text=True, check=False,
-        timeout=600, env={**os.environ, 'PATH': f'{place}/bin:{os.environ["PATH"]}',
-                          'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1'})
-    assert done.returncode == 0, f'{page}:\n{script}\n{done.stderr[-2000:]}'
+    with (tmp_path / 'stderr').open('w+') as told:
+        process = subprocess.Popen(
+            ['bash', '-c', script], cwd=place, stdout=subprocess.DEVNULL, stderr=told,
+            start_new_session=True,
+            env={**os.environ, 'PATH': f'{place}/bin:{os.environ["PATH"]}',
+                 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1'})
+        try:
+            code = process.wait(600)
+        finally:
+            left = True
+            try:  # what the blocks started, too
+                os.killpg(process.pid, signal.SIGKILL)
+            except ProcessLookupError:
+                left = False
+        told.seek(0)
+        assert code == 0, f'{page}:\n{script}\n{told.read()[-2000:]}'
+    assert not left, f'{page}: processes go on when all commands have ended'
 
 
 def test_links_lead_somewhere() -> None:

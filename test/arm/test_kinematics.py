@@ -81,6 +81,60 @@ def test_dh_rows(kinds: list[str]) -> None:
         np.testing.assert_allclose(tip(model, q), expected, atol=1e-12)
 
 
+# D-H rows of the Panda as its maker publishes them (Franka Control Interface documentation,
+# "Denavit-Hartenberg parameters", Craig's convention), the flange last: a, alpha, d, theta offset.
+PANDA = [
+    [0.0, 0.0, 0.333, 0.0],
+    [0.0, -math.pi / 2, 0.0, 0.0],
+    [0.0, math.pi / 2, 0.316, 0.0],
+    [0.0825, math.pi / 2, 0.0, 0.0],
+    [-0.0825, -math.pi / 2, 0.384, 0.0],
+    [0.0, math.pi / 2, 0.0, 0.0],
+    [0.088, math.pi / 2, 0.0, 0.0],
+    [0.0, 0.0, 0.107, 0.0],
+]
+
+
+def craig_matrix(a: float, alpha: float, d: float, theta: float) -> NDArray[np.float64]:
+    """Give Craig, Introduction to Robotics (2005), Eq. (3.6), element by element."""
+    ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(alpha), math.sin(alpha)
+    return np.array([[ct, -st, 0.0, a],
+                     [st * ca, ct * ca, -sa, -d * sa],
+                     [st * sa, ct * sa, ca, d * ca],
+                     [0.0, 0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize('flange', [True, False])
+def test_modified_rows(flange: bool) -> None:
+    """Frames of joints and tip are those of Craig's matrices, with a flange or without."""
+    rng = np.random.default_rng(1)
+    rows = [[a, alpha, d, rng.uniform(-1, 1)] for a, alpha, d, _ in PANDA[:8 if flange else 7]]
+    kinds = ['revolute', 'prismatic', *5 * ['revolute']]
+    arm = arm_from_dict({
+        'name': 'seven', 'kinematics': {'dh': rows, 'convention': 'modified'},
+        'joints': [{'name': f'j{i}', 'type': kind, 'effort': {'unit': 'A'}}
+                   for i, kind in enumerate(kinds)]}, base=Path(), source='seven.yaml')
+    model = arm.full_model
+    data = model.createData()
+    for q in rng.uniform(-3, 3, (20, 7)):
+        pin.forwardKinematics(model, data, q)
+        expected = np.eye(4)
+        for number, (a, alpha, d, theta) in enumerate(rows):
+            value = q[number] if number < 7 else 0.0
+            slides = number < 7 and kinds[number] == 'prismatic'
+            expected = expected @ craig_matrix(
+                a, alpha, d + value * slides, theta + value * (not slides))
+            if number < 7:
+                np.testing.assert_allclose(data.oMi[number + 1].homogeneous, expected, atol=1e-12)
+        np.testing.assert_allclose(tip(model, q), expected, atol=1e-12)
+
+
+def test_panda_stands_as_published() -> None:
+    """At zero the flange is 88 mm before the base and 333 + 316 + 384 - 107 mm above it."""
+    model = model_from_dh(PANDA, [f'j{i}' for i in range(7)], 7 * ['revolute'], 'modified')
+    np.testing.assert_allclose(tip(model, np.zeros(7))[:3, 3], [0.088, 0.0, 0.926], atol=1e-12)
+
+
 def test_dh_link_axis() -> None:
     """The x axis of a joint's frame lies along its link, where gauges are counted."""
     model = model_from_dh([[0.5, 0.3, 0.0, 0.7], [0.4, 0.0, 0.0, 0.0]], ['a', 'b'],

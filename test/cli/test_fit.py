@@ -141,6 +141,57 @@ def test_overlapping_parts_are_refused(
     assert not (tmp_path / 'm').exists()
 
 
+def test_a_copy_is_no_test(
+    fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The bytes of a training bag under another name: no test, nor a bag to be left out."""
+    bag, copy = root / 'bags/two_blade_train_1', tmp_path / 'another_day'
+    shutil.copytree(bag, copy)
+    words = ['--arm', root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'm']
+    for bags in ([bag, '--test', copy], [bag, copy]):
+        line = one_line(capsys, 'fit', *bags, *words)
+        assert str(bag) in line and str(copy) in line and 'copy is no test' in line
+    assert not (tmp_path / 'm').exists()
+    assert main([str(word) for word in (
+        'fit', f'{bag}@0-60%', '--test', f'{copy}@60-100%', '--models', 'analytical',
+        *words)]) == 0  # other samples
+    capsys.readouterr()
+    assert main(['evaluate', '--model', str(fitted), str(copy), '--json']) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)['trained_on'] == [str(copy)]
+    assert 'trained on this' in said.err and said.err.count('\n') == 1
+
+
+def test_a_dead_gauge(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A gauge that never changes has no fit, its model is not good, and everything says why."""
+    from dataclasses import replace
+
+    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.bags.reader import read_recording
+    from tudor_dynamics.bags.writer import recording_series, write_bag
+    arm = load_arm(root / 'config/two_blade_arm.yaml')
+    bags = []
+    for number in (1, 2):
+        real = read_recording(root / f'bags/two_blade_train_{number}', arm)
+        assert real.strain is not None
+        strain = real.strain.copy()
+        strain[:, 1] = 7.25
+        bags.append(tmp_path / f'dead_{number}')
+        write_bag(bags[-1], recording_series(replace(real, strain=strain), arm))
+    found = run_json(capsys, 'fit', *bags, '--arm', root / 'config/two_blade_arm.yaml', '--models',
+                     'analytical', '--out', tmp_path / 'm', '--json')['strain']['analytical']
+    assert found['verdict'] == 'usable'
+    assert 'link3_hub never changed on leave one bag out' in ' '.join(found['reasons'])
+    assert found['validation']['channels']['link3_hub']['fit'] is None
+    assert found['validation']['channels']['link2_hub']['fit'] > 85.0
+    report = (tmp_path / 'm' / 'report.html').read_text()
+    assert 'link3_hub never changed' in report and 'n/a' in report
+    assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bags[0])]) == 0
+    assert 'n/a' in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(('words', 'expected'), [
     (['--rate', '-5'], 'rate'),
     (['--elm-hidden', '0'], 'neuron'),

@@ -81,6 +81,29 @@ def test_motion_of_a_table(root, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)['q_end']['motor'] == pytest.approx(0.016, abs=1e-6)
 
 
+def test_large_bending_is_told(root, tmp_path, capsys):
+    """The largest elastic rotation stands with the figures; above the limit there is a warning."""
+    arm = str(root / 'config' / 'single_flexible_link.yaml')
+    words = ['--seconds', '0.05', '--rate', '100', '--json']
+    assert main(['simulate', arm, '--torque', '1', *words]) == 0
+    said = capsys.readouterr()
+    assert 0.0 < json.loads(said.out)['largest_rotation'] < 0.3 and 'beams turn' not in said.err
+    content = yaml.safe_load((root / 'config' / 'single_flexible_link.yaml').read_text())
+    content['payload'] = {'mass': 15.0}
+    soft = tmp_path / 'soft.yaml'
+    soft.write_text(yaml.safe_dump(content))
+    assert main(['simulate', str(soft), '--torque', '1', *words]) == 0
+    said = capsys.readouterr()
+    largest = json.loads(said.out)['largest_rotation']
+    assert largest > 0.3
+    assert f'beams turn by {largest:.2f} rad' in said.err and said.err.count('\n') == 1
+    assert main(['simulate', str(soft), '--torque', '1', *words[:-1], '--out',
+                 str(tmp_path / 'o')]) == 0
+    assert f'largest elastic rotation {largest:.3g} rad' in capsys.readouterr().out
+    assert main(['simulate', str(soft), '--modes', '2']) == 0
+    assert 'beams turn' in capsys.readouterr().err
+
+
 def change(content, path, value):
     """Set a value deep inside a description; None removes the key."""
     for key in path[:-1]:

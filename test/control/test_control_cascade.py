@@ -23,7 +23,9 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.cascade import arm_gains, Cascade, JointGains, motor_gains
+from tudor_dynamics.control.envelope_law import COMMANDED
 from tudor_dynamics.errors import ArmError
 
 DT = 5e-4
@@ -36,7 +38,6 @@ def test_gains_of_reference_arm(root: Path) -> None:
     inertia, torque = 1.1e-5 * 230**2, 0.07 * 0.7 * 230
     assert gains[0].velocity == pytest.approx(inertia * 2 * math.pi * 20 / torque)
     assert gains[0].current_limit == 2.5
-    assert gains[0].speed_limit == pytest.approx(1.5 * math.radians(70), rel=1e-6)
 
 
 def test_tuning_needs_the_rotor(root: Path) -> None:
@@ -45,7 +46,7 @@ def test_tuning_needs_the_rotor(root: Path) -> None:
     assert arm.spec.damper is not None
     motor = arm.spec.motors[1].model_copy(update={'rotor_inertia': 0.0})
     with pytest.raises(ArmError, match='rotor_inertia'):
-        motor_gains(motor, arm.spec.damper, 1.0)
+        motor_gains(motor, arm.spec.damper)
 
 
 def run_rotor(cascade: Cascade, q_ref: float, seconds: float, load: float) -> np.ndarray:
@@ -83,7 +84,8 @@ def test_no_windup_at_the_limit() -> None:
 
 def test_speed_limit_counts_damper_and_reference() -> None:
     """The commanded speed is bounded whatever asks for it."""
-    cascade = Cascade([JointGains(4.0, 1.0, 0.0, speed_limit=0.5)], DT)
+    limits = Limits(*(np.array([x]) for x in (-np.inf, np.inf, 0.5 / COMMANDED, np.inf)))
+    cascade = Cascade([JointGains(4.0, 1.0, 0.0)], DT, limits)
     assert cascade.step([0.0], [0.4], [0.0], [0.0], [0.4])[0] == pytest.approx(0.5)
     assert cascade.saturated[0]
     assert cascade.step([0.0], [0.4], [0.0], [0.0], [-0.4])[0] == pytest.approx(0.0)

@@ -19,11 +19,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.reaction import ReactingReference, yielding_speed
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.signals.motion_profile import MotionLimits
 
-LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
+LIMITS = Limits(np.full(2, -3.0), np.full(2, 3.0), np.full(2, 1.2), np.full(2, 3.5))
 DT = 0.002
 
 

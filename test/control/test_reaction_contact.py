@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.control.motion_controller import MotionController
 from tudor_dynamics.control.reaction import ReactingReference, yielding_speed
-from tudor_dynamics.control.velocity_controller import VelocityController
-from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.simulation.arm_process import ArmProcess, Floor
 
 DT = 0.002
@@ -35,12 +35,12 @@ def force_after(root: Path, reaction: str, rise: float = 0.04) -> tuple[float, f
     """Let the floor rise under the resting tip; give largest and last force [N], way [deg]."""
     arm = load_arm(root / 'config/tudor.yaml')
     process = ArmProcess(arm, payload=0.2, seed=1)
-    controller = VelocityController(arm)
+    controller = MotionController(arm)
     reference, at_rest, forces = None, [], []
     for k in range(round(4.0 / DT)):
         sample = process.step()
         if reference is None:
-            reference = ReactingReference(motion_limits(arm), sample.q, reaction)
+            reference = ReactingReference(planned_limits(arm), sample.q, reaction)
             start = sample.q.copy()
         if k < 500:
             at_rest.append(sample.strain)
@@ -57,8 +57,11 @@ def force_after(root: Path, reaction: str, rise: float = 0.04) -> tuple[float, f
                                      for j in range(2)]
             forces.append(float(np.linalg.norm(sample.force)))
         reference.step(DT)
-        process.command(controller.step(DT, sample.q, reference.q, reference.dq, sample.strain,
-                                        True))
+        controller.reference.add(k * DT, reference.q, reference.dq)
+        command = controller.step(k * DT, DT * min(k, 1), sample.q, sample.strain,
+                                  np.ones(len(arm.gauges), dtype=bool))
+        if command is not None:
+            process.command(command)
     assert reference.reacting
     return (max(forces), float(np.mean(forces[-50:])),
             float(np.degrees(np.abs(reference.q - start).max())))

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 from elastic_making import (
@@ -29,11 +30,12 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, halves
 from tudor_dynamics.identification.elastic import ElasticTrainer, record_of, RUN_IN
 from tudor_dynamics.identification.elastic_record import Record
 from tudor_dynamics.identification.elastic_result import Identified
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.validation import leave_one_bag_out, trace
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.following import predict_stretch
@@ -171,30 +173,117 @@ def test_what_the_arm_is(fitted: FitResult) -> None:
     assert {name: needed[name] for name in LONE_EFFORT} == pytest.approx(LONE_EFFORT, rel=0.1)
 
 
-def test_the_next_search_begins_at_the_last(
-    fitted: FitResult, monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The same bags are searched once for both outputs; others begin where the first ended."""
-    searched: list[tuple[list[Record], dict[str, float] | None]] = []
+class Search:
+    """Stands in for the search: what it gives depends on the bags and on where it began."""
 
-    def search(arm: Arm, records: list[Record], **more: Any) -> Identified:
-        searched.append((records, more['warm']))
-        assert fitted.elastic is not None
-        return replace(fitted.elastic, runs=len(searched))
+    def __init__(self, found: Identified) -> None:
+        self.found = found
+        self.calls: list[tuple[list[float], dict[str, float] | None]] = []
 
-    monkeypatch.setattr('tudor_dynamics.identification.elastic.identify', search)
-    trainer = ElasticTrainer(lone_arm())
-    one, other = bag(lone_recording(3, 9.0), 0.2), bag(lone_recording(4, 9.0), 0.2)
-    first = trainer.fit([one], 'strain')
-    assert trainer.fit([one], 'effort').values == first.values
-    ((records, warm),) = searched
-    assert warm is None and records[0].payload == 0.2
-    trainer.fit([other], 'strain')
-    trainer.fit([one, other], 'strain')
-    assert [len(records) for records, _ in searched] == [1, 1, 2]
-    known = {name: value for name, value in first.values.items() if name != 'payload'}
-    assert all(warm == known for _, warm in searched[1:])
+    def __call__(self, arm: Arm, records: list[Record], **more: Any) -> Identified:
+        """Stiffen the first gear by what the records measured, and by where it began."""
+        sizes, warm = [float(np.abs(record.strain).mean()) for record in records], more['warm']
+        self.calls.append((sizes, warm))
+        first, *others = self.found.physical
+        value = 1e-3 * sum(sizes) + (1.0 if warm is None else 1.0 + 0.1 * warm[first.name])
+        return replace(self.found, physical=(
+            replace(first, value=first.value * value), *others), runs=len(self.calls))
+
+
+@pytest.fixture
+def search(fitted: FitResult, monkeypatch: pytest.MonkeyPatch) -> Search:
+    """Replace the search."""
+    assert fitted.elastic is not None
+    made = Search(fitted.elastic)
+    monkeypatch.setattr('tudor_dynamics.identification.elastic.identify', made)
+    return made
+
+
+def runs(*seeds: int) -> list[BagData]:
+    """Make a bag of each seed."""
+    return [one_run(seed) for seed in seeds]
+
+
+@lru_cache
+def one_run(seed: int) -> BagData:
+    """Make a bag."""
+    return bag(lone_recording(seed, 9.0), 0.2)
+
+
+def test_both_outputs_share_a_search(search: Search) -> None:
+    """The same bags are searched once; given parameters are where every search begins."""
+    trainer, bags = ElasticTrainer(lone_arm()), runs(3, 4)
+    first = trainer.fit(bags, 'strain')
+    assert trainer.fit(bags, 'effort').values == first.values
+    assert len(search.calls) == 1 and search.calls[0][1] is None
     assert trainer.identified is not None and trainer.identified.runs == 1
+    known = dict(first.values)
+    told = ElasticTrainer(lone_arm(), warm=known)
+    told.fit(bags, 'strain')
+    told.fit(bags[:1], 'strain')
+    assert [warm for _, warm in search.calls[1:]] == [known, known]
+
+
+@pytest.mark.parametrize('count', [2, 3, 4])
+@pytest.mark.parametrize('left', [0, -1])
+def test_a_fold_knows_nothing_of_what_is_left_out(
+    search: Search, count: int, left: int,
+) -> None:
+    """Another recording in the place of the one left out: the very same model and prediction."""
+    seeds, models, traces = list(range(3, 3 + count)), [], []
+    judged = runs(seeds[left])[0]
+    for seed in (seeds[left], 99):
+        seeds[left] = seed
+        bags, trainer = runs(*seeds), ElasticTrainer(lone_arm())
+        trainer.fit(bags, 'strain')
+        others = [item for k, item in enumerate(bags) if k != left % count]
+        models.append(trainer.fit(others, 'strain'))
+        traces.append(trace(models[-1], judged, 'strain').predicted)
+    assert models[0].values == models[1].values
+    assert np.array_equal(*traces)
+
+
+def test_a_half_that_is_too_short(search: Search) -> None:
+    """Where a half of the bags shows nothing by itself, folds that have it begin from nothing."""
+    short = bag(lone_recording(3, 5.0), 0.2)
+    bags, trainer = [short, *runs(4, 5)], ElasticTrainer(lone_arm())
+    trainer.fit(bags, 'strain')
+    trainer.fit([short, bags[1]], 'strain')
+    assert [warm for _, warm in search.calls] == [None, None]
+
+
+def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
+    """The part that is kept is searched from nothing, and the whole begins where that ended."""
+    known: list[dict[str, float]] = []
+    for changed in (False, True):
+        whole_bag = bag(lone_recording(3, 12.0), 0.2)
+        kept, held = halves(whole_bag, 0.25, SPEC)
+        assert held.recording.strain is not None and whole_bag.recording.strain is not None
+        if changed:
+            strain = whole_bag.recording.strain.copy()
+            strain[-len(held.recording.strain):] *= 1.5
+            whole_bag = bag(replace(whole_bag.recording, strain=strain), 0.2)
+        trainer = ElasticTrainer(lone_arm(), kept=kept)
+        whole_model = trainer.fit([whole_bag], 'strain')
+        part_model = trainer.fit([kept], 'strain')
+        assert whole_model.values != part_model.values
+        (_, first), (_, second) = search.calls[-2:]
+        assert first is None
+        assert second == {k: v for k, v in part_model.values.items() if k != 'payload'}
+        known.append(part_model.values)
+        assert trainer.identified is not None
+        assert trainer.identified.runs == len(search.calls)
+    assert known[0] == known[1]
+
+
+def test_folds_begin_at_half_of_the_bags(search: Search) -> None:
+    """Where there are enough bags, each half is searched from nothing, and folds are not."""
+    bags, trainer = runs(3, 4, 5, 6), ElasticTrainer(lone_arm())
+    trainer.fit(bags, 'strain')
+    search.calls.clear()
+    leave_one_bag_out(lambda some: trainer.fit(some, 'strain'), bags, 'strain')
+    assert [len(sizes) for sizes, warm in search.calls if warm is None] == [2, 2]
+    assert [len(sizes) for sizes, warm in search.calls if warm is not None] == 4 * [3]
 
 
 @pytest.mark.parametrize('missing', ['strain', 'time', 'links'])

@@ -83,13 +83,15 @@ def test_published_pairs() -> None:
 
 @pytest.mark.parametrize('level', [0.0, 0.1, 1e6 / 3])
 def test_constant_channel(level: float) -> None:
-    """A channel that stands still has no scale: a fit of minus infinity, or 100 if it is met."""
+    """A channel that stands still has no fit, met or missed; nor has a bag without any other."""
     measured = np.column_stack([np.full(1001, level), np.linspace(0, 1, 1001)])
     met = score(measured, measured, ('a', 'b'))
-    assert met.channels['a'].fit == met.fit == 100.0
     missed = score(measured, measured + 0.01, ('a', 'b'))
-    assert missed.channels['a'].fit == float('-inf')
-    assert np.isfinite(missed.fit) and missed.channels['b'].fit > 95
+    for found in (met, missed):
+        assert np.isnan(found.channels['a'].fit)
+        assert np.isfinite(found.fit) and found.channels['b'].fit > 95
+    alone = score(measured[:, :1], measured[:, :1], ('a',))
+    assert np.isnan(alone.fit) and np.isnan(alone.fit_printed)
 
 
 def test_refusals() -> None:

@@ -62,3 +62,13 @@ def test_weak_channel() -> None:
     """A channel that is poor where the whole is not is named."""
     assert 'channel c1 alone has 12.0 %' in str(judge(_validation(90.0, 95.0, 12.0), 90.0))
     assert 'alone' not in str(judge(_validation(90.0, 95.0, 70.0), 90.0))
+    assert judge(_validation(90.0, 95.0, 12.0), 90.0).level is Level.USABLE
+
+
+def test_dead_sensor() -> None:
+    """A channel that never changed is named and makes no model good; alone it makes it useless."""
+    dead = judge(_validation(99.0, 99.0, float('nan')), 99.0)
+    assert dead.level is Level.USABLE
+    assert 'c1 never changed on test bag x: a dead sensor' in str(dead)
+    none = judge(_validation(float('nan'), float('nan')), float('nan'))
+    assert none.level is Level.DO_NOT_USE and 'c0 never changed' in str(none)

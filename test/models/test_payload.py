@@ -23,7 +23,7 @@ from sample_arms import random_states
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
-from tudor_dynamics.models import EffortRegressor, StrainRegressor
+from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel
 
@@ -107,6 +107,41 @@ def test_a_bundle_keeps_the_payload(tmp_path: Path) -> None:
         for kind, model in kinds.items():
             assert np.allclose(plain.models[output][kind].predict(motion),
                                model.at(0.25).predict(motion), rtol=0, atol=1e-9)
+
+
+def of_one(*stated: object) -> ModelBundle:
+    """Give a bundle of a plain model, with what each training bag says of its payload."""
+    bags = [{'bag': f'run{k}'} | ({} if mass is None else {'payload': mass})
+            for k, mass in enumerate(stated)]
+    motion = random_states(300, 2, 0)
+    model = AnalyticalModel(EffortRegressor(ARM), 2).fit(
+        motion, true_outputs(ARM, motion, 0.2)['effort'])
+    return ModelBundle(ARM, PreprocessingSpec(), {'effort': {'analytical': model}},
+                       {'training': bags})
+
+
+@pytest.mark.parametrize(('stated', 'known'), [
+    ((0.2, 0.2), 0.2), ((0,), 0.0), ((0.2, None), None), ((0.0, 0.4), None),
+    (('0.2',), None), ((float('nan'),), None), ((), None)])
+def test_payload_of_a_model_of_one(stated: tuple, known: float | None, tmp_path: Path) -> None:
+    """It is what all its bags say, also when read back; nothing is guessed."""
+    save_bundle(of_one(*stated), tmp_path / 'model')
+    assert load_bundle(tmp_path / 'model').payload == known
+    assert of_one(*stated).payload == known
+
+
+def test_a_model_of_one_payload_takes_that() -> None:
+    """Its own payload and none are taken as they are; another is refused, with what to do."""
+    bundle = of_one(0.2, 0.2)
+    assert bundle.at(0.2) is bundle and bundle.at(0.0) is bundle
+    with pytest.raises(ModelError, match=r'0\.3 kg cannot.*0\.2 kg: ask for that.*--payload-of'):
+        bundle.at(0.3)
+    with pytest.raises(ModelError, match=r'do not tell: leave the payload out.*--payload-of'):
+        of_one(None).at(0.2)
+    for facts in ({}, {'training': 'bags'}, {'training': [3]}):
+        assert ModelBundle(ARM, PreprocessingSpec(), bundle.models, facts).payload is None
+    assert ModelBundle(ARM, PreprocessingSpec(), {'effort': {'analytical': fitted('effort')}},
+                       bundle.facts).payload is None
 
 
 def test_what_cannot_be() -> None:

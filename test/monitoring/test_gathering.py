@@ -19,7 +19,7 @@ from __future__ import annotations
 from hypothesis import given, settings, strategies as st
 import numpy as np
 
-from tudor_dynamics.monitoring.gathering import Gathering, SILENT
+from tudor_dynamics.monitoring.gathering import Gathering
 
 MS = 1_000_000
 
@@ -29,7 +29,6 @@ def test_a_single_topic_passes() -> None:
     gathering = Gathering(['a', 'b'], {'x': ['a', 'b']})
     values = np.array([1.0, 2.0])
     assert gathering.add('x', 5, values) == [(5, values)]
-    assert gathering.silent() == []
 
 
 def test_other_stamps_are_interpolated_and_channels_keep_their_order() -> None:
@@ -58,11 +57,3 @@ def test_any_order_gives_whole_rows_in_order(events: list[tuple[str, int]]) -> N
         found += gathering.add(topic, tick * 10 * MS, np.array([float(tick)]))
     assert all(row.shape == (3,) and np.isfinite(row).all() for _, row in found)
     assert all(a[0] < b[0] for a, b in zip(found, found[1:]))
-
-
-def test_silent_topics_are_named() -> None:
-    """A topic that others wait for is named."""
-    gathering = Gathering(['a', 'b'], {'x': ['a'], 'y': ['b']})
-    for k in range(SILENT + 2):
-        assert gathering.add('x', k * MS, np.array([0.0])) == []
-    assert gathering.silent() == ['y']

@@ -85,7 +85,7 @@ def test_two_hundred_thousand_samples(bundle: ModelBundle) -> None:
     gc.collect()
     assert abs(sys.getallocatedblocks() - before) < 500
     assert life.collisions > 0
-    assert life.monitor.filter.drops['gap'] == 40
+    assert life.monitor.filter.drops['gap'] == 40 * 1000
     assert life.monitor.filter.drops['not_finite'] == 40
 
 

@@ -49,7 +49,8 @@ def calibrate(world: World) -> Trigger.Response:
 
 def start(world: World, model: Path) -> MonitorNode:
     """Start a monitor that hears the sensors."""
-    node = world.add(MonitorNode, model=str(model), timeout=20.0, calibration_time=30.0)
+    node = world.add(MonitorNode, model=str(model), methods=['strain'],
+                     timeout=20.0, calibration_time=30.0)
     world.meet('joint_states', 'link_strains')
     return node
 

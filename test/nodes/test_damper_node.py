@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -32,19 +33,32 @@ from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 GAUGES = ['link2_hub', 'link3_hub', 'link2_mid', 'link3_mid']
 PERIOD = 2_000_000
 POSE = np.array([0.8, 0.1])
+GAIN = 3.0
+"""Position gain of the description [1/s]."""
+NONE = 1e-9
+"""Rounding [rad/s]."""
 
 
 class Arm:
-    """An arm at rest whose links ring, in lock-step with the damper."""
+    """An arm that goes as it is told and whose links ring, in lock-step on a simulated clock."""
 
     def __init__(self, world: World, arm: Path, **values: Any) -> None:
         self.world = world
-        self.node = world.add(OscillationDamperNode, **{
-            'arm': str(arm), 'timeout': 10.0, **values})
+        self.begin = time.time_ns()
+        self.k, self.begun, self.ahead = 0, False, 0
+        self.node = world.add(OscillationDamperNode, **{'arm': str(arm), **values})
+        self.node.steady = lambda: 1e-9 * PERIOD * self.k
+        self.node.ros_time = lambda: self.stamp - self.ahead
         self.commands = world.listen('velocity_commands', Float64MultiArray)
         world.meet('joint_states', 'joint_reference', 'link_strains')
-        self.k, self.begun = 0, False
         self.random = np.random.default_rng(1)
+        self.q, self.speed = POSE.copy(), np.zeros(2)
+        self.q_ref, self.dq_ref = POSE.copy(), np.zeros(2)
+
+    @property
+    def stamp(self) -> int:
+        """Stamp of the present sample [ns]."""
+        return self.begin + PERIOD * self.k
 
     def strain(self) -> np.ndarray:
         """Give the next reading of all gauges: 80 um/m at 2.5 Hz, with noise."""
@@ -57,33 +71,48 @@ class Arm:
     ) -> np.ndarray:
         """Publish one sample and give the command that answers it."""
         self.k += 1 + gap
-        stamp = 10**18 + PERIOD * self.k
+        self.q = self.q + 1e-9 * PERIOD * self.speed
         joints, gauges = names
         values = self.strain() if strain is None else strain
         if reference:
             self.world.output('joint_reference').publish(joint_message(
-                stamp, JOINTS, position=POSE, velocity=[0.0, 0.0]))
+                self.stamp, JOINTS, position=self.q_ref, velocity=self.dq_ref))
+            self.q_ref = self.q_ref + 1e-9 * PERIOD * self.dq_ref
         if len(values):
             self.world.output('link_strains').publish(joint_message(
-                stamp, gauges, position=[values[GAUGES.index(name)] for name in gauges]))
+                self.stamp, gauges, position=[values[GAUGES.index(name)] for name in gauges]))
         before = len(self.commands)
         self.world.output('joint_states').publish(joint_message(
-            stamp, joints, position=[POSE[JOINTS.index(name)] if name in JOINTS else 9.0
-                                     for name in joints]))
+            self.stamp, joints, position=[self.q[JOINTS.index(name)] if name in JOINTS else 9.0
+                                          for name in joints]))
         begins, self.begun = gap or not self.begun, True
-        if begins:  # anew: no time has passed that a command could answer
+        if begins:  # anew: how fast the arm is, the next sample tells
             self.world.rest(0.05)
             return np.zeros(2)
         assert self.world.spin(lambda: len(self.commands) > before)
-        return np.array(self.commands[-1].data)
+        self.speed = np.array(self.commands[-1].data)
+        return self.speed
 
-    def lose_patience(self, seconds: float) -> None:
-        """Let input that old count as stale from now on."""
-        assert self.node.set_parameters([Parameter('timeout', value=seconds)])[0].successful
+    def damping(self, count: int, strain: Any = None) -> np.ndarray:
+        """Make several steps about the pose; give the damper's share of the commands."""
+        shares = []
+        for k in range(count):
+            command = self.step(None if strain is None else strain(k))
+            shares.append(command - GAIN * (POSE - self.q))
+        return np.array(shares)
 
     def run(self, count: int, **how: Any) -> np.ndarray:
         """Make several steps."""
         return np.array([self.step(**how) for _ in range(count)])
+
+    def wait(self, seconds: float) -> np.ndarray:
+        """Let time pass without any sample; give the commands of the watchdog."""
+        self.commands.clear()
+        for _ in range(round(seconds / 0.02)):
+            self.k += round(0.02e9 / PERIOD)
+            before = len(self.commands)
+            self.world.spin(lambda: len(self.commands) > before, 0.05)  # noqa: B023
+        return np.array([list(command.data) for command in self.commands]).reshape(-1, 2)
 
     def told(self) -> Any:
         """Give a diagnosis of this moment."""
@@ -119,14 +148,14 @@ def test_gauge_faults(world: World, tudor: Path) -> None:
     for cause, fault in (('does not change', lambda k: spoil(kept[0])),
                          ('not a number', lambda k: spoil(np.nan)),
                          ('jumped', lambda k: arm.strain() + [4000.0 * (k % 2), 0, 0, 0])):
-        seen = np.array([arm.step(fault(k)) for k in range(90)])
+        seen = arm.damping(90, fault)
         assert np.abs(seen).max() < 1.2 * largest.max(), cause
-        assert not seen[-20:, 0].any() and seen[-20:, 1].any(), cause
+        assert np.abs(seen[-20:, 0]).max() < NONE < np.abs(seen[-20:, 1]).max(), cause
         status = arm.told()
         assert status.level == DiagnosticStatus.ERROR, cause
         assert 'joint2 (link2_hub)' in status.message and cause in status.message
         assert 'joint3' not in status.message
-        assert arm.run(380)[-100:, 0].any(), cause
+        assert np.abs(arm.damping(380)[-100:, 0]).max() > 0.03, cause
         arm.told()
         assert arm.told().message == 'running'
     jumped = arm.strain() + [2000.0, 0, 0, 0]
@@ -139,45 +168,38 @@ def test_gauge_faults(world: World, tudor: Path) -> None:
 def test_silent_gauges(world: World, tudor: Path) -> None:
     """Without new strains the damper fades out and says that none arrive."""
     arm = Arm(world, tudor)
-    assert np.abs(arm.run(400)[-100:]).max() > 0.03
-    assert not arm.run(120, strain=np.zeros(0))[-20:].any()
+    assert np.abs(arm.damping(400)[-100:]).max() > 0.03
+    assert np.abs(arm.damping(120, lambda k: np.zeros(0))[-20:]).max() < NONE
     status = arm.told()
     assert status.level == DiagnosticStatus.ERROR and 'no new strain' in status.message
 
 
 def test_watchdog(world: World, tudor: Path) -> None:
-    """Positions stop: standstill is commanded again and again, STALE, and it recovers."""
+    """Positions stop: braked to standstill again and again, STALE; held when they come again."""
     arm = Arm(world, tudor)
     assert arm.run(400)[-50:].any()
-    arm.lose_patience(0.3)
-    world.rest(0.5)
-    arm.commands.clear()
-    assert world.spin(lambda: len(arm.commands) > 5)
-    assert not np.array([list(command.data) for command in arm.commands]).any()
-    status = world.status('oscillation_damper')
+    seen = arm.wait(1.0)
+    assert len(seen) > 20 and not seen[-5:].any()
+    status = arm.told()
     assert status.level == DiagnosticStatus.STALE and 'standstill' in status.message
-    arm.lose_patience(10.0)
-    arm.step(gap=1000)
+    arm.speed = np.zeros(2)
+    arm.step(gap=1)
     assert arm.run(400)[-50:].any()
-    assert values_of(world.status('oscillation_damper'))['dropped: gap'] == '1'
+    assert arm.told().message == 'running'
 
 
 def test_reference_stops(world: World, tudor: Path) -> None:
-    """A reference that stops in the middle of a move: the arm is told to stand, and STALE."""
+    """A reference that stops in the middle of a move: the arm brakes, is held, and STALE."""
     arm = Arm(world, tudor, damping=0.0)
-    for _ in range(10):
-        arm.k += 1
-        stamp = 10**18 + PERIOD * arm.k
-        world.output('joint_reference').publish(joint_message(
-            stamp, JOINTS, position=POSE, velocity=[0.5, 0.0]))
-        world.rest(0.001)
-        command = arm.step(reference=False)
-    assert command[0] == pytest.approx(0.5)
-    arm.lose_patience(0.3)
-    world.rest(0.35)
-    assert not arm.run(5, reference=False).any()
+    arm.run(20)
+    arm.dq_ref = np.array([0.5, 0.0])
+    assert arm.run(150)[-1, 0] == pytest.approx(0.5, abs=0.05)
+    seen = arm.run(400, reference=False)
+    assert np.abs(np.diff(seen, axis=0)).max() <= 17.4532925 * 0.002 + 1e-9
+    assert np.abs(seen[-20:]).max() < 1e-3
     status = arm.told()
     assert status.level == DiagnosticStatus.STALE and 'no reference' in status.message
+    assert values_of(status)['state'] == 'holding'
 
 
 def test_bad_input_moves_nothing(world: World, tudor: Path) -> None:
@@ -185,42 +207,116 @@ def test_bad_input_moves_nothing(world: World, tudor: Path) -> None:
     arm = Arm(world, tudor, damping=0.0)
     arm.run(20)
     arm.commands.clear()
-    stamp = 10**18 + PERIOD * arm.k
-    for message in (joint_message(stamp + 1, JOINTS, position=[np.nan, 0.0]),
-                    joint_message(stamp + 2, JOINTS, position=[0.0]),
-                    joint_message(stamp + 3, ['a', 'b'], position=[0.0, 0.0]),
-                    joint_message(stamp, JOINTS, position=[0.0, 0.0])):
+    for message in (joint_message(arm.stamp + 1, JOINTS, position=[np.nan, 0.0]),
+                    joint_message(arm.stamp + 2, JOINTS, position=[0.0]),
+                    joint_message(arm.stamp + 3, ['a', 'b'], position=[0.0, 0.0]),
+                    joint_message(arm.stamp, JOINTS, position=[0.0, 0.0])):
         world.output('joint_states').publish(message)
-    for q, dq in (([np.nan, 0.0], [0.0, 0.0]), ([0.0, 0.0], [np.inf, 0.0]), ([0.0, 0.0], [])):
+    for q, dq in (([np.nan, 0.0], [0.0, 0.0]), ([0.9, 0.0], [np.inf, 0.0]), ([0.9, 0.0], []),
+                  ([60.0, -20.0], [0.0, 0.0])):
         world.output('joint_reference').publish(joint_message(
-            stamp, JOINTS, position=np.array(q), velocity=np.array(dq)))
-    assert world.spin(lambda: sum(
-        item.total() for item in arm.node.counters()) >= 7)
+            arm.stamp, JOINTS, position=np.array(q), velocity=np.array(dq)))
+    assert world.spin(lambda: sum(item.total() for item in arm.node.counters()) >= 5
+                      and arm.node.controller.reference.refused.total() >= 3)
     assert not arm.commands
+    status = arm.told()
+    assert status.level == DiagnosticStatus.WARN and 'are these degrees?' in status.message
+    assert values_of(status)['refused: reference outside limits'] == '1'
     assert not arm.run(5, names=(['tool', 'joint3', 'joint2'], GAUGES[::-1])).any()
-    values = values_of(world.status('oscillation_damper'))
-    for cause, count in (('not_finite', 3), ('short_array', 2), ('unknown_names', 1),
+    values = values_of(arm.told())
+    for cause, count in (('not_finite', 1), ('short_array', 2), ('unknown_names', 1),
                          ('duplicate_stamp', 1)):
         assert int(values[f'dropped: {cause}']) == count, cause
+
+
+def test_encoder_fault_needs_a_reset(world: World, tudor: Path) -> None:
+    """An encoder that jumps: ERROR with the joint, standstill; ~/reset takes the arm up again."""
+    arm = Arm(world, tudor)
+    arm.run(20)
+    arm.q = arm.q + [0.9, 0.0]
+    arm.run(20)
+    status = arm.told()
+    assert status.level == DiagnosticStatus.ERROR
+    assert all(text in status.message for text in ('joint2', 'jumped', '~/reset'))
+    assert not arm.run(50)[-10:].any()
+    arm.node._reset()
+    arm.q_ref = arm.q.copy()
+    arm.begun = False
+    arm.run(30)
+    assert arm.told().message == 'running'
+
+
+def test_deactivation_brakes_and_shutdown_is_told(world: World, tudor: Path) -> None:
+    """A moving arm is braked within its acceleration, then nothing is said; WARN all the same."""
+    arm = Arm(world, tudor, damping=0.0)
+    arm.run(20)
+    arm.dq_ref = np.array([0.5, 0.0])
+    last = arm.run(150)[-1]
+    arm.node.trigger_deactivate()
+    seen = np.vstack([last, arm.wait(1.0)])
+    assert np.abs(np.diff(seen, axis=0)).max() <= 17.4532925 * 0.02
+    assert len(seen) > 10 and not seen[-1].any()
+    assert not len(arm.wait(0.2))
+    assert arm.told().message == 'inactive'
+    arm.node.trigger_shutdown()
+    status = arm.told()
+    assert status.level == DiagnosticStatus.WARN and 'shut down' in status.message
+
+
+def test_stamps_that_are_zero_or_of_another_clock(world: World, tudor: Path) -> None:
+    """Zero stamps make the arm stand; they and a clock that differs are named."""
+    arm = Arm(world, tudor)
+    for _ in range(40):
+        world.output('joint_states').publish(joint_message(0, JOINTS, position=POSE))
+        world.rest(0.002)
+    assert world.spin(lambda: arm.node.gate.drops['duplicate_stamp'] >= 30)
+    status = arm.told()
+    assert status.level == DiagnosticStatus.ERROR and 'zero' in status.message
+    assert not arm.commands
+    arm.node._reset()
+    arm.ahead = 7_000_000_000
+    arm.run(60)
+    status = arm.told()
+    assert status.level == DiagnosticStatus.WARN and 's in the future' in status.message
+    assert float(values_of(status)['age of stamps [ms]']) == pytest.approx(-7000.0)
+
+
+def test_position_gain_goes_back_to_that_of_the_arm(world: World, tudor: Path) -> None:
+    """100 is bounded and told; 0 is that of the description again."""
+    arm = Arm(world, tudor)
+    arm.run(20)
+    assert arm.node.set_parameters([Parameter('position_gain', value=100.0)])[0].successful
+    status = arm.told()
+    assert status.level == DiagnosticStatus.WARN and 'position gain' in status.message
+    assert arm.node.set_parameters([Parameter('position_gain', value=0.0)])[0].successful
+    assert values_of(arm.told())['position gain in use [1/s]'] == '3.00'
+
+
+def test_clock_of_ros_stands_still(world: World, tudor: Path) -> None:
+    """With use_sim_time and no clock the watchdog brakes and the diagnosis comes all the same."""
+    arm = Arm(world, tudor, use_sim_time=True)
+    arm.run(60)
+    seen = arm.wait(0.6)
+    assert len(seen) > 10 and not seen[-3:].any()
+    assert world.status('oscillation_damper').level == DiagnosticStatus.STALE
 
 
 @pytest.mark.parametrize('period', [100_000_000, 500_000])
 def test_rates_and_losses(period: int, world: World, tudor: Path) -> None:
     """At 10 Hz and 2 kHz, with bursts, losses and the clock set back: finite, bounded commands."""
-    arm = Arm(world, tudor)
+    arm = Arm(world, tudor, timeout=10.0)
     random = np.random.default_rng(2)
     for k in range(300):
         arm.k = k if k < 200 else k - 3_000_000_000 // period  # the clock jumps back by 3 s
         if random.random() < 0.3:
             continue
-        stamp = 10**18 + period * arm.k
+        stamp = arm.begin + period * arm.k
         world.output('link_strains').publish(joint_message(
             stamp, GAUGES, position=arm.strain()))
         world.output('joint_states').publish(joint_message(stamp, JOINTS, position=POSE))
         if k % 8 == 7:  # eight at a time
-            world.spin(lambda: False, 0.004)
+            assert world.spin(lambda: arm.node.gate.last == stamp)  # noqa: B023
     assert world.spin(lambda: len(arm.commands) > 60)
-    world.rest(0.2)
     seen = np.array([list(command.data) for command in arm.commands])
     assert np.isfinite(seen).all() and np.abs(seen).max() < 1.9
     assert arm.node.gate.drops['clock_set_back'] == 1
@@ -240,7 +336,7 @@ def test_gauges_on_several_topics(world: World, tudor: Path, tmp_path: Path) -> 
     for _ in range(450):
         strain = arm.strain()
         world.output('link3_strains').publish(joint_message(
-            10**18 + PERIOD * (arm.k + 1), ['link3_hub'], position=strain[1:2]))
+            arm.stamp + PERIOD, ['link3_hub'], position=strain[1:2]))
         command = arm.step(strain, names=(JOINTS, ['link2_hub', 'link2_mid']))
     assert command.all()
     report = arm.node.controller.damper.report()

@@ -24,7 +24,7 @@ from sample_arms import random_states
 
 from ros_world import World
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.models import EffortRegressor
+from tudor_dynamics.models import AnalyticalModel, EffortRegressor
 from tudor_dynamics.models.bundle import ModelBundle, save_bundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
@@ -57,6 +57,23 @@ def test_payload_changes_while_running(world: World, all_payloads: Path) -> None
     assert monitor.set_parameters([Parameter('payload', value=0.2)])[0].successful
     assert np.allclose(monitor.monitor.predictor.models['effort'].predict(motion),
                        true_outputs(two_gauge_arm(), motion, 0.2)['effort'], rtol=1e-6)
+
+
+def test_a_model_of_one_payload_takes_its_own(world: World, tmp_path: Path) -> None:
+    """At the start and while it runs; the diagnosis tells it, and another one is refused."""
+    arm, motion = two_gauge_arm(), random_states(300, 2, 0)
+    model = AnalyticalModel(EffortRegressor(arm), 2).fit(
+        motion, true_outputs(arm, motion, 0.2)['effort'])
+    save_bundle(ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': model}},
+                            {'training': [{'bag': 'run', 'payload': 0.2}]}), tmp_path / 'model')
+    for factory, more in ((DynamicsPredictorNode, {}), (MonitorNode, {'methods': ['effort']})):
+        node = world.add(factory, model=str(tmp_path / 'model'), payload=0.2, **more)
+        assert not node.fault
+        assert dict(node.status()[2])['payload [kg]'] == '0.2'
+        result = node.set_parameters([Parameter('payload', value=0.4)])[0]
+        assert not result.successful and '0.2 kg: ask for that' in result.reason
+        assert '--payload-of' in result.reason
+        assert node.set_parameters([Parameter('payload', value=0.0)])[0].successful
 
 
 def test_a_model_of_one_payload_takes_none(world: World, model: Path) -> None:

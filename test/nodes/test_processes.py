@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
@@ -31,31 +29,11 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 import yaml
 
+from node_processes import finish, launch
 from ros_world import joint_message, JOINTS, node_class, World
 from tudor_dynamics.nodes.interfaces import NODES
 
 QOS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
-
-
-def launch(node: str, *args: str, executor: str = 'events') -> subprocess.Popen:
-    """Start a node as its executable does."""
-    code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
-    return subprocess.Popen(
-        [sys.executable, '-c', code, '--executor', executor, '--ros-args', *args],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[2])})
-
-
-def finish(process: subprocess.Popen, number: int) -> str:
-    """Send a signal; the exit code must be 0."""
-    process.send_signal(number)
-    try:
-        out, _ = process.communicate(timeout=60)
-    finally:
-        process.kill()
-    assert process.returncode == 0, out
-    assert 'Traceback' not in out, out
-    return out
 
 
 @pytest.mark.parametrize(('executor', 'number'), [

@@ -16,13 +16,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 import yaml
 
-from ros_world import feed, joint_message, JOINTS, series, values_of, World
+from ros_world import feed, Hand, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
@@ -95,16 +97,21 @@ def test_same_numbers(chain: str, world: World, several: Path, recording) -> Non
 
 def test_a_silent_topic_is_named(world: World, several: Path, recording) -> None:
     """Without the second topic there is no residual, and the diagnosis says which is missing."""
-    node = world.add(MonitorNode, model=str(several / 'model'), timeout=5.0)
+    hand = Hand()
+    node = world.add(partial(MonitorNode, steady=hand), model=str(several / 'model'),
+                     methods=['strain'], timeout=5.0)
     world.meet('joint_states', 'link_strains', 'link3_strains')
     layout = split(recording)
 
     def change(k: int, messages: dict) -> None:
+        hand.now += recording.dt
         layout(k, messages)
         for topic in ('link3_strains', 'motor_currents', 'elbow_current'):
             del messages[topic]
     feed(world, recording, lambda: node.meter.count // 2, last=120, change=change)
-    assert 'nothing on link3_strains' in world.status('monitor').message
+    status = world.status('monitor')
+    assert status.level == DiagnosticStatus.ERROR
+    assert 'nothing on link3_strains' in status.message
     assert node.watch.level == 0
 
 
@@ -125,8 +132,10 @@ def test_the_simulator_lays_them_out(world: World, root: Path, tmp_path: Path) -
     assert world.spin(lambda: all(world.heard[topic] for topic in topics))
     names = {topic: list(world.heard[topic][-1].name) for topic in world.heard
              if topic != '/diagnostics'}
-    assert names == {'joint_states': [*JOINTS, 'link2_mid'], 'motor_currents': ['joint2'],
-                     'a': ['link2_hub'], 'b': ['link3_hub', 'link3_mid']}
+    assert names == {'joint_states': ['joint1', *JOINTS, 'link2_mid'],
+                     'motor_currents': ['joint2'], 'a': ['link2_hub'],
+                     'b': ['link3_hub', 'link3_mid']}
     own = world.heard['joint_states'][-1]
-    assert np.isnan(own.effort[0]) and np.isfinite(own.effort[1]) and np.isnan(own.velocity[2])
+    assert np.isnan(own.effort).tolist() == [True, True, False, True]
+    assert np.isnan(own.velocity).tolist() == [False, False, False, True]
     assert 'gave up real time' in values_of(world.status('arm_simulator'))

@@ -15,6 +15,8 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
+import shutil
 
 import numpy as np
 import pytest
@@ -23,7 +25,8 @@ from tudor_dynamics import __version__
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.reproduction.judging import hub_gauges
-from tudor_dynamics.reproduction.stages import FITTING, RECORDING, Result, source_digest, Stages
+from tudor_dynamics.reproduction.stages import (
+    FITTING, PACKAGE, RECORDING, Result, source_digest, Stages)
 
 
 def test_computed_once(tmp_path: Path) -> None:
@@ -69,6 +72,41 @@ def test_the_source_counts() -> None:
     """Recordings depend on fewer parts of the package than fits, and both on its version."""
     assert source_digest(RECORDING) != source_digest(FITTING)
     assert source_digest(FITTING).startswith(__version__)
+    with pytest.raises(FileNotFoundError):
+        source_digest(('signal',))  # a misspelt part must not count for nothing
+
+
+@pytest.mark.parametrize(('changed', 'recorded'), [
+    ('reproduction/judging.py', False), ('reproduction/plan.py', True),
+    ('identification/metrics.py', False), ('identification/deeper/still.py', False),
+    ('simulation/drive.py', True), ('small_arrays.py', True)])
+def test_what_makes_a_stage_anew(tmp_path: Path, changed: str, recorded: bool) -> None:
+    """A change in any part that computes makes fits anew, and recordings where they use it."""
+    def write(content: str) -> Path:
+        package = tmp_path / content
+        shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns('__pycache__'))
+        file = package / changed
+        file.parent.mkdir(exist_ok=True)
+        with file.open('a') as stream:
+            stream.write(f'# {content}\n')
+        return package
+
+    one, same, other = write('one'), tmp_path / 'same', write('other')
+    shutil.copytree(one, same)
+    assert source_digest(FITTING, one) == source_digest(FITTING, same)
+    assert source_digest(FITTING, one) != source_digest(FITTING, other)
+    assert (source_digest(RECORDING, one) != source_digest(RECORDING, other)) is recorded
+
+
+@pytest.mark.parametrize('parts', [RECORDING[:-1], FITTING])
+def test_no_part_is_missing(parts: tuple[str, ...]) -> None:
+    """What the parts import of the package is among them."""
+    for part in parts:
+        path = PACKAGE / part
+        for file in [path] if path.suffix else path.rglob('*.py'):
+            for name in re.findall(r'^ *(?:from|import) tudor_dynamics\.(\w+)',
+                                   file.read_text(encoding='utf-8'), re.MULTILINE):
+                assert name in parts or (PACKAGE / f'{name}.py').is_file(), (file, name)
 
 
 def test_no_directory(tmp_path: Path) -> None:

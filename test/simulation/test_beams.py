@@ -26,6 +26,7 @@ from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.modes import modes
 from tudor_dynamics.simulation.outputs import Observer, Section
 from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.simulation.run import LARGEST_ROTATION, largest_rotation
 from tudor_dynamics.simulation.section import beam_properties, rectangle_torsion
 
 E, LENGTH, SIDE, RHO = 7.0e10, 0.5, 0.008, 2700.0
@@ -47,6 +48,33 @@ def cantilever(elements=2, gravity=0.0, payload=None, **more):
     plant = Plant(build_mechanism(arm), 1e-3)
     plant.drive('hub', 'hold')
     return arm, plant
+
+
+@pytest.mark.parametrize(('load', 'exact'), [(0.25, 0.08275), (1.0, 0.30172), (2.0, 0.49346)])
+@pytest.mark.parametrize('stretch', [True, False])
+def test_large_bending_shows_in_the_rotation(load, exact, stretch):
+    """
+    Deflections under P L^2 / EI = load: too large the sooner, the more the nodes have turned.
+
+    Exact: Bisshopp and Drucker, Quarterly of Applied Mathematics 3, 1945 (0.25: their elastica).
+    """
+    _, plant = cantilever(8, stretch=stretch)
+    plant.reset(external_force=[0.0, load * EI / LENGTH**2, 0.0], equilibrium=True)
+    tip = Observer(plant).observe().position[plant.mechanism.tip, 1] / LENGTH
+    assert largest_rotation(plant) == pytest.approx(load / 2.0, rel=1e-6)
+    error = float(tip / exact - 1.0)
+    assert (error > 0.04) is (largest_rotation(plant) > LARGEST_ROTATION)
+    assert error == pytest.approx({0.25: 0.007, 1.0: 0.10, 2.0: 0.35}[load], abs=0.005)
+
+
+def test_rotations_of_a_rigid_arm():
+    """Without a beam nothing bends."""
+    arm = arm_from_dict({
+        'name': 'rigid', 'kinematics': {'dh': [[LENGTH, 0.0, 0.0, 0.0]]},
+        'joints': [{'name': 'hub'}],
+        'links': [{'joint': 'hub', 'rigid': {'mass': 1.0, 'center': [0.2, 0.0, 0.0]}}]},
+        base=Path('.'), source='rigid')
+    assert largest_rotation(Plant(build_mechanism(arm), 1e-3)) == 0.0
 
 
 def test_frequencies_of_a_cantilever():

@@ -115,6 +115,18 @@ class Arm:
         return tuple(by_name[name] for name in self.active_joints)
 
     @cached_property
+    def movable_joints(self) -> tuple[str, ...]:
+        """Names of all joints that can move, active and held, in the order of the kinematics."""
+        return tuple(self.full_model.names)[1:]
+
+    @cached_property
+    def held_joints(self) -> dict[str, float]:
+        """Joints that are not active, and where each is held [rad or m]."""
+        hold = {joint.name: joint.hold for joint in self.spec.joints}
+        return {name: hold.get(name, 0.0) for name in self.movable_joints
+                if name not in self.active_joints}
+
+    @cached_property
     def gauges(self) -> tuple[GaugeSpec, ...]:
         """Gauges behind active joints or behind held ones; all of the description."""
         return self.spec.gauges
@@ -125,13 +137,12 @@ class Arm:
         return tuple(gauge.name for gauge in self.gauges)
 
     def _reduce(self, model: pin.Model, keep: tuple[str, ...]) -> pin.Model:
-        held = {joint.name: joint.hold for joint in self.spec.joints}
         reference = np.zeros(model.nq)
         locked = []
         for index in range(1, model.njoints):
             name = model.names[index]
             if name not in keep:
-                reference[model.joints[index].idx_q] = held.get(name, 0.0)
+                reference[model.joints[index].idx_q] = self.held_joints[name]
                 locked.append(index)
         try:
             return pin.buildReducedModel(model, locked, reference) if locked else model
@@ -176,7 +187,7 @@ class Arm:
         whatever else they say of limits, motors, sensors, damper, links and preprocessing.
         """
         content = self.spec.model_dump(
-            mode='json', exclude={'joints': {'__all__': {'limits'}}},
+            mode='json', exclude={'joints': {'__all__': {'limits', 'planned'}}},
             include={'name', 'gravity', 'joints', 'active_joints', 'joint_topic', 'gauges'})
         model = self.full_model
         content['tree'] = [
@@ -260,7 +271,8 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
         rows = spec.kinematics.dh
         assert rows is not None  # the schema has one of the two
         model = model_from_dh(rows, [joint.name for joint in spec.joints],
-                              [joint.type or 'revolute' for joint in spec.joints])
+                              [joint.type or 'revolute' for joint in spec.joints],
+                              spec.kinematics.convention)
     _check_against_model(spec, model, source)
     model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
     return Arm(spec, model, source, urdf)

@@ -129,12 +129,17 @@ class DamperSpec(Spec):
     """Speed per position error [1/s]."""
     mean_frequency: Positive
     """Corner below which strain counts as load and not as oscillation: DC blocker [Hz]."""
+    moving_frequency: Positive | None = None
+    """The same while the reference moves, when the load changes with the pose; by default
+    mean_frequency [Hz]."""
     mean_window: Positive | None = None
     """Take the mean over a moving window instead [s]."""
     velocity_bandwidth: Positive
     """Bandwidth of the velocity loop inside [Hz]."""
     rate: Annotated[float, Field(gt=0, le=1e6)] = 2000.0
     """Rate at which the law runs [Hz]."""
+    full_delay: Positive = 0.01
+    """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
 
     @model_validator(mode='after')

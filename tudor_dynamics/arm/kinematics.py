@@ -69,14 +69,18 @@ def model_from_dh(
     rows: Sequence[Sequence[float]],
     names: Sequence[str],
     types: Sequence[str],
+    convention: str = 'standard',
 ) -> pin.Model:
     """
-    Build a serial chain from standard Denavit-Hartenberg rows, links without mass.
+    Build a serial chain from Denavit-Hartenberg rows, links without mass.
 
-    Link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al., Robotics:
-    Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic joint. The
-    frame of joint i turns with the joint and has its x axis along the link, so that a gauge is
-    found at ``distance`` along x.
+    Standard: link i follows joint i by ``Rz(theta + q) Tz(d) Tx(a) Rx(alpha)`` (Siciliano et al.,
+    Robotics: Modelling, Planning and Control, 2009, Eq. 2.52), or ``Tz(d + q)`` for a prismatic
+    joint. The frame of joint i turns with the joint and has its x axis along the link, so that a
+    gauge is found at ``distance`` along x.
+
+    Modified: joint i follows joint i - 1 by ``Rx(alpha) Tx(a) Rz(theta + q) Tz(d)`` (Craig,
+    Introduction to Robotics, 2005, Eq. 3.6), and its frame is that of the table.
 
     Parameters
     ----------
@@ -86,6 +90,8 @@ def model_from_dh(
         Joint names.
     types : sequence of {'revolute', 'continuous', 'prismatic'}
         Joint types.
+    convention : {'standard', 'modified'}
+        Of the rows; modified ones may have one more than joints, for a flange.
 
     Returns
     -------
@@ -96,11 +102,18 @@ def model_from_dh(
     model = pin.Model()
     placement = pin.SE3.Identity()
     parent = 0
-    for (a, alpha, d, theta), name, kind in zip(rows, names, types, strict=True):
-        joint = pin.JointModelPZ() if kind == 'prismatic' else pin.JointModelRZ()
-        parent = model.addJoint(parent, joint, placement * _rotation('z', theta), name)
-        model.addJointFrame(parent)
-        placement = _translation(0.0, 0.0, d) * _translation(a, 0.0, 0.0) * _rotation('x', alpha)
+    for number, (a, alpha, d, theta) in enumerate(rows):
+        # along the joint's axis and across it: where the joint stands between them differs
+        turn, rise = _rotation('z', theta), _translation(0.0, 0.0, d)
+        across = _translation(a, 0.0, 0.0) * _rotation('x', alpha)
+        standard = convention == 'standard'
+        placement = placement * (turn if standard else across * turn * rise)
+        if number < len(names):
+            slides = types[number] == 'prismatic'
+            joint = pin.JointModelPZ() if slides else pin.JointModelRZ()
+            parent = model.addJoint(parent, joint, placement, names[number])
+            model.addJointFrame(parent)
+            placement = rise * across if standard else pin.SE3.Identity()
     model.addFrame(pin.Frame('tip', parent, placement, pin.FrameType.OP_FRAME))
     return model
 

@@ -92,7 +92,7 @@ class MaterialSpec(Spec):
 
 
 class InertiaPart(Spec):
-    """Mass, centre and inertia of a rigid part."""
+    """Mass, centre and inertia of a rigid part, in the axes of the frame it is fixed to."""
 
     mass: NonNegative
     """[kg]"""
@@ -162,7 +162,7 @@ class LinkSpec(Spec):
     joint: Name
     """Joint that moves this link."""
     rigid: InertiaPart | None = None
-    """Rigid link, in the joint frame."""
+    """Rigid link, in the joint frame: with standard D-H rows not the row's own frame."""
     flexible: BeamSpec | None = None
     """Flexible link."""
     hub_inertia: NonNegative = 0.0

@@ -36,17 +36,27 @@ FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'squa
 
 
 class KinematicsSpec(Spec):
-    """Where the kinematics come from: a URDF file, or standard D-H rows; one of the two."""
+    """Where the kinematics come from: a URDF file, or D-H rows; one of the two."""
 
     urdf: str | None = None
     """Path of a URDF file, relative to the description."""
     dh: tuple[tuple[Finite, Finite, Finite, Finite], ...] | None = None
-    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint (standard D-H)."""
+    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint."""
+    convention: Literal['standard', 'modified'] = 'standard'
+    """Of the rows: standard (Siciliano), or modified (Craig), as Franka and KUKA publish it.
+
+    Everything else of a link (centres of mass, beams, gauges) is given in the frame of its joint,
+    which turns with it, z along its axis. Its origin stands before the d and a of a standard row,
+    so it is not the D-H frame, which is at the far end; behind those of a modified one, so it is.
+    A modified table may have a row more, for a flange that is fixed to the last link.
+    """
 
     @model_validator(mode='after')
     def _one_source(self) -> KinematicsSpec:
         if (self.urdf is None) == (self.dh is None):
             raise ValueError('give either urdf: FILE or dh: [[a, alpha, d, theta_offset], ...]')
+        if self.urdf is not None and self.convention != 'standard':
+            raise ValueError('convention is that of D-H rows; leave it out with urdf')
         return self
 
 
@@ -66,22 +76,26 @@ class EffortSpec(Spec):
 
 
 class LimitSpec(Spec):
-    """Limits of a joint's motion."""
+    """What the motion of a joint never exceeds; what is missing is taken from the URDF."""
 
-    lower: Finite = -math.pi
+    lower: Finite | None = None
     """[rad or m]"""
-    upper: Finite = math.pi
+    upper: Finite | None = None
     """[rad or m]"""
     velocity: Positive | None = None
     """[rad/s or m/s]"""
     acceleration: Positive | None = None
-    """[rad/s^2 or m/s^2]"""
+    """Of the drive, by default what its motor can do without load [rad/s^2 or m/s^2]."""
 
     @model_validator(mode='after')
     def _ordered(self) -> LimitSpec:
-        if self.lower >= self.upper:
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f'lower limit {self.lower} is not below upper limit {self.upper}')
         return self
+
+
+class PlannedSpec(LimitSpec):
+    """What planned motion keeps to: within ``limits``, with room for the damper."""
 
 
 class JointSpec(Spec):
@@ -104,6 +118,18 @@ class JointSpec(Spec):
     hold: Finite = 0.0
     """Position of the joint where it is not active [rad or m]."""
     limits: LimitSpec | None = None
+    planned: PlannedSpec | None = None
+
+    @model_validator(mode='after')
+    def _plans_within_limits(self) -> JointSpec:
+        planned, limits = self.planned or PlannedSpec(), self.limits or LimitSpec()
+        for key, outwards in (('lower', -1.0), ('upper', 1.0), ('velocity', 1.0),
+                              ('acceleration', 1.0)):
+            inner, outer = getattr(planned, key), getattr(limits, key)
+            if inner is not None and outer is not None and outwards * (inner - outer) > 0.0:
+                raise ValueError(f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
+                                 'nothing may be planned that must not happen')
+        return self
 
     @field_validator('friction')
     @classmethod
@@ -199,9 +225,11 @@ class ArmSpec(Spec):
                                  f'which is not among the joints {names}')
         check_links(self.links, self.simulation, names)
         rows = self.kinematics.dh
-        if rows is not None and len(rows) != len(names):
+        flange = self.kinematics.convention == 'modified'
+        if rows is not None and len(rows) - len(names) not in (0, flange):
             raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
-                             'give one row a joint, base first')
+                             'give one row a joint, base first'
+                             + (', and one more at most, for the flange' if flange else ''))
         check_drives(self.motors, self.sensors, self.damper, names,
                      [gauge.name for gauge in self.gauges])
         check_overlap(self.links, [motor.joint for motor in self.motors])

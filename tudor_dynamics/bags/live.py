@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
+import sqlite3
 import tempfile
 
 import numpy as np
@@ -28,8 +30,20 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.writer import METADATA_VERSION, PLUGINS
+from tudor_dynamics.bags.saving import SavedWriter
+from tudor_dynamics.bags.storage import one_line
+from tudor_dynamics.bags.writer import METADATA_VERSION, PLUGINS, scratch_prefix
 from tudor_dynamics.errors import BagError
+
+FAILURES = (OSError, sqlite3.Error)
+"""What a storage raises where the disk takes no more."""
+RESERVE, RESERVED = 'reserve', 1 << 20
+"""File and bytes that are kept for index and metadata."""
+
+
+def reason(err: Exception) -> str:
+    """Say why something could not be written."""
+    return (err.strerror or str(err)) if isinstance(err, OSError) else one_line(err)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +114,10 @@ class LiveWriter:
     """
     Writes messages as they come; the bag appears under its name when it is closed.
 
+    Until then it lies in a hidden directory beside. What was saved there can be read whatever
+    becomes of the process, see `open_bag`. A disk that becomes full ends the bag with what was
+    saved: room for that is kept from the start.
+
     Parameters
     ----------
     path : str or Path
@@ -107,10 +125,11 @@ class LiveWriter:
     storage : {'mcap', 'sqlite3'}
         Storage format.
 
-    Attributes
-    ----------
-    count : int
-        Messages written.
+    Raises
+    ------
+    BagError
+        If the path exists, or cannot be written. `add`, `write`, `save` and `close` raise it where
+        the disk takes no more; the bag is finished then.
 
     """
 
@@ -119,42 +138,90 @@ class LiveWriter:
         if self.path.exists() or self.path.is_symlink():
             msg = f'{path}: exists already and is not overwritten; give another name or remove it'
             raise BagError(msg)
+        scratch: Path | None = None
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._scratch = Path(tempfile.mkdtemp(prefix=f'.{self.path.name}.',
-                                                  dir=self.path.parent))
-            self._writer = Writer(self._scratch / self.path.name, version=METADATA_VERSION,
-                                  storage_plugin=PLUGINS[storage])
-            self._writer.open()
-        except OSError as err:
-            msg = f'{path}: cannot be written ({err.strerror or err}); check path, rights and disk'
+            scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix(self.path),
+                                            dir=self.path.parent))
+            (scratch / RESERVE).write_bytes(bytes(RESERVED))
+            writer = Writer(scratch / self.path.name, version=METADATA_VERSION,
+                            storage_plugin=PLUGINS[storage])
+            writer.open()
+            self._bag = SavedWriter(writer, storage)
+        except FAILURES as err:
+            if scratch is not None:
+                shutil.rmtree(scratch, ignore_errors=True)
+            msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
             raise BagError(msg) from None
+        self._scratch = scratch
         self._typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, object] = {}
-        self.count = 0
+        self._open = True
+
+    @property
+    def count(self) -> int:
+        """Messages written."""
+        return self._bag.count
 
     def add(self, topic: str, msgtype: str) -> bool:
         """Announce a topic; False for a type that this program does not know."""
         if topic not in self._connections:
             if msgtype not in self._typestore.types:
                 return False
-            self._connections[topic] = self._writer.add_connection(
-                topic, msgtype, typestore=self._typestore)
+            with self._ending():
+                self._connections[topic] = self._bag.writer.add_connection(
+                    topic, msgtype, typestore=self._typestore)
+                self._bag.save()
         return True
 
     def write(self, topic: str, time: int, data: bytes) -> None:
         """Write a message of a topic that was announced; ``time`` in ns."""
-        self._writer.write(self._connections[topic], time, data)  # type: ignore[arg-type]
-        self.count += 1
+        with self._ending():
+            self._bag.writer.write(self._connections[topic], time, data)
+
+    def save(self) -> None:
+        """Bring what was written to disk, where it outlives the process."""
+        with self._ending():
+            self._bag.save()
 
     def close(self) -> None:
         """Finish the bag and give it its name; without any message there is none."""
+        if self._open:
+            self.save()
+        if self._open:
+            self._finish('')
+
+    @contextmanager
+    def _ending(self) -> Iterator[None]:
+        """End the bag with what was saved if the disk takes no more."""
         try:
-            self._writer.close()
-            if self.count:
-                (self._scratch / self.path.name).rename(self.path)
-        except OSError as err:
-            msg = f'{self.path}: cannot be finished ({err.strerror or err})'
-            raise BagError(msg) from None
-        finally:
+            yield
+        except FAILURES as err:
+            self._finish(f'cannot be written any more ({reason(err)})')
+
+    def _finish(self, failure: str) -> None:
+        """Finish the bag, and raise what has failed."""
+        self._open = False
+        made = self._scratch / self.path.name
+        try:
+            (self._scratch / RESERVE).unlink()
+            if failure:
+                self._bag.restore()
+            count = self._bag.count
+            try:
+                self._bag.writer.close()
+            except FAILURES as err:
+                failure = failure or f'cannot be finished ({reason(err)})'
+                self._bag.writer.abort()
+                (made / 'metadata.yaml.tmp').unlink(missing_ok=True)
+            if count:
+                made.rename(self.path)
             shutil.rmtree(self._scratch, ignore_errors=True)
+        except FAILURES as err:
+            msg = (f'{self.path}: {failure or "cannot be finished"}; what was recorded is left in '
+                   f'{made} ({reason(err)})')
+            raise BagError(msg) from None
+        if failure:
+            msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
+                   'on disk are kept; make room and record on under another name')
+            raise BagError(msg)

@@ -17,7 +17,8 @@ Data section of an MCAP file: topics, and raw messages of chosen ones.
 
 Record by record through file objects, as rosbags reads MCAP, costs more than everything that
 follows, and nothing there bounds what a chunk unpacks to. This scan walks the records of a chunk
-in memory and checks every length and checksum.
+in memory and checks every length and checksum. Files that nobody finished, because the recorder
+was killed or its disk was full, are read as far as their records are whole.
 
 Format: https://mcap.dev/spec
 """
@@ -163,15 +164,19 @@ class _Walk:
                 self._definition(code, chunk[position + record_size:stop])
             position = stop
 
-    def file(self, stream: BinaryIO, size: int) -> None:
+    def file(self, stream: BinaryIO, size: int, unfinished: bool) -> None:
         """Go through a file up to the end of its data."""
         unpacker = Unpacker(size)
         if stream.read(len(MAGIC)) != MAGIC:
             raise Damaged('no MCAP magic')
         while True:
             head = stream.read(RECORD.size)
+            if unfinished and (len(head) < RECORD.size or not head[0]):
+                return  # 0: never written, by a crash
             code, length = RECORD.unpack(head)
             if length > size - stream.tell():
+                if unfinished:
+                    return
                 raise Damaged('a record leaves the file')
             if code in (DATA_END, FOOTER):
                 return
@@ -200,7 +205,7 @@ def _unpack_chunk(record: bytes, unpacker: Unpacker) -> bytes:
 
 def scan_mcap(
     path: Path, topics: Collection[str] | None = None, *, with_data: bool = True,
-    channels: Channels | None = None,
+    channels: Channels | None = None, unfinished: bool = False,
 ) -> dict[str, Scan]:
     """
     Read the raw messages of some topics.
@@ -215,6 +220,8 @@ def scan_mcap(
         Also keep the messages, not only their times.
     channels : Channels, optional
         What the summary says, which the data must not contradict.
+    unfinished : bool
+        The file breaks off anywhere; what is whole before is read.
 
     Returns
     -------
@@ -230,7 +237,7 @@ def scan_mcap(
     walk = _Walk(topics, with_data, channels or Channels())
     with open_regular(path) as stream:
         try:
-            walk.file(stream, path.stat().st_size)
+            walk.file(stream, path.stat().st_size, unfinished)
         except (struct.error, UnicodeDecodeError) as err:
             raise Damaged(f'cut short or garbled: {err}') from None
     return walk.found

@@ -78,6 +78,33 @@ def mcap_channels(path: Path) -> Channels:
     return _read(path).channels
 
 
+def unfinished_topics(path: Path) -> list[tuple[str, str, int]]:
+    """
+    Give the topics of a file that nobody finished.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file.
+
+    Returns
+    -------
+    list of (str, str, int)
+        As of `mcap_topics`; empty for a file that was finished, or has no whole chunk.
+
+    """
+    try:
+        with open_regular(path) as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(size - len(MAGIC), 0))
+            if stream.read() == MAGIC and size > len(MAGIC):
+                return []
+        return [(topic, ', '.join(scan.msgtypes), len(scan.log_time)) for topic, scan
+                in scan_mcap(path, with_data=False, unfinished=True).items()]
+    except (OSError, Damaged):
+        return []
+
+
 @dataclass(frozen=True)
 class _Summary:
     """Channels, number of messages of each, and whether that is all there is to know."""

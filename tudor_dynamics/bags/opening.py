@@ -21,15 +21,19 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
-from tudor_dynamics.bags.mcap_summary import mcap_topics
+from tudor_dynamics.bags.mcap_summary import mcap_topics, unfinished_topics
 from tudor_dynamics.bags.metadata import METADATA, Metadata, read_metadata
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.sqlite_scan import sqlite_topics
 from tudor_dynamics.bags.storage import Bag, one_line, storage_file, TopicInfo
 from tudor_dynamics.bags.unpacking import Damaged
+from tudor_dynamics.bags.writer import scratch_prefix
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import open_regular
 
 SUFFIXES = ('.db3', '.mcap')
+HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
+"""Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 MAX_TOPICS = 4096
 MAX_NAME = 255
 """Characters in the name of a topic or type, as in DDS."""
@@ -40,13 +44,16 @@ def _topics(file: Path, compression: str = '') -> list[TopicInfo]:
         read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
         if read is None:
             raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
-        found = [TopicInfo(*item) for item in read(opened)]
-        if len(found) > MAX_TOPICS:
-            raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
-        for item in found:
-            for text in (item.name, item.msgtype):
-                if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
-                    raise Damaged(f'impossible topic entry {item}')
+        return _checked([TopicInfo(*item) for item in read(opened)])
+
+
+def _checked(found: list[TopicInfo]) -> list[TopicInfo]:
+    if len(found) > MAX_TOPICS:
+        raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
+    for item in found:
+        for text in (item.name, item.msgtype):
+            if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
+                raise Damaged(f'impossible topic entry {item}')
     return found
 
 
@@ -77,17 +84,51 @@ def _open_files(
     path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
 ) -> Bag:
     compression = '' if metadata is None else metadata.compression
-    topics = _merge([item for file in files for item in _topics(file, compression)])
+    found, unfinished = [], set()
     for file in files:
-        wal = file.with_name(file.name + '-wal')
-        if file.suffix == '.db3' and wal.is_file() and wal.stat().st_size > 0:
-            notes.add(f'{wal.name} was never merged: the last messages may be missing; '
-                      f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
+        _check_leftovers(file, notes)
+        try:
+            found += _topics(file, compression)
+        except BagError:
+            left = _unfinished(file)
+            if not left:
+                raise
+            found += left
+            unfinished.add(file)
+            notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
+    topics = _merge(found)
     if metadata is None:
-        return Bag(path, _storage_name(files), files, topics)
+        return Bag(path, _storage_name(files), files, topics, unfinished=frozenset(unfinished))
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
     return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
+
+
+def _unfinished(file: Path) -> list[TopicInfo]:
+    """Give the topics of a file that breaks off; none where it should not."""
+    if file.suffix != '.mcap' or (file.parent / METADATA).exists():
+        return []  # with metadata it was finished once: it is a bad copy
+    with storage_file(file) as opened:
+        return _checked([TopicInfo(*item) for item in unfinished_topics(opened)])
+
+
+def _check_leftovers(file: Path, notes: Notes) -> None:
+    """Look at what SQLite left beside a file that was not closed."""
+    if file.suffix != '.db3':
+        return
+    wal, journal = (file.with_name(file.name + end) for end in ('-wal', '-journal'))
+    if wal.is_file() and wal.stat().st_size > 0:
+        notes.add(f'{wal.name} was never merged: the last messages may be missing; '
+                  f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
+    if not journal.is_file():
+        return
+    with open_regular(journal) as stream:
+        # written before SQLite changes the file itself, whose pages may now be of two times
+        if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
+            msg = (f'{file}: its recorder was killed while it wrote, {journal.name} takes that '
+                   f'back: run `sqlite3 {file.name} "pragma quick_check"` beside it, best '
+                   'on a copy of the directory')
+            raise BagError(msg)
 
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
@@ -157,6 +198,9 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
         raise BagError(msg) from None
     if not exists:
         msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
+        left = abandoned(path)
+        if left:
+            msg += f' (a recorder that was killed left {", ".join(str(item) for item in left)})'
     elif path.suffix == '.bag':
         msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
     elif path.suffix == '.zstd':
@@ -164,3 +208,13 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
     else:
         msg = f'{path}: not a bag; give a rosbag2 directory, .mcap or .db3 file'
     raise BagError(msg)
+
+
+def abandoned(path: Path) -> list[Path]:
+    """Give what recorders that were killed left of a bag."""
+    try:
+        return sorted(item / path.name for item in path.parent.iterdir()
+                      if item.name.startswith(scratch_prefix(path))
+                      and (item / path.name).is_dir())
+    except OSError:
+        return []

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import math
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.schema import LimitSpec
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.storage import TopicInfo
 from tudor_dynamics.errors import BagError
@@ -82,11 +83,11 @@ def plan_from_arm(arm: Arm) -> Plan:
     for joint in arm.joints:
         inner = model.joints[model.getJointId(joint.name)]
         slides = inner.shortname().removeprefix('JointModel').startswith('P')
-        if joint.limits is not None:
-            lower, upper = joint.limits.lower, joint.limits.upper
-        else:
-            lower = float(model.lowerPositionLimit[inner.idx_q])
-            upper = float(model.upperPositionLimit[inner.idx_q])
+        given = joint.limits or LimitSpec()
+        lower = (float(model.lowerPositionLimit[inner.idx_q]) if given.lower is None
+                 else given.lower)
+        upper = (float(model.upperPositionLimit[inner.idx_q]) if given.upper is None
+                 else given.upper)
         bound: float | None = None
         if max(-lower, upper) < UNLIMITED:
             # Twice the limits: a soft limit overrun or a zero set elsewhere is no matter of units.

@@ -93,6 +93,8 @@ class Bag:
         What rosbag2 has compressed, beside chunks.
     custom : dict of str to str
         What whoever recorded wrote into ``custom_data`` of the metadata.
+    unfinished : frozenset of Path
+        Files that break off, because their recorder was killed.
 
     """
 
@@ -102,6 +104,7 @@ class Bag:
     topics: Mapping[str, TopicInfo]
     compression: str = ''
     custom: Mapping[str, str] = field(default_factory=dict)
+    unfinished: frozenset[Path] = frozenset()
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,
@@ -136,7 +139,8 @@ class Bag:
         data: dict[str, list[bytes]] = {name: [] for name in topics}
         for file in self.files:
             with storage_file(file, self.compression) as opened:
-                _read_file(opened, times, data, with_data, packed=self.compression == 'message')
+                _read_file(opened, times, data, with_data, packed=self.compression == 'message',
+                           unfinished=file in self.unfinished)
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
 
     def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
@@ -219,10 +223,12 @@ def _read_file(
     with_data: bool,
     *,
     packed: bool,
+    unfinished: bool,
 ) -> None:
     before = {name: len(messages) for name, messages in data.items()}
     if file.suffix == '.mcap':
-        scans = scan_mcap(file, tuple(times), with_data=with_data, channels=mcap_channels(file))
+        scans = scan_mcap(file, tuple(times), with_data=with_data, unfinished=unfinished,
+                          channels=None if unfinished else mcap_channels(file))
         for name, found in scans.items():
             times[name] += found.log_time
             data[name] += found.data

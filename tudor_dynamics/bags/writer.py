@@ -37,6 +37,11 @@ METADATA_VERSION: Literal[9] = 9
 """Of metadata.yaml, as Jazzy writes it."""
 
 
+def scratch_prefix(path: Path) -> str:
+    """Begin of the name of the directory in which a bag is written until it is complete."""
+    return f'.{path.name}.'
+
+
 def write_bag(
     path: str | Path,
     series: Sequence[JointStateSeries | WrenchSeries],
@@ -76,7 +81,7 @@ def write_bag(
         raise BagError(msg)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
+        scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix(path), dir=path.parent))
         try:
             # The storage file bears the name of its directory, so that must be right at once.
             _write(scratch / path.name, series, PLUGINS[storage], custom or {})

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import json
+import math
 import sys
 from typing import Any
 
@@ -101,6 +102,8 @@ def finite(content: Any) -> Any:
 
 def _percent(value: float) -> str:
     """Write a percentage; far outside, its digits mean nothing."""
+    if math.isnan(value):
+        return 'n/a'
     if value < -999.0:
         return '< -999'
     return '> 999' if value > 999.0 else f'{value:.2f}'
@@ -126,7 +129,7 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
     table = Table(title=title, title_justify='left')
     for name in ('output', 'model', 'channel'):
         table.add_column(name, no_wrap=True)
-    for name in ('RMSE', 'unit', 'sigma(E)', 'fit %', 'printed fit %', 'rel. error %'):
+    for name in ('RMSE', 'unit', 'sigma(E)', 'fit %', 'Eq. 18 %', 'rel. error %'):
         table.add_column(name, justify='left' if name == 'unit' else 'right', no_wrap=True)
     for output, model, score, units in rows:
         unit = set(units.values())

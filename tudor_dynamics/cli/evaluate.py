@@ -20,17 +20,18 @@ import argparse
 import io
 from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
 from tudor_dynamics.cli.collision_figures import print_collisions
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.bundling import rounded
+from tudor_dynamics.identification.bundling import rounded, trained_on
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
-from tudor_dynamics.identification.dataset import common_outputs, load, parse_choice
+from tudor_dynamics.identification.dataset import BagData, common_outputs, load, parse_choice
 from tudor_dynamics.identification.fit import MODEL_KINDS
 from tudor_dynamics.identification.roc_plot import check_plot_path, write_roc
 from tudor_dynamics.identification.validation import validate, Validation
@@ -106,11 +107,12 @@ def run(args: argparse.Namespace) -> int:
             output: {kind: validate(model, data, output, ', '.join(map(str, choices)))
                      for kind, model in bundle.models[output].items()}
             for output in outputs}
+    seen = _seen(bundle, data)
     if args.save:
         save_traces(Path(args.save), found)
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
-                                   'samples': sum(bag.samples for bag in data)}
+                                   'samples': sum(bag.samples for bag in data), **seen}
         for output, kinds in found.items():
             content[output] = {kind: _figures(item) for kind, item in kinds.items()}
         print_json(finite(content))
@@ -119,6 +121,16 @@ def run(args: argparse.Namespace) -> int:
             for output, kinds in found.items() for kind, item in kinds.items()]
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
     return 0
+
+
+def _seen(bundle: ModelBundle, data: list[BagData]) -> dict[str, list[str]]:
+    """Warn of bags that the model was trained on, and give them for the JSON, if there are any."""
+    seen = trained_on(bundle.facts, data)
+    if not seen:
+        return {}
+    msg = f'{", ".join(seen)}: the model was trained on this; how well it does there is no test'
+    warnings.warn(msg, TudorWarning, stacklevel=2)
+    return {'trained_on': seen}
 
 
 def _collisions(args: argparse.Namespace) -> int:
@@ -138,17 +150,19 @@ def _collisions(args: argparse.Namespace) -> int:
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
         detector=DetectorSettings(debounce=args.debounce))
     with steps(len(choices) + 1) as step:
-        bags = []
+        data = []
         for choice in choices:
             step(f'read {choice}')
-            bags.append((choice.path, load(choice, bundle.arm, bundle.preprocessing).recording))
+            data.append(load(choice, bundle.arm, bundle.preprocessing))
+        seen = _seen(bundle, data)
         step('replay through the detector')
-        results = evaluate_collisions(bundle, bags, settings)
+        results = evaluate_collisions(
+            bundle, [(bag.choice.path, bag.recording) for bag in data], settings)
     if plot is not None:
         write_roc(results, plot)
     if args.json:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
-                           'false_alarms_allowed_per_hour': args.false_alarms,
+                           **seen, 'false_alarms_allowed_per_hour': args.false_alarms,
                            'collisions': {item.method: _collision_figures(item)
                                           for item in results}}))
     else:

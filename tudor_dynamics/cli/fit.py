@@ -31,7 +31,7 @@ from tudor_dynamics.cli.console import finite, print_json, print_table, score_ta
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, halves, load, parse_choice)
+    BagChoice, BagData, halves, load, parse_choice, refuse_copies)
 from tudor_dynamics.identification.elastic import check_arm
 from tudor_dynamics.identification.fit import (
     DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
@@ -115,7 +115,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     models.add_argument('--elm-ridge', type=float, default=1e-6, metavar='LAMBDA')
     models.add_argument('--elm-seed', type=int, default=0, metavar='N')
     models.add_argument('--random-split', action='store_true',
-                        help="also report the papers' random 50/50 split (optimistic)")
+                        help='also report a random 50/50 split of the samples (optimistic)')
 
 
 def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpec:
@@ -136,7 +136,7 @@ def _check_choices(training: list[BagChoice], test: list[BagChoice]) -> None:
     for i, one in enumerate(training):
         for other in training[i + 1:] + test:
             same = Path(one.path).resolve() == Path(other.path).resolve()
-            if same and one.begin < other.end and other.begin < one.end:
+            if same and one.overlaps(other):
                 msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
                        'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
                 raise UsageError(msg)
@@ -203,6 +203,7 @@ def _fit(
 
     training_data = [read(choice, learn=True) for choice in training]
     test_data = [read(choice, learn=False) for choice in test]
+    refuse_copies(training_data, test_data)
     clock.lap('read and filter')
     alone = len(training) == 1 and not test
     holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None

@@ -63,8 +63,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                      help='arm description with links, motors and damper (config/tudor.yaml)')
     arm.add_argument('--models', nargs='+', choices=MODEL_KINDS, help='kinds of models (all)')
     arm.add_argument('--split', choices=('stimulus', 'random'),
-                     help='train on half of the stimuli, or on half of the samples at random as '
-                          'the paper, which flatters (table1; stimulus)')
+                     help='train on half of the stimuli, as the paper, or on half of the samples '
+                          'at random, which flatters (table1; stimulus)')
     arm.add_argument('--quick', action='store_true', default=None,
                      help='three payloads, two short stimuli each, fast models: to see that it '
                           'works')

@@ -30,7 +30,8 @@ from tudor_dynamics.cli.console import finite, print_json
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.pages import write_table
 from tudor_dynamics.reproduction.table1 import build, LABELS, MODELS, Table1
-from tudor_dynamics.reproduction.table_text import Grid, grids, SPLIT_TEXTS
+from tudor_dynamics.reproduction.table_text import (
+    FIGURE_TEXT, finding_texts, Grid, grids, SPLIT_TEXTS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,12 +51,12 @@ def run(args: argparse.Namespace) -> int:
         row.cells[model].fit is None for block in table.blocks for row in block.rows)]
     if missing:
         print(f'{", ".join(missing)}: no figures, this kind of model was not fitted')
-    print(f'{SPLIT_TEXTS[table.split]}; fit: Eq. (18) as printed')
+    print(f'{SPLIT_TEXTS[table.split]}; {FIGURE_TEXT}')
     for remark in table.remarks:
         print(remark)
     print('expected shape:')
-    for item in table.findings:
-        print(f'  {"yes" if item.holds else "NO "} {item.text} ({item.figures})')
+    for text in finding_texts(table):
+        print(f'  {text}')
     print(f'{seconds:.0f} s; {", ".join(str(file) for file in files)}')
     return 0
 

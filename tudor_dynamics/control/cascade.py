@@ -15,6 +15,8 @@
 """
 Joint cascade: P position control with velocity feed-forward around PI velocity control.
 
+Between the two stands the motion envelope, so that no speed is asked for beyond a joint's limits.
+
 One compiled law serves the controller of a real arm, step by step, and the simulated one, inside a
 compiled loop.
 """
@@ -29,7 +31,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.drives import DamperSpec, MotorSpec
+from tudor_dynamics.arm.limits import Limits, unlimited
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.control.envelope import Envelope
 from tudor_dynamics.errors import ArmError
 
 FloatArray = NDArray[np.float64]
@@ -39,11 +43,10 @@ POSITION_GAIN = 0  # speed per position error [1/s]
 VELOCITY_GAIN = 1  # current per speed error [A s/rad]
 INTEGRAL_GAIN = 2  # current per integrated speed error [A/rad]
 CURRENT_LIMIT = 3  # [A]
-SPEED_LIMIT = 4  # bound of the commanded speed [rad/s]
-GAINS = 5
+GAINS = 4
 # Columns of the state of one joint.
 INTEGRAL = 0  # share of the integrator in the current [A]
-SATURATED = 1  # 1 while current or speed is at its limit
+SATURATED = 1  # 1 while the current is at its limit
 STATES = 2
 
 INTEGRAL_SHARE = 0.2
@@ -51,10 +54,34 @@ INTEGRAL_SHARE = 0.2
 
 
 @compiled
-def cascade_law(
-    gains: NDArray, state: NDArray, dt: float, q_ref: float, dq_ref: float, q: float, dq: float,
-    yielding: float,
+def position_law(
+    gains: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float,
 ) -> float:
+    """
+    Give the speed that the position loop of one joint wants.
+
+    Parameters
+    ----------
+    gains : ndarray of shape (GAINS,)
+        Of the joint.
+    q_ref, dq_ref : float
+        Reference [rad, rad/s].
+    q : float
+        Measured position [rad].
+    yielding : float
+        Speed added by the damper [rad/s].
+
+    Returns
+    -------
+    float
+        Speed, to be bounded by the envelope [rad/s].
+
+    """
+    return dq_ref + gains[POSITION_GAIN] * (q_ref - q) + yielding
+
+
+@compiled
+def velocity_law(gains: NDArray, state: NDArray, dt: float, speed: float, dq: float) -> float:
     """
     Give the current of one joint.
 
@@ -64,12 +91,8 @@ def cascade_law(
         Of the joint; the state is advanced.
     dt : float
         Step [s].
-    q_ref, dq_ref : float
-        Reference [rad, rad/s].
-    q, dq : float
-        Measured motion [rad, rad/s].
-    yielding : float
-        Speed added by the damper [rad/s].
+    speed, dq : float
+        Commanded and measured speed [rad/s].
 
     Returns
     -------
@@ -77,8 +100,6 @@ def cascade_law(
         Current [A].
 
     """
-    wanted = dq_ref + gains[POSITION_GAIN] * (q_ref - q) + yielding
-    speed = min(max(wanted, -gains[SPEED_LIMIT]), gains[SPEED_LIMIT])
     error = speed - dq
     current = gains[VELOCITY_GAIN] * error + state[INTEGRAL]
     limit = gains[CURRENT_LIMIT]
@@ -87,7 +108,7 @@ def cascade_law(
     if bounded == current or (error > 0.0) != (current > 0.0):
         state[INTEGRAL] += gains[INTEGRAL_GAIN] * dt * error
         state[INTEGRAL] = min(max(state[INTEGRAL], -limit), limit)
-    state[SATURATED] = 1.0 if bounded != current or speed != wanted else 0.0
+    state[SATURATED] = 1.0 if bounded != current else 0.0
     return bounded
 
 
@@ -107,8 +128,6 @@ class JointGains:
         Current per integrated speed error [A/rad].
     current_limit : float
         [A]
-    speed_limit : float
-        Bound of the commanded speed, damper included [rad/s].
 
     """
 
@@ -116,16 +135,14 @@ class JointGains:
     velocity: float
     integral: float
     current_limit: float = math.inf
-    speed_limit: float = math.inf
 
     @property
     def row(self) -> FloatArray:
         """Gains in the order of the columns."""
-        return np.array([self.position, self.velocity, self.integral, self.current_limit,
-                         self.speed_limit])
+        return np.array([self.position, self.velocity, self.integral, self.current_limit])
 
 
-def motor_gains(motor: MotorSpec, damper: DamperSpec, velocity_limit: float | None) -> JointGains:
+def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
     """
     Tune the cascade of one joint by its motor.
 
@@ -138,9 +155,6 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec, velocity_limit: float | No
         Rotor, gear and torque constant.
     damper : DamperSpec
         Position gain and bandwidth of the velocity loop.
-    velocity_limit : float or None
-        Of the joint [rad/s]; commands stay within 1.5 times that, which leaves the damper room
-        at full speed.
 
     Returns
     -------
@@ -161,7 +175,7 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec, velocity_limit: float | No
     gain = motor.reflected_inertia * bandwidth / motor.joint_torque_constant
     return JointGains(
         damper.position_gain, gain, INTEGRAL_SHARE * bandwidth * gain,
-        motor.current_limit or math.inf, 1.5 * (velocity_limit or math.inf))
+        motor.current_limit or math.inf)
 
 
 def arm_gains(arm: Arm) -> list[JointGains]:
@@ -194,9 +208,13 @@ def arm_gains(arm: Arm) -> list[JointGains]:
         if joint.name not in motors:
             msg = f'{arm.source}: joint {joint.name!r} has no entry in motors; add one'
             raise ArmError(msg)
-        limit = joint.limits.velocity if joint.limits else None
-        result.append(motor_gains(motors[joint.name], arm.spec.damper, limit))
+        result.append(motor_gains(motors[joint.name], arm.spec.damper))
     return result
+
+
+def velocity_lag(damper: DamperSpec) -> float:
+    """Give the time from a commanded speed until the joint has most of it [s]."""
+    return 1.0 / (2.0 * math.pi * damper.velocity_bandwidth)
 
 
 class Cascade:
@@ -209,23 +227,30 @@ class Cascade:
         One a joint.
     dt : float
         Step [s].
+    limits : Limits, optional
+        What nothing exceeds; none by default.
+    lag : float
+        From a commanded speed to the motion, see ``velocity_lag`` [s].
 
     """
 
-    def __init__(self, gains: list[JointGains], dt: float) -> None:
+    def __init__(self, gains: list[JointGains], dt: float, limits: Limits | None = None,
+                 lag: float = 0.0) -> None:
         self.gains = np.array([item.row for item in gains]).reshape(-1, GAINS)
         self.state = np.zeros((len(gains), STATES))
+        self.envelope = Envelope(limits or unlimited(len(gains)), lag + 2.0 * dt)
         self.dt = dt
 
     def reset(self, current: ArrayLike = 0.0) -> None:
         """Start anew with integrators that give a current [A]."""
         self.state[:] = 0.0
         self.state[:, INTEGRAL] = current
+        self.envelope.reset()
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
-        """Which joints had current or speed at its limit in the last step."""
-        return np.asarray(self.state[:, SATURATED] > 0.0)
+        """Which joints had current, speed or position at a limit in the last step."""
+        return np.asarray((self.state[:, SATURATED] > 0.0) | self.envelope.saturated)
 
     def step(
         self, q_ref: ArrayLike, dq_ref: ArrayLike, q: ArrayLike, dq: ArrayLike,
@@ -250,8 +275,11 @@ class Cascade:
 
         """
         count = len(self.gains)
-        inputs = [np.broadcast_to(np.asarray(item, dtype=float), count)
-                  for item in (q_ref, dq_ref, q, dq, yielding)]
-        return np.array([cascade_law(self.gains[j], self.state[j], self.dt,
-                                     *(float(item[j]) for item in inputs))
-                         for j in range(count)])
+        q_ref, dq_ref, q, dq, yielding = (
+            np.broadcast_to(np.asarray(item, dtype=float), count)
+            for item in (q_ref, dq_ref, q, dq, yielding))
+        wanted = [position_law(self.gains[j], float(q_ref[j]), float(dq_ref[j]), float(q[j]),
+                               float(yielding[j])) for j in range(count)]
+        speed = self.envelope.step(self.dt, wanted, q)
+        return np.array([velocity_law(self.gains[j], self.state[j], self.dt, float(speed[j]),
+                                      float(dq[j])) for j in range(count)])

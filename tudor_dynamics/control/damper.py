@@ -88,6 +88,8 @@ class DamperSettings:
         Fastest plausible change [unit/s] and largest plausible reading [unit].
     fade_time, recovery : float
         For fading in or out, and how long the gauge must have been well [s].
+    moving_frequency : float, optional
+        Corner of the DC blocker while the reference moves; the same by default [Hz].
 
     """
 
@@ -103,13 +105,15 @@ class DamperSettings:
     max_strain: float = math.inf
     fade_time: float = 0.1
     recovery: float = 0.5
+    moving_frequency: float | None = None
 
     def row(self, dt: float) -> FloatArray:
         """Give the settings in the order of the columns, for a step [s]."""
         return np.array([
             self.gain, 2.0 * math.pi * self.mean_frequency, np.rint(self.mean_window / dt),
             self.speed_limit, max(self.dead_time, 5.0 * dt), max(self.stale_time, 3.0 * dt),
-            self.max_rate, self.max_strain, self.fade_time, self.recovery])
+            self.max_rate, self.max_strain, self.fade_time, self.recovery,
+            2.0 * math.pi * (self.moving_frequency or self.mean_frequency)])
 
 
 STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
@@ -158,7 +162,8 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
             item.joint, item.gauge, -share * item.gain / scale, arm.spec.damper.mean_frequency,
             arm.spec.damper.mean_window or 0.0,
             (limit.velocity if limit else None) or math.inf, max_rate=PLAUSIBLE_RATE * scale,
-            max_strain=PLAUSIBLE_STRAIN * scale))
+            max_strain=PLAUSIBLE_STRAIN * scale,
+            moving_frequency=arm.spec.damper.moving_frequency))
     return result
 
 
@@ -202,6 +207,7 @@ class Damper:
 
     def step(
         self, strain: ArrayLike, fresh: ArrayLike = True, saturated: ArrayLike = False,
+        moving: float = 0.0,
     ) -> FloatArray:
         """
         Give the yielding speeds for one step.
@@ -214,6 +220,8 @@ class Damper:
             Whether each reading is a new one.
         saturated : array of bool, shape (n_joints,)
             Whether each joint's current or speed is at its limit.
+        moving : float
+            How much the reference moves, from 0 at rest to 1, see ``moving_share``.
 
         Returns
         -------
@@ -227,4 +235,4 @@ class Damper:
         limited = np.broadcast_to(np.asarray(saturated, dtype=bool), count)
         return np.array([
             damper_law(self.settings[j], self.state[j], self.past[j], self.dt, float(values[j]),
-                       bool(new[j]), bool(limited[j])) for j in range(count)])
+                       bool(new[j]), bool(limited[j]), moving) for j in range(count)])

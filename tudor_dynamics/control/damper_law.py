@@ -33,16 +33,27 @@ MAX_RATE = 6  # fastest plausible change [unit/s]
 MAX_STRAIN = 7  # largest plausible reading [unit]
 FADE_TIME = 8  # [s]
 RECOVERY = 9  # the gauge must be well for so long [s]
-SETTINGS = 10
+MOVING_CORNER = 10  # takes the place of CORNER while the reference moves [rad/s]
+SETTINGS = 11
 # Columns of the state of one joint.
 MEAN, LAST, UNCHANGED, AGE, WELL, WEIGHT, GOOD, STATUS, SUM, COUNT, HEAD, SEEN = range(12)
 STATES = 12
 
 
+MOVES = 0.1
+"""Part of the planned speed at which a reference counts as moving in full."""
+
+
+@compiled
+def moving_share(dq_ref: float, planned: float) -> float:
+    """Give how much a reference moves, from 0 at rest to 1; its speeds in [rad/s]."""
+    return min(abs(dq_ref) / (MOVES * planned), 1.0)
+
+
 @compiled
 def damper_law(
     settings: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
-    saturated: bool,
+    saturated: bool, moving: float,
 ) -> float:
     """
     Give the yielding speed of one joint.
@@ -61,6 +72,9 @@ def damper_law(
         Whether the reading is a new one.
     saturated : bool
         Whether the joint's current or speed is at its limit.
+    moving : float
+        How much the reference moves, from 0 at rest to 1: the load of the link changes with the
+        pose then, and the mean has to follow it, or the joint yields to it.
 
     Returns
     -------
@@ -99,7 +113,8 @@ def damper_law(
         if state[WELL] == 0.0:
             state[MEAN] = strain
         # Soon after the start the mean is that of what was seen, later that of the DC blocker.
-        share = 1.0 - math.exp(-settings[CORNER] * state[AGE])
+        corner = settings[CORNER] + moving * (settings[MOVING_CORNER] - settings[CORNER])
+        share = 1.0 - math.exp(-corner * state[AGE])
         state[WELL] += state[AGE]
         if state[WELL] < settings[RECOVERY]:
             share = max(share, state[AGE] / state[WELL])

@@ -27,6 +27,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
 
@@ -43,8 +44,8 @@ class ReactingReference:
 
     Parameters
     ----------
-    limits : MotionLimits
-        Speed and acceleration of each joint.
+    limits : Limits
+        What is planned: speed, acceleration and range of each joint.
     q : ndarray of shape (n_joints,)
         Where the joints rest [rad].
     reaction : {'none', 'hold', 'retreat', 'comply'}
@@ -65,7 +66,7 @@ class ReactingReference:
 
     def __init__(
         self,
-        limits: MotionLimits,
+        limits: Limits,
         q: FloatArray,
         reaction: str = 'retreat',
         retreat_time: float = 1.0,
@@ -78,7 +79,7 @@ class ReactingReference:
         self.reaction = reaction
         self.retreat_time = retreat_time
         self.comply_speed = comply_speed
-        self._planner = MotionPlanner(limits, q)
+        self._planner = MotionPlanner(MotionLimits(limits.velocity, limits.acceleration), q)
         self._path: deque[tuple[float, FloatArray]] = deque()
         self._length = 0.0
         self._back = 0.0
@@ -118,12 +119,17 @@ class ReactingReference:
         self._stopped = False
         self._back = min(self._length, self.retreat_time)
         if self.reaction in ('hold', 'retreat'):
-            self._brake()
+            self._planner.brake()
+
+    def stop(self) -> None:
+        """Brake where the reference is, without a collision."""
+        if not self.reacting:
+            self._planner.brake()
 
     def clear(self) -> None:
         """Take goals again, from where the joints are now."""
         if self.reacting:
-            self._rest_at(self.q.copy(), np.zeros_like(self.q))
+            self._planner.move(self.q.copy(), np.zeros_like(self.q))
             self.reacting = False
             self._path.clear()
             self._length = 0.0
@@ -138,7 +144,9 @@ class ReactingReference:
         if self.reaction == 'comply':
             bound = self.comply_speed * self.limits.velocity
             speed = np.clip(self.yielding, -bound, bound)
-            self._rest_at(self.q + dt * speed, speed)
+            place = np.clip(self.q + dt * speed, np.minimum(self.limits.lower, self.q),
+                            np.maximum(self.limits.upper, self.q))
+            self._planner.move(place, (place - self.q) / dt)
         elif self.reaction == 'retreat' and self._stopped:
             self._drive_back(dt)
         else:
@@ -147,11 +155,6 @@ class ReactingReference:
             self._back = min(self._back + dt, self._length)  # the way of braking, too
             if self._planner.remaining <= 0.0:
                 self._stopped, self._since = True, 0.0
-
-    def _brake(self) -> None:
-        """Stop within the acceleration limit: a sin^2 pulse stops v over v |v| / a."""
-        q, dq = self._planner.q, self._planner.dq
-        self._planner.go(q + dq * np.abs(dq) / self.limits.acceleration)
 
     def _remember(self, dt: float) -> None:
         self._path.append((dt, self._planner.q.copy()))
@@ -163,7 +166,7 @@ class ReactingReference:
     def _drive_back(self, dt: float) -> None:
         """Drive the path back, slower at both ends of the way."""
         if not self._path or self._back <= 0.0:
-            self._rest_at(self.q.copy(), np.zeros_like(self.q))
+            self._planner.move(self.q.copy(), np.zeros_like(self.q))
             return
         rate = min(1.0, 0.05 + self._since / RAMP, 0.05 + self._back / RAMP)
         way = rate * dt
@@ -186,11 +189,7 @@ class ReactingReference:
         if np.any(np.abs(speed) > bound):
             share = float(np.min(bound / np.maximum(np.abs(speed), 1e-12)))
             speed, place = share * speed, self.q + share * (place - self.q)
-        self._rest_at(place, speed)
-
-    def _rest_at(self, q: FloatArray, dq: FloatArray) -> None:
-        self._planner = MotionPlanner(self.limits, q)
-        self._planner.dq[:] = dq
+        self._planner.move(place, speed)
 
 
 def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:

@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.dataset import BagData, parse_choice
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.metrics import Score
@@ -75,6 +76,32 @@ def bag_facts(bag: BagData) -> dict[str, Any]:
     facts = {'bag': str(bag.choice), 'sha256': recording.checksum, 'samples': bag.samples,
              'duration': round(float(recording.t[-1]), 6), 'dropped': dict(recording.dropped)}
     return facts if bag.payload is None else {**facts, 'payload': bag.payload}
+
+
+def trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
+    """
+    Find the bags that a model was trained on, under whatever names.
+
+    Parameters
+    ----------
+    facts : mapping
+        Facts of the model's bundle.
+    bags : sequence of BagData
+        Bags.
+
+    Returns
+    -------
+    list of str
+        Those with samples of a training bag, by checksum.
+
+    """
+    training = facts.get('training')
+    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in
+             (training if isinstance(training, list) else ())
+             if isinstance(item, dict) and item.get('sha256')]
+    return [str(bag.choice) for bag in bags if any(
+        bag.recording.checksum == checksum and bag.choice.overlaps(choice)
+        for checksum, choice in known)]
 
 
 def figures(result: FitResult) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags import read_recording, Recording
-from tudor_dynamics.errors import UsageError
+from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
 
@@ -51,6 +51,10 @@ class BagChoice:
     path: str
     begin: float = 0.0
     end: float = 1.0
+
+    def overlaps(self, other: BagChoice) -> bool:
+        """Say whether another choice of the same recording has samples of this one."""
+        return self.begin < other.end and other.begin < self.end
 
     def __str__(self) -> str:
         """Write the choice as it is written on the command line."""
@@ -279,6 +283,31 @@ def all_stretches(data: Iterable[BagData]) -> Iterator[Stretch]:
     """Go through the stretches of several bags."""
     for bag in data:
         yield from bag.stretches
+
+
+def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
+    """
+    Refuse bags with the same samples, under whatever names: such a bag is no test of another.
+
+    Parameters
+    ----------
+    training, test : sequence of BagData
+        Bags of a fit; their storage files are compared by checksum.
+
+    Raises
+    ------
+    FitError
+        If a bag is a copy of a training bag, byte by byte, and the parts chosen overlap.
+
+    """
+    for i, one in enumerate(training):
+        for other in (*training[i + 1:], *test):
+            same = one.recording.checksum == other.recording.checksum != ''
+            if same and one.choice.overlaps(other.choice):
+                msg = (f'{other.choice} has the very bytes of the training bag {one.choice} '
+                       f'(sha256 {one.recording.checksum[:12]}): a copy is no test of what was '
+                       'learned from it; give another recording')
+                raise FitError(msg)
 
 
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:

@@ -68,7 +68,7 @@ class FitSettings:
     elm_seed : int
         Seed of the hidden layer.
     random_split : bool
-        Also report the papers' random 50/50 split.
+        Also report a random 50/50 split of the samples.
     payloads : (float, float) or None
         Least and largest payload of the training bags, for models of all payloads [kg].
 
@@ -250,7 +250,8 @@ def fit_models(
     for note in notes:
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
-    trainer = ElasticTrainer(arm, settings.payloads, progress)
+    trainer = ElasticTrainer(arm, settings.payloads, progress,
+                             kept=None if holdout is None else holdout[0])
     for output in outputs:
         for kind in settings.kinds:
             progress(f'{kind} {output}')

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Figures by which predictions are judged, per channel and over all channels."""
+"""
+Figures by which predictions are judged, per channel and over all channels.
+
+*Fit* is everywhere 100 (1 - |y - yhat| / |y - mean y|). What Malzahn et al. call fit has the
+predictions in the denominator; it is called by the number of their equation, Eq. (18).
+"""
 
 from __future__ import annotations
 
@@ -38,9 +43,9 @@ class ChannelScore:
     rmse : float
         Root mean square error, in the unit of the output.
     fit : float
-        100 (1 - |y - yhat| / |y - mean y|) [%].
+        100 (1 - |y - yhat| / |y - mean y|) [%]; NaN where the measured values never change.
     relative_error : float
-        |y - yhat| / |y|.
+        |y - yhat| / |y|; NaN where the measured values are zero.
 
     """
 
@@ -61,13 +66,14 @@ class Score:
     rmse : float
         Root of the mean square over samples and channels, in the unit of the output.
     sigma_e : float
-        Standard deviation over the samples of the Euclidean norm of the error. The definition is
-        inferred: it alone reproduces the pattern of Malzahn et al., Table I, where sigma(E)
-        exceeds the RMSE for strain, which no pooled standard deviation can.
+        Standard deviation over the samples of the Euclidean norm of the error. That of Malzahn
+        et al., Table I, is unknown: for strain it exceeds the RMSE up to 1.52 times, which
+        neither a pooled standard deviation nor this one, at most sqrt(2) for two channels, can.
     fit : float
         100 (1 - |y - yhat| / |y - mean y|), the mean per channel, norms over all channels [%].
+        NaN where no channel changes.
     fit_printed : float
-        Eq. (18) as printed, |yhat - mean y| in the denominator [%].
+        Eq. (18) of Malzahn et al. as printed, |yhat - mean y| in the denominator [%].
     relative_error : float
         |y - yhat| / |y|.
     channels : dict of str to ChannelScore
@@ -90,9 +96,7 @@ class Score:
 
 def _ratio(error: float, reference: float, size: float = 0.0) -> float:
     """Error relative to a reference; that of a constant signal of some size is only rounding."""
-    if reference > 1e-12 * size:
-        return error / reference
-    return 0.0 if error <= 1e-12 * size else float('inf')
+    return error / reference if reference > 1e-12 * size else float('nan')
 
 
 def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> Score:

@@ -24,13 +24,12 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.elastic import ElasticModel
-from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel, Range
+from tudor_dynamics.models.payload import (
+    payload_regressor, PayloadELM, PayloadModel, Range, SAME)
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
 PAYLOAD_KINDS = ('analytical', 'elm', 'elastic')
 """Kinds of models that can be fitted to several payloads at once."""
-SAME = 1e-6
-"""Payloads that differ by less are the same [kg]."""
 
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:

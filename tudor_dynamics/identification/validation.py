@@ -15,9 +15,9 @@
 """
 Validation: what a model is worth on motion that it has not seen.
 
-By whole bag: the samples of one bag are neighbours in time, so that leaving out single samples
-(the papers' random 50/50 split) shows a model nearly the same samples twice. That split is offered
-for comparison, and called optimistic.
+By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
+time, so that leaving out single samples at random shows a model nearly the same samples twice.
+That split is offered for comparison, and called optimistic.
 """
 
 from __future__ import annotations
@@ -248,7 +248,7 @@ def random_split(
     seed: int = 0,
 ) -> Validation:
     """
-    Train on a random half of the samples and test on the other (the papers' split; optimistic).
+    Train on a random half of the samples and test on the other (optimistic).
 
     Parameters
     ----------

@@ -88,6 +88,10 @@ def judge(
         Level with reasons.
 
     """
+    fits = {name: item.fit for name, item in validation.score.channels.items()}
+    still = [name for name, value in fits.items() if math.isnan(value)]
+    if len(still) == len(fits):
+        return Verdict(Level.DO_NOT_USE, (_dead(still, validation.method),))
     fit = max(validation.score.fit, -1e6)
     if fit >= GOOD_FIT:
         level, bound = Level.GOOD, f'>= {GOOD_FIT:g}'
@@ -97,10 +101,10 @@ def judge(
         level, bound = Level.DO_NOT_USE, f'< {USABLE_FIT:g}'
     shown_fit = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
     reasons = [f'fit {shown_fit:.1f} % ({bound}) on {validation.method}']
-    worst = min(validation.score.channels.items(), key=lambda item: item[1].fit)
-    if worst[1].fit < USABLE_FIT <= fit:
-        reasons.append(f'channel {worst[0]} alone has {worst[1].fit:.1f} %')
-    doubts = []
+    doubts = [_dead(still, validation.method)] if still else []
+    worst = min((name for name in fits if name not in still), key=lambda name: fits[name])
+    if fits[worst] < USABLE_FIT <= fit:
+        doubts.append(f'channel {worst} alone has {fits[worst]:.1f} %: do not use it')
     if training_fit - fit > LARGEST_GAP:
         doubts.append(f'{training_fit - fit:.0f} points worse than in training: the bags differ, '
                       'or are too short')
@@ -112,6 +116,11 @@ def judge(
     if doubts and level is Level.GOOD:
         level = Level.USABLE
     return Verdict(level, tuple(reasons + doubts))
+
+
+def _dead(channels: Sequence[str], method: str) -> str:
+    return (f'{", ".join(channels)} never changed on {method}: a dead sensor has no fit; do not '
+            f'use {"this channel" if len(channels) == 1 else "these channels"}')
 
 
 def judge_model(model: OutputModel, validation: Validation, training_fit: float) -> Verdict:

@@ -41,7 +41,7 @@ from tudor_dynamics.models.bundle_head import read_head, sealed
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elastic_io import elastic_from_dict, elastic_to_dict
 from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.payload import payload_range_of, PayloadELM, PayloadModel
+from tudor_dynamics.models.payload import payload_range_of, PayloadELM, PayloadModel, SAME
 from tudor_dynamics.models.serialise import (
     analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
 
@@ -80,6 +80,22 @@ class ModelBundle:
                   for model in kinds.values())
         return next((found for found in ranges if found is not None), None)
 
+    @property
+    def payload(self) -> float | None:
+        """
+        Payload that all training bags were recorded with [kg].
+
+        None where bags do not say, differ, or the models are of all payloads.
+        """
+        bags = self.facts.get('training')
+        if self.payload_range is not None or not isinstance(bags, list) or not bags:
+            return None
+        found = [bag.get('payload') if isinstance(bag, dict) else None for bag in bags]
+        masses = [float(mass) for mass in found if isinstance(mass, (int, float))]
+        if len(masses) < len(found) or not max(masses) - min(masses) < SAME:
+            return None
+        return masses[0]
+
     def at(self, payload: float) -> ModelBundle:
         """
         Put a payload into the models.
@@ -92,20 +108,24 @@ class ModelBundle:
         Returns
         -------
         ModelBundle
-            Models of the motion alone; this bundle itself where its models know of no payload
-            and none is asked for.
+            Models of the motion alone; this bundle itself where its models are of one payload
+            and that, or none (0), is asked for.
 
         Raises
         ------
         ModelError
-            If the models know of no payload, but one is asked for.
+            If the models are of one payload, but another one is asked for.
 
         """
         if self.payload_range is None:
-            if payload == 0.0:
+            known = self.payload
+            if payload == 0.0 or (known is not None and abs(payload - known) < SAME):
                 return self
+            what = ('which its bags do not tell: leave the payload out' if known is None else
+                    f'{known:g} kg: ask for that')
             msg = (f'the payload {payload:g} kg cannot be used: the model was fitted to one '
-                   'payload; fit it to bags with several (tudor fit --payload-of)')
+                   f'payload, {what}, or fit it to bags with several payloads (tudor fit BAGS '
+                   '--payload-of BAG=KG ...)')
             raise ModelError(msg)
         return replace(self, models={
             output: {kind: model.at(payload)

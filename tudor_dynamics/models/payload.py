@@ -41,6 +41,9 @@ from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 
+SAME = 1e-6
+"""Payloads that differ by less are the same [kg]."""
+
 
 def payload_range_of(model: object) -> Range | None:
     """Give the payloads that a model of any kind was fitted to; None where it knows of none."""

@@ -28,9 +28,6 @@ from tudor_dynamics.monitoring.state_filter import Motion
 
 FloatArray = NDArray[np.float64]
 
-SILENT = 50
-"""So many readings wait for another topic before that one counts as silent."""
-
 
 class Gathering:
     """
@@ -59,11 +56,6 @@ class Gathering:
     def drops(self) -> list[Counter[str]]:
         """Readings left out, by cause; of a single topic the pairing with the motion counts."""
         return [self._gate.drops, *(stage.drops for stage in self._stages)]
-
-    def silent(self) -> list[str]:
-        """Name the topics that others wait for."""
-        return [topic for topic, stage in zip(self.topics[1:], self._stages, strict=True)
-                if stage.waiting > SILENT]
 
     def add(
         self, topic: str, stamp: int, values: FloatArray,

@@ -102,6 +102,7 @@ class Pairing:
 
         """
         if self._motions and motion.stamp <= self._motions[-1][0].stamp:
+            self.drops['no_measurement'] += len(self._motions)
             self._motions.clear()  # the clock was set back
             self._measured.clear()
             self.drops['clock_set_back'] += 1
@@ -130,6 +131,7 @@ class Pairing:
         """
         if not all_finite(values):
             self.drops['not_finite'] += 1
+            self.gate.unusable()
             return []
         tick = self.gate.step(stamp)
         if tick is None:

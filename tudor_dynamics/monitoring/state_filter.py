@@ -129,6 +129,7 @@ class StateFilter:
         """
         if not all_finite(q):
             self.drops['not_finite'] += 1
+            self.gate.unusable()
             return None
         if not self.spec.measured_velocity or (
                 measured is not None and not all_finite(measured)):

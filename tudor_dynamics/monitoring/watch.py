@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -54,7 +55,8 @@ class MonitorSettings:
     observer : {'off', 'ringing', 'contact'}
         Whether measured strain corrects an elastic model.
     methods : tuple of str
-        What the detector listens to, of `METHODS`.
+        What the detector listens to, of `METHODS`; empty for all that the model has thresholds
+        for, or without any thresholds for all that it has models for.
     rates : Rates
         False alarms allowed, all methods together.
     detector : DetectorSettings
@@ -150,6 +152,8 @@ class Watch:
         Methods for which there are models, in use.
     stages : dict of str to ExcessStage
         Thresholds of each method that has some.
+    counts : dict of str to collections.Counter
+        For each output the samples that were ``judged``, and those that were not, by cause.
 
     """
 
@@ -168,12 +172,14 @@ class Watch:
         if thresholds is None:
             thresholds = stored_thresholds(bundle, settings.kind)
         kinds = bundle.models
-        self.methods = tuple(
-            name for name in settings.methods
-            if ('analytical' if name == 'momentum' else settings.kind) in kinds.get(
-                SOURCE[name], {}))
+        served = tuple(name for name in settings.methods or METHODS
+                       if ('analytical' if name == 'momentum' else settings.kind) in kinds.get(
+                           SOURCE[name], {}))
+        self.methods = served if settings.methods else (
+            tuple(name for name in served if name in thresholds) or served)
         self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
         self.pairing = {output: Pairing() for output in self.outputs}
+        self.counts: dict[str, Counter[str]] = {output: Counter() for output in self.outputs}
         self._residual = {output: ResidualStage(spec.output_cutoff, spec.settle)
                           for output in self.outputs}
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
@@ -204,6 +210,8 @@ class Watch:
         self._restart = dict.fromkeys(self.methods, True)
         self._methods_of = {output: [method for method in self.methods
                                      if SOURCE[method] == output] for output in self.outputs}
+        self._judging = {output: sum(method in self.stages for method in methods)
+                         for output, methods in self._methods_of.items()}
         self.set_rates(settings.rates)
 
     def set_rates(self, rates: Rates) -> None:
@@ -216,6 +224,12 @@ class Watch:
     def level(self) -> Level:
         """State of the arm."""
         return self.detector.level
+
+    @property
+    def settle(self) -> float:
+        """Time behind a beginning for which nothing is judged [s]."""
+        settle = self.bundle.preprocessing.settle
+        return settle if self.observer is None else max(settle, self.observer.settle)
 
     def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
         """
@@ -275,6 +289,7 @@ class Watch:
 
     def _judge(self, output: str, pairs: Sequence[Pair], found: Found) -> None:
         for pair in pairs:
+            before = len(found.excesses)
             plain = self._residual[output].step(pair)
             for method in self._methods_of[output]:
                 if pair.motion.dt == 0.0:
@@ -296,3 +311,8 @@ class Watch:
                 event = self.detector.step(method, excess)
                 if event is not None:
                     found.events.append(event)
+            judging = self._judging[output]
+            self.counts[output][
+                'no_thresholds' if not judging else
+                'judged' if len(found.excesses) - before == judging else
+                'settling' if not pair.motion.settled(self.settle) else 'no_prediction'] += 1

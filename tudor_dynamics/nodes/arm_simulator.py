@@ -31,7 +31,7 @@ from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import SimulationError, TudorError
-from tudor_dynamics.nodes.base import OK, TudorNode, WARN
+from tudor_dynamics.nodes.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.messages import joint_state, time_message
@@ -84,6 +84,11 @@ class ArmSimulatorNode(TudorNode):
 
     def _connect(self, arm: Any) -> None:
         self._names = list(arm.active_joints)
+        # with the held ones robot_state_publisher has the whole arm
+        self._all = list(arm.movable_joints)
+        self._active = [self._all.index(name) for name in self._names]
+        assert self.arm is not None
+        self._held = np.array([self.arm.held.get(name, 0.0) for name in self._all])
         self._gauges = list(arm.gauge_names)
         self._joints = self.publish_on(JointState, arm.spec.joint_topic)
         efforts = _by_topic(joint.effort.topic for joint in arm.joints)
@@ -129,6 +134,9 @@ class ArmSimulatorNode(TudorNode):
             self.drops['impossible_command'] += 1
             return
         assert self.arm is not None
+        if self.arm.failure:
+            self.drops['diverged'] += 1
+            return
         with self._lock:
             self.arm.command(command)
         self.meter.end(begun)
@@ -151,13 +159,14 @@ class ArmSimulatorNode(TudorNode):
         simulated = bool(self.value('clock'))
         origin = self.get_clock().now().nanoseconds if not simulated else 1_000_000_000
         due = time.perf_counter()
+        failure = ''
         while not self._stop.is_set():
-            try:
-                with self._lock:
-                    sample = arm.step()
-            except TudorError as err:
-                self.fault = str(err)
-                return
+            with self._lock:
+                sample = arm.step()
+            if arm.failure != failure:
+                failure = arm.failure
+                if failure:
+                    self.get_logger().error(failure)
             self._publish(sample, origin)
             due += period
             wait = due - time.perf_counter()
@@ -188,17 +197,18 @@ class ArmSimulatorNode(TudorNode):
 
     def _own_message(self, stamp: Any, sample: Any) -> JointState:
         """Make the message of positions, with efforts and strains where they come with them."""
-        if not self._own_efforts and not self._own_strains:
-            return joint_state(stamp, self._names, position=sample.q, velocity=sample.dq)
         gauges = self._own_strains
         missing = np.full(len(gauges), np.nan)
-        fields = {'position': np.concatenate([sample.q, sample.strain[gauges]]),
-                  'velocity': np.concatenate([sample.dq, missing])}
+        q, dq = self._held.copy(), np.zeros(len(self._all))
+        q[self._active], dq[self._active] = sample.q, sample.dq
+        fields = {'position': np.concatenate([q, sample.strain[gauges]]),
+                  'velocity': np.concatenate([dq, missing])}
         if self._own_efforts:
-            effort = np.full(len(self._names), np.nan)
-            effort[self._own_efforts] = sample.current[self._own_efforts]
+            effort = np.full(len(self._all), np.nan)
+            effort[[self._active[k] for k in self._own_efforts]] = (
+                sample.current[self._own_efforts])
             fields['effort'] = np.concatenate([effort, missing])
-        return joint_state(stamp, self._names + [self._gauges[k] for k in gauges], **fields)
+        return joint_state(stamp, self._all + [self._gauges[k] for k in gauges], **fields)
 
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the arm."""
@@ -211,6 +221,9 @@ class ArmSimulatorNode(TudorNode):
             return level, message, values
         values['simulated time [s]'] = f'{self.arm.t:.1f}'
         values['gave up real time'] = str(self._late)
+        if self.arm.failure:
+            return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose and takes no '
+                           'commands until ~/reset'), values
         if level != OK:
             return WARN, 'no commands: the joints stand still', values
         return level, message, values

@@ -23,15 +23,21 @@ from threading import Event, Thread
 import time
 from typing import Any
 
+import numpy as np
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
 from tudor_dynamics.bags.live import read_track, Track
 from tudor_dynamics.errors import BagError, TudorError
-from tudor_dynamics.nodes.base import OK, TudorNode
+from tudor_dynamics.nodes.base import OK
 from tudor_dynamics.nodes.interfaces import CLOCK
 from tudor_dynamics.nodes.messages import time_message
-from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.runner import EndingNode, run
+
+
+DELIVERY = Duration(seconds=2)
+"""Longest time that readers get for what was published last."""
 
 
 def message_class(msgtype: str) -> Any:
@@ -62,7 +68,7 @@ def message_class(msgtype: str) -> Any:
         raise BagError(msg) from None
 
 
-class BagPlayerNode(TudorNode):
+class BagPlayerNode(EndingNode):
     """Player node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -80,6 +86,8 @@ class BagPlayerNode(TudorNode):
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
+            if self.value('exit_at_end'):
+                self.exit_code = 2
             return
         self._thread = Thread(target=self._play, daemon=True)
         self._thread.start()
@@ -88,8 +96,14 @@ class BagPlayerNode(TudorNode):
         if not self.value('bag'):
             msg = 'no bag: set the parameter bag'
             raise BagError(msg)
-        self.track = read_track(self.value('bag'), self.value('topics'))
-        for topic, msgtype in self.track.topics.items():
+        self.track = track = read_track(self.value('bag'), self.value('topics'))
+        self._first = int(np.searchsorted(
+            track.time, track.time[0] + round(float(self.value('start_offset')) * 1e9)))
+        if self._first == len(track.time):
+            msg = (f'start_offset {self.value("start_offset"):g} s: the bag is over after '
+                   f'{(track.time[-1] - track.time[0]) * 1e-9:.3f} s')
+            raise BagError(msg)
+        for topic, msgtype in track.topics.items():
             try:
                 kind = message_class(msgtype)
             except BagError:
@@ -110,20 +124,22 @@ class BagPlayerNode(TudorNode):
         if wanted and stop.wait(0.3):  # a reader that is matched is not yet one that hears
             return
         times = track.time.tolist()
-        begin = times[0] + round(float(self.value('start_offset')) * 1e9)
-        first = next((i for i, t in enumerate(times) if t >= begin), len(times))
         while not stop.is_set():
-            self._pass(times, first)
+            self._pass(times, self._first)
             if not self.value('loop'):
                 break
         self.finished = True
+        if self.value('exit_at_end') and not stop.is_set():
+            for publisher in self._outputs.values():
+                publisher.wait_for_all_acked(DELIVERY)
+            self.exit_code = 0
 
     def _pass(self, times: list[int], first: int) -> None:
         """Publish all messages once, each when it is due."""
         track, stop = self.track, self._stop
         assert track is not None
         due = time.perf_counter()
-        before = times[first] if first < len(times) else 0
+        before = times[first]
         for i in range(first, len(times)):
             due += (times[i] - before) * 1e-9 / float(self.value('rate'))
             before = times[i]
@@ -148,8 +164,6 @@ class BagPlayerNode(TudorNode):
         if self._skipped:
             values['skipped'] = ', '.join(self._skipped)
         if self.finished and not self.fault:
-            if self.value('exit_at_end'):
-                self.context.try_shutdown()
             return OK, 'at the end', values
         if self.track is not None:
             values['messages in the bag'] = str(len(self.track.data))

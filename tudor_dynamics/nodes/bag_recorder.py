@@ -16,24 +16,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 import sys
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tudor_dynamics.bags.live import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
-from tudor_dynamics.nodes.base import TudorNode
-from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.runner import EndingNode, run
 
 DEPTH = 1000
+LOOK, SAVE = 0.2, 1.0
+"""Time between two looks for topics; time after which a message is on disk [s]."""
+DELIVERY = Duration(seconds=1)
+"""Longest time that readers get for the last diagnosis."""
 IGNORED = ('/rosout', '/parameter_events')
 
 
-class BagRecorderNode(TudorNode):
+class BagRecorderNode(EndingNode):
     """Recorder node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -51,10 +56,30 @@ class BagRecorderNode(TudorNode):
             return
         self._wanted = {self.resolve_topic_name(name) for name in self.value('topics')}
         self._look()
-        self._search = self.create_timer(0.2, self._look)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
+        self._regular = [self.create_timer(LOOK, self._look, clock=steady),
+                         self.create_timer(SAVE, self._save, clock=steady)]
+
+    def _to_bag(self, action: Callable[..., Any], *args: Any) -> Any:
+        """Do something with the bag; one that takes no more ends the process."""
+        try:
+            return action(*args)
+        except BagError as err:
+            self.writer = None
+            self.fault, self.exit_code = str(err), 1
+            self.get_logger().error(self.fault)
+            self.publish_diagnostics()
+            self._diagnostics.wait_for_all_acked(DELIVERY)
+            return None
+
+    def _save(self) -> None:
+        if self.writer is not None:
+            self._to_bag(self.writer.save)
 
     def _look(self) -> None:
         """Subscribe to topics that have appeared."""
+        if self.writer is None:
+            return
         for topic, types in self.get_topic_names_and_types():
             if topic in self.recorded or (topic not in self._wanted if self._wanted
                                           else topic in IGNORED):
@@ -64,14 +89,18 @@ class BagRecorderNode(TudorNode):
                 self._record(topic, types[0], [offer.qos_profile for offer in offers])
 
     def _record(self, topic: str, msgtype: str, offers: list[QoSProfile]) -> None:
-        assert self.writer is not None
+        if self.writer is None:
+            return
         try:
             kind = message_class(msgtype)
         except BagError as err:
             self.recorded[topic] = None
             self.get_logger().warning(f'{topic} is not recorded: {err}')
             return
-        if not self.writer.add(topic, msgtype):
+        known = self._to_bag(self.writer.add, topic, msgtype)
+        if known is None:
+            return
+        if not known:
             self.recorded[topic] = None
             self.get_logger().warning(f'{topic} is not recorded: unknown type {msgtype}')
             return
@@ -89,7 +118,7 @@ class BagRecorderNode(TudorNode):
     def _on_message(self, topic: str, data: bytes) -> None:
         begun = self.meter.begin()
         if self.writer is not None:
-            self.writer.write(topic, self.get_clock().now().nanoseconds, data)
+            self._to_bag(self.writer.write, topic, self.get_clock().now().nanoseconds, data)
         self.meter.end(begun)
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
@@ -103,7 +132,7 @@ class BagRecorderNode(TudorNode):
         """Finish the bag."""
         writer, self.writer = self.writer, None
         if writer is not None:
-            writer.close()
+            self._to_bag(writer.close)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -18,23 +18,27 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.interfaces import DIAGNOSTICS, NODES, Param, Value
+from tudor_dynamics.nodes.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
+from tudor_dynamics.nodes.level_log import LevelLog
 from tudor_dynamics.nodes.meter import Meter
 from tudor_dynamics.nodes.wire import JointSample, JointStateDecoder, MotionDecoder, PointSample
 
@@ -53,6 +57,8 @@ TOO_MANY = 0.2
 """Share of such messages that is worth a warning."""
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
                           DiagnosticStatus.STALE)
+OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
+"""Topics that every node has."""
 
 
 def weak() -> QoSProfile:
@@ -99,6 +105,8 @@ class TudorNode(Node):
     ----------
     name : str
         Name of the node, which is also its key in the table of parameters.
+    steady : callable, default=time.monotonic
+        Clock by which the node tells ages, never that of ROS, which stops with a simulator [s].
     **kwargs
         Of rclpy's Node: context, namespace, parameter_overrides, ...
 
@@ -110,14 +118,21 @@ class TudorNode(Node):
         Messages that the node itself left out, by cause.
     fault : str
         What keeps the node from its work; empty for nothing.
+    ended : str
+        Why a managed node will not work any more, see `end`; empty while it may.
 
     """
 
-    def __init__(self, name: str, **kwargs: Any) -> None:
+    def __init__(
+        self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
+    ) -> None:
         super().__init__(name, **kwargs)
-        self.meter = Meter()
+        self.steady = steady
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.meter = Meter(lambda: self.steady())
         self.drops: Counter[str] = Counter()
-        self.fault = ''
+        self.fault = self.ended = ''
+        self._level_log = LevelLog(self.get_logger(), lambda: self.steady())
         self._before: Counter[str] = Counter()
         self.params = {param.name: param for param in NODES[name]}
         for param in NODES[name]:
@@ -127,7 +142,27 @@ class TudorNode(Node):
         self.add_post_set_parameters_callback(self._applied)
         self._diagnostics = self.create_publisher(
             DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=1))
-        self._timer = self.create_timer(1.0, self.publish_diagnostics)
+        self._timer = self.every(1.0, self.publish_diagnostics)
+        self._start = self.every(0.0, self._announce)  # once the node is made
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """
+        Call something again and again, whatever the clock of ROS does.
+
+        Parameters
+        ----------
+        period : float
+            Time between two calls on the steady clock [s].
+        callback : callable
+            What to call.
+
+        Returns
+        -------
+        rclpy.timer.Timer
+            Timer.
+
+        """
+        return self.create_timer(period, callback, clock=self._steady_clock)
 
     def value(self, name: str) -> Any:
         """Give the value of a parameter; lists of strings as tuples."""
@@ -197,6 +232,14 @@ class TudorNode(Node):
             kind, topic, latched() if latch else strong(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
+    def rivals(self, publisher: Publisher) -> list[str]:
+        """Name the other nodes that publish on the topic of a publisher of this node."""
+        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                 for info in self.get_publishers_info_by_topic(publisher.topic_name)]
+        if self.get_fully_qualified_name() in names:
+            names.remove(self.get_fully_qualified_name())
+        return sorted(names)
+
     def serve(self, name: str, action: Callable[[], str]) -> None:
         """
         Offer a Trigger service.
@@ -227,8 +270,30 @@ class TudorNode(Node):
         """Give all counters of drops."""
         return [self.drops]
 
+    def about(self) -> dict[str, str]:
+        """Give what the line at the start tells; subclasses add to it."""
+        told: dict[str, str] = {
+            name: str(self.get_parameter(name).value)
+            for name in ('model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
+        for name, of in (('hears', self.subscriptions), ('publishes', self.publishers)):
+            told[name] = ' '.join(item.topic_name for item in of
+                                  if item.topic_name not in OWN_TOPICS) or 'nothing'
+        return told
+
+    def _announce(self) -> None:
+        self._start.cancel()
+        told = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
+        self.get_logger().info(f'started: {told}')
+
+    def end(self, why: str) -> None:
+        """Tell for ever, and at once, that a managed node was shut down and will not work."""
+        self.ended = why
+        self.publish_diagnostics()
+
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Give level, message and more values; subclasses add to them."""
+        if self.ended:
+            return WARN, self.ended, {}
         if self.fault:
             return ERROR, self.fault, {}
         if self.meter.stale(float(self.value('timeout'))):
@@ -261,6 +326,7 @@ class TudorNode(Node):
         array = DiagnosticArray(status=[status] if extra is None else [status, extra])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+        self._level_log.take(level, message)
 
     def close(self) -> None:
         """End what runs beside the executor, before the node is destroyed."""

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from collections.abc import Sequence
 from functools import partial
 import sys
@@ -32,6 +32,7 @@ from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.runner import run
 from tudor_dynamics.nodes.wire import JointSample, PointSample
+from tudor_dynamics.small_arrays import all_finite
 
 WAITING = 200
 """Motions that may wait for their prediction."""
@@ -46,9 +47,10 @@ class CollisionDetectorNode(DetectNode):
         self._prediction_readers: dict[str, NamedReader] = {}
         self._motions: dict[str, OrderedDict[int, Motion]] = {}
         self._predictions: dict[str, OrderedDict[int, Any]] = {}
-        self._sensors: list[Any] = []
+        self._motion_drops: Counter[str] = Counter()
+        self._inputs: dict[tuple[str, str], Any] = {}
         self.start()
-        self._inputs = [self.hear_motions(JOINT_MOTION, self._on_motion)]
+        self._motion_input = self.hear_motions(JOINT_MOTION, self._on_motion)
 
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
@@ -57,25 +59,25 @@ class CollisionDetectorNode(DetectNode):
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
         """Put another model into use."""
-        first = self.bundle is None
         topics = self.sensor_topics(bundle)
-        self.adopt(bundle, prepared)
-        self._motion_reader = MotionReader(bundle.arm.active_joints, self.drops)
+        self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
+        self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
         self._motions = {output: OrderedDict() for output in prepared.outputs}
         self._predictions = {output: OrderedDict() for output in prepared.outputs}
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
         self._prediction_readers = {output: NamedReader(names[output], self.drops)
                                     for output in prepared.outputs}
-        if first:
-            for output in prepared.outputs:
-                self._sensors.append(self.hear_joint_states(
-                    PREDICTED[output], partial(self._on_predicted, output)))
-                self._sensors += [self.hear_joint_states(
-                    topic, partial(self._on_measured, output, topic))
-                    for topic in topics[output]]
+        wanted = {(output, PREDICTED[output]): partial(self._on_predicted, output)
+                  for output in prepared.outputs}
+        wanted |= {(output, topic): partial(self._on_measured, output, topic)
+                   for output in prepared.outputs for topic in topics[output]}
+        for key, callback in wanted.items():
+            if key not in self._inputs:
+                self._inputs[key] = self.hear_joint_states(key[1], callback)
 
     def _on_motion(self, message: PointSample) -> None:
         self.outlets.look(self.meter.begin())
+        self.came(JOINT_MOTION, message.stamp)
         if self.watch is None or self._motion_reader is None:
             return
         motion = self._motion_reader.read(message)
@@ -92,14 +94,23 @@ class CollisionDetectorNode(DetectNode):
             waiting[motion.stamp] = motion
             if len(waiting) > WAITING:
                 waiting.popitem(last=False)
-                self.drops['no_prediction'] += 1
+                self._lack_prediction(output)
+
+    def _lack_prediction(self, output: str) -> None:
+        assert self.watch is not None
+        self.drops['no_prediction'] += 1
+        self.watch.counts[output]['no_prediction'] += 1
 
     def _on_predicted(self, output: str, message: JointSample) -> None:
+        self.came(PREDICTED[output], message.stamp)
         if self.watch is None or output not in self._motions:
             return
         values = self._prediction_readers[output].read(message, FIELD[output])
         if values is None:
             return
+        if not all_finite(values):
+            self.drops['not_finite'] += 1
+            return  # a comparison with NaN would find no collision, ever
         stamp = message.stamp
         waiting = self._motions[output]
         motion = waiting.get(stamp)
@@ -113,11 +124,12 @@ class CollisionDetectorNode(DetectNode):
             first, _ = waiting.popitem(last=False)
             if first == stamp:
                 break
-            self.drops['no_prediction'] += 1
+            self._lack_prediction(output)
         self.tell(self.watch.add_output(output, motion, values))
 
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
+        self.came(topic, message.stamp)
         self.outlets.look(begun)
         try:
             self.measured(output, topic, message)
@@ -125,6 +137,10 @@ class CollisionDetectorNode(DetectNode):
             self.drops['error'] += 1
             self.get_logger().error(str(err), throttle_duration_sec=5.0)
         self.meter.end(begun)
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the motions left out."""
+        return [*super().counters(), self._motion_drops]
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -40,6 +40,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control.sign_test import check_sign, grows, Sign, SignResult, StepResponse
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.base import strong, weak
@@ -175,6 +176,9 @@ class SignTester(Node):
 
     def test(self, joint: str, step: float) -> SignResult:
         """Test one joint."""
+        index = self.arm.active_joints.index(joint)
+        if self._goal[index] + step > hard_limits(self.arm).upper[index]:
+            step = -step  # there is room on the other side
         self.set_damping(0.0)
         rest = self.listen(self._gauge(joint), 2.5)
         return check_sign(joint, self.measure, step=step, rest=rest)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from threading import Thread
 from typing import Any
@@ -28,10 +29,12 @@ from std_msgs.msg import Bool, Header
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.calibration import Calibration
+from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Rates
 from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.health import MOVING, SensorHealth
+from tudor_dynamics.monitoring.judged import Sight
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.nodes.base import ERROR, OK, WARN
@@ -56,6 +59,8 @@ class DetectNode(ModelNode):
         Output to the health of its sensors.
     gathering : dict of str to Gathering
         Output to what puts its topics together.
+    coverage : Coverage
+        Which share of the samples was judged.
 
     """
 
@@ -68,6 +73,9 @@ class DetectNode(ModelNode):
         self._told: dict[Level, bool] = {}
         self._last_event: CollisionEvent | None = None
         self._readers: dict[tuple[str, str], NamedReader] = {}
+        self._sensor_drops: dict[str, Counter[str]] = {}
+        self._unserved = ''
+        self.coverage = Coverage()
         self.gathering: dict[str, Gathering] = {}
         self.outlets = Outlets()
         self._residuals = {m: self.outlets.add(self.publish_on(JointState, RESIDUALS[m]))
@@ -95,13 +103,33 @@ class DetectNode(ModelNode):
             observer_gain=self.value('observer_gain'),
             gap=self.value('gap') if 'gap' in self.params else 0.0)
 
-    def adopt(self, bundle: ModelBundle, watch: Watch) -> None:
-        """Put another model into use."""
+    def adopt(
+        self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
+        predictions: dict[str, str],
+    ) -> None:
+        """
+        Put another model into use.
+
+        Parameters
+        ----------
+        bundle : ModelBundle
+            Model.
+        watch : Watch
+            What works with it.
+        motion : str
+            Topic of the motion.
+        drops : sequence of collections.Counter
+            Motions left out, by cause.
+        predictions : dict of str to str
+            Output to the topic of its predictions, where they come on one.
+
+        """
         self.bundle, self.watch = bundle, watch
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
         topics = {output: of for output, of in self.sensor_topics(bundle).items()
                   if output in watch.outputs}
-        self._readers = {(output, topic): NamedReader(channels, self.drops)
+        self._sensor_drops = {output: Counter() for output in topics}
+        self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
                          for output, of in topics.items() for topic, channels in of.items()}
         self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
         self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
@@ -109,11 +137,30 @@ class DetectNode(ModelNode):
         self._encoders = {
             method: JointStateEncoder(names[SOURCE[method]], (FIELD[method],))
             for method in watch.methods}
+        self.coverage.begin()
+        for output, of in topics.items():
+            self.coverage.add(
+                output, motion, predictions.get(output), tuple(of),
+                [*drops, watch.counts[output]],
+                [self._sensor_drops[output], *self.gathering[output].drops,
+                 watch.pairing[output].drops], watch.settle)
         self._calibration = None
-        missing = [m for m in self.value('methods') if m not in watch.stages]
-        self._note = '' if not missing else (
+        self._note = self._say_missing(watch)
+
+    def _say_missing(self, watch: Watch) -> str:
+        """Say which methods were asked for in vain, and which have no thresholds."""
+        unserved = [m for m in self.value('methods') if m not in watch.methods]
+        self._unserved = '' if not unserved else (
+            f'methods {", ".join(unserved)}: the model has no {self.value("kind")} model for that')
+        missing = [m for m in watch.methods if m not in watch.stages]
+        return '' if not missing else (
             f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
             'call ~/calibrate while the arm moves freely')
+
+    def came(self, topic: str, stamp: int) -> None:
+        """Count a message that the detector needs; tell at once where it sees less than before."""
+        if self.coverage.came(topic, stamp, self.meter.last_arrival or 0.0):
+            self.publish_diagnostics()
 
     def check(self, values: dict[str, Any]) -> None:
         """Refuse a contact rate below that of collisions."""
@@ -252,32 +299,55 @@ class DetectNode(ModelNode):
         self._poll.reset()
 
     def counters(self) -> list[Counter[str]]:
-        """Add the drops of the pairing."""
+        """Add the drops of sensors and pairing."""
         if self.watch is None:
             return [self.drops]
-        return [self.drops, *(pairing.drops for pairing in self.watch.pairing.values()),
+        return [self.drops, *self._sensor_drops.values(),
+                *(pairing.drops for pairing in self.watch.pairing.values()),
                 *(drops for item in self.gathering.values() for drops in item.drops)]
 
+    def about(self) -> dict[str, str]:
+        """Add the methods in use."""
+        methods = self.watch.methods if self.watch is not None else ()
+        return {**super().about(), 'methods': ', '.join(methods) or 'none'}
+
     def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell level, dead sensors and the last event."""
+        """Tell level, what was not judged, dead sensors and the last event."""
         level, message, values = super().status()
-        if self.watch is not None:
-            values['level'] = self.watch.level.name.lower()
-            values['methods'] = ', '.join(self.watch.stages) or 'none'
-        dead = [name for health in self.health.values() for name in health.dead()]
-        if dead and level == OK:
-            text = f'no change in {", ".join(dead)} while the arm moves: dead sensor'
-            return ERROR, text, values
-        silent = [output for output, pairing in (self.watch.pairing if self.watch else {}).items()
-                  if pairing.waiting > 50]
-        if silent and level == OK:
-            mute = [topic for output in silent for topic in self.gathering[output].silent()]
-            where = f': nothing on {", ".join(mute)}' if mute else ''
-            text = f'no {" and no ".join(silent)} for the motion that comes in{where}'
-            return WARN, text, values
+        if self.watch is None:
+            return level, message, values
+        verdict = self.coverage.look(self.steady())
+        values['level'] = self.watch.level.name.lower()
+        values['methods'] = ', '.join(self.watch.stages) or 'none'
+        values['not judged [%]'] = f'{100.0 * verdict.share:.1f}'
+        for cause, share in sorted(verdict.causes.items()):
+            values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link
-        if self._note and level == OK:
-            return WARN, self._note, values
+        own, text = self._judge_itself()
+        if level in (OK, WARN) and own > level:
+            level, message = own, text
+        elif level == own == WARN:
+            message = f'{message}; {text}'
         return level, message, values
+
+    def _judge_itself(self) -> tuple[bytes, str]:
+        """Give level and message of a detector that has a model and input."""
+        assert self.watch is not None
+        rivals = self.rivals(self._flags[Level.COLLISION])
+        dead = [name for health in self.health.values() for name in health.dead()]
+        verdict = self.coverage.verdict
+        learning = self._calibration is not None and not self.watch.stages
+        errors = [
+            f'no change in {", ".join(dead)} while the arm moves: dead sensor' if dead else '',
+            self._unserved if not self.watch.methods else '',
+            verdict.text if verdict.sight is Sight.BLIND and not learning else '']
+        warnings = [
+            verdict.text if not learning else '', self._unserved, self._note,
+            f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
+            'namespace' if rivals else '']
+        for level, texts in ((ERROR, errors), (WARN, warnings)):
+            if any(texts):
+                return level, '; '.join(text for text in texts if text)
+        return OK, 'running'

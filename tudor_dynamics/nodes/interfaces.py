@@ -88,6 +88,8 @@ class Param:
 ROBOT = Param('robot', '', 'hardware_id of the diagnostics; the name of the arm by default')
 TIMEOUT = Param('timeout', 0.5, 'input older than this is stale', 's', 0.01, 60.0, dynamic=True)
 COMMON = (ROBOT, TIMEOUT)
+COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
+                        'the arm brakes and is held', 's', 0.01, 60.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm', 'elastic'))
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
@@ -113,7 +115,8 @@ FILTER = (
     GAP)
 PREDICT = (MODEL, KIND, PAYLOAD)
 DETECT = (
-    Param('methods', ('strain',), 'what the detector listens to: strain, effort, momentum'),
+    Param('methods', (), 'what the detector listens to, of strain, effort and momentum; by '
+          'default all that the model has thresholds for, without any all that it predicts'),
     Param('false_alarms_per_hour', 1.0, 'false collisions that are allowed', '1/h', 1e-6, 3600.0,
           dynamic=True),
     Param('contact_alarms_per_hour', 60.0, 'false contacts that are allowed', '1/h', 1e-6, 3600.0,
@@ -161,7 +164,9 @@ REFERENCE = (
     Param('comply_gain', 1000.0, 'speed of complying per strain of the contact', 'rad/s per m/m',
           0.0, 1e5, dynamic=True),
     Param('resume', False, 'take goals again when the collision is over, not only on ~/reset',
-          dynamic=True))
+          dynamic=True),
+    Param('require_monitor', False, 'take goals only while a node that publishes collision is '
+          'alive and able to judge', dynamic=True))
 SIMULATE = (
     ARM,
     Param('rate', 500.0, 'rate of the messages', 'Hz', 1.0, 2000.0),
@@ -184,7 +189,7 @@ NODES: dict[str, tuple[Param, ...]] = {
     'dynamics_predictor': (*PREDICT, OBSERVER, *COMMON),
     'collision_detector': (*PREDICT, *DETECT, *COMMON),
     'monitor': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
-    'oscillation_damper': (*DAMP, *COMMON),
+    'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'reference_generator': (*REFERENCE, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),
     'bag_player': (*PLAYER, *COMMON),

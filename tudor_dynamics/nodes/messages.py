@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from tudor_dynamics.monitoring.stamps import Losses
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.nodes.wire import JointSample, PointSample
 from tudor_dynamics.small_arrays import all_finite
@@ -155,6 +156,7 @@ class MotionReader:
     def __init__(self, names: Sequence[str], drops: Counter[str]) -> None:
         self.names = tuple(names)
         self.drops = drops
+        self._losses = Losses()
         self._last: int | None = None
         self._seen: list[str] | None = None
         self._index: list[int] | None = None
@@ -180,9 +182,14 @@ class MotionReader:
             row[i * n:(i + 1) * n] = part if self._plain else part[self._index]
         if not all_finite(row):
             self.drops['not_finite'] += 1
+            self._losses.unusable()
             return None
         stamp, elapsed = message.stamp, message.elapsed * 1e-9
         last, self._last = self._last, stamp
+        if last is not None and stamp > last:
+            lost = self._losses.step(stamp - last)
+            if lost:
+                self.drops['gap'] += lost
         if elapsed == 0.0 or last is None:
             return Motion(stamp, elapsed, 0.0, row)
         if stamp <= last:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import time
 
 import numpy as np
@@ -27,19 +27,28 @@ MEMORY = 4096
 
 
 class Meter:
-    """Counts messages and takes their time; `report` gives the figures since the last one."""
+    """
+    Counts messages and takes their time; `report` gives the figures since the last one.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    steady : callable, default=time.monotonic
+        Clock of ages and rates, which never stops nor is set [s].
+
+    """
+
+    def __init__(self, steady: Callable[[], float] = time.monotonic) -> None:
+        self._steady = steady
         self.count = 0
         self.last_arrival: float | None = None
         self._latencies = np.zeros(MEMORY)
         self._reported = 0
-        self._since = time.monotonic()
+        self._since = steady()
 
     def begin(self) -> float:
-        """Take the time at which a message arrives."""
-        self.last_arrival = now = time.perf_counter()
-        return now
+        """Take the time at which a message arrives, and give what `end` needs."""
+        self.last_arrival = self._steady()
+        return time.perf_counter()
 
     def end(self, begun: float) -> None:
         """Take the time at which its results are published."""
@@ -49,7 +58,7 @@ class Meter:
     def stale(self, timeout: float) -> bool:
         """Say whether nothing has come for a while, or ever [s]."""
         return (self.last_arrival is None
-                or time.perf_counter() - self.last_arrival > timeout)
+                or self._steady() - self.last_arrival > timeout)
 
     def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
         """
@@ -66,7 +75,7 @@ class Meter:
             For a DiagnosticStatus.
 
         """
-        now = time.monotonic()
+        now = self._steady()
         seconds = max(now - self._since, 1e-9)
         values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',
                   'messages': str(self.count)}

@@ -61,7 +61,7 @@ class ModelNode(TudorNode):
         except TudorError as err:
             self.fault = str(err)
         self.create_service(Trigger, RELOAD, self._on_reload)
-        self._poll = self.create_timer(0.05, self._take_over)
+        self._poll = self.every(0.05, self._take_over)
         self._poll.cancel()
 
     def _load(self) -> ModelBundle:
@@ -152,6 +152,11 @@ class ModelNode(TudorNode):
         arm = '' if self.bundle is None else self.bundle.arm.name
         return str(self.value('robot')) or arm or 'none'
 
+    def about(self) -> dict[str, str]:
+        """Add the arm."""
+        arm = 'none' if self.bundle is None else self.bundle.arm.name
+        return {**super().about(), 'arm': arm}
+
     def status(self) -> tuple[bytes, str, dict[str, str]]:
         """Tell which model is in use."""
         level, message, values = super().status()
@@ -159,6 +164,8 @@ class ModelNode(TudorNode):
         if self.bundle is not None:
             values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
         known = None if self._loaded is None else self._loaded.payload_range
+        if self._loaded is not None and self._loaded.payload is not None:
+            values['payload [kg]'] = f'{self._loaded.payload:g}'
         if known is not None and 'payload' in self.params:
             payload = float(self.value('payload'))
             values['payload [kg]'] = f'{payload:g}'

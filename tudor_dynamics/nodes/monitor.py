@@ -46,7 +46,9 @@ class MonitorNode(DetectNode):
         self._motion = self.outlets.add(self.publish_on(JointTrajectory, JOINT_MOTION))
         self._predicted = {output: self.outlets.add(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
-        self._inputs: list[Any] = []
+        self._joint_drops: Counter[str] = Counter()
+        self._inputs: dict[str, Any] = {}
+        self._carried: dict[str, list[str]] = {}
         self.start()
 
     def prepare(self, bundle: ModelBundle) -> Monitor:
@@ -56,34 +58,31 @@ class MonitorNode(DetectNode):
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
         """Put another model into use; the filter goes on where it is."""
-        first = self.bundle is None
-        topics = self.sensor_topics(bundle)
         if self.monitor is not None and self.bundle is not None and (
                 bundle.preprocessing == self.bundle.preprocessing):
             prepared.filter = self.monitor.filter
-        self.adopt(bundle, prepared.watch)
+        own = self._own = bundle.arm.spec.joint_topic
+        self.adopt(bundle, prepared.watch, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
         self._motion_encoder = MotionEncoder(bundle.arm.active_joints)
         self._prediction_encoders = {
             'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
             'strain': JointStateEncoder(bundle.arm.gauge_names, (FIELD['strain'],))}
-        self._joints = NamedReader(bundle.arm.active_joints, self.drops)
-        if not first:
-            return
-        own = self._own = bundle.arm.spec.joint_topic
+        self._joints = NamedReader(bundle.arm.active_joints, self._joint_drops)
         # one subscription per topic, whatever the topic carries
-        carried: dict[str, list[str]] = {own: []}
+        self._carried = {own: []}
+        topics = self.sensor_topics(bundle)
         for output in prepared.watch.outputs:
             for topic in topics[output]:
-                carried.setdefault(topic, []).append(output)
-        self._with_joints = carried.pop(own)
-        self._inputs.append(self.hear_joint_states(own, self._on_joints))
-        for topic, outputs in carried.items():
-            self._inputs.append(self.hear_joint_states(
-                topic, partial(self._on_measured, topic, tuple(outputs))))
+                self._carried.setdefault(topic, []).append(output)
+        for topic in self._carried:
+            if topic not in self._inputs:
+                self._inputs[topic] = self.hear_joint_states(
+                    topic, self._on_joints if topic == own else partial(self._on_measured, topic))
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()
+        self.came(self._own, message.stamp)
         monitor, reader = self.monitor, self._joints
         if monitor is None or reader is None:
             return
@@ -107,14 +106,15 @@ class MonitorNode(DetectNode):
                     outlet.publish(self._prediction_encoders[output].encode(
                         motion.stamp, values))
         self.tell(found)
-        for output in self._with_joints:
+        for output in self._carried[self._own]:
             self.measured(output, self._own, message)
         self.meter.end(begun)
 
-    def _on_measured(self, topic: str, outputs: tuple[str, ...], message: JointSample) -> None:
+    def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
+        self.came(topic, message.stamp)
         self.outlets.look(begun)
-        for output in outputs:
+        for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)
 
@@ -124,9 +124,9 @@ class MonitorNode(DetectNode):
         return Found() if monitor is None else monitor.add_measured(output, stamp, values)
 
     def counters(self) -> list[Counter[str]]:
-        """Add the filter's drops."""
+        """Add the drops of joints and filter."""
         more = [] if self.monitor is None else [self.monitor.filter.drops]
-        return [*super().counters(), *more]
+        return [*super().counters(), self._joint_drops, *more]
 
 
 def main(args: Sequence[str] | None = None) -> int:

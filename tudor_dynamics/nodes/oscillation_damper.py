@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 import sys
 import time
@@ -31,45 +31,49 @@ from std_msgs.msg import Float64MultiArray
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.control.damper import MEANING, Status
 from tudor_dynamics.control.damper_law import SEEN, STATUS
-from tudor_dynamics.control.velocity_controller import VelocityController
+from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.monitoring.stamps import StampGate
-from tudor_dynamics.nodes.base import ERROR, OK, STALE, TudorNode, WARN
+from tudor_dynamics.nodes.base import ERROR, STALE, TudorNode, WARN
+from tudor_dynamics.nodes.clock_watch import ClockWatch
 from tudor_dynamics.nodes.interfaces import JOINT_REFERENCE, RESET, VELOCITY_COMMANDS
 from tudor_dynamics.nodes.messages import floats, NamedReader, nanoseconds
 from tudor_dynamics.nodes.runner import run
 
-WATCH = 0.02
-"""Period of the watchdog [s]."""
+BRAKING = 2.0
+"""A process that ends waits no longer than this for the arm to stand [s]."""
+LONGEST_GAP = 60.0
+"""The controller says itself what an interruption is; this is for clocks that are set [s]."""
 
 
 class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
     """
     Damper node, a managed one because it commands motion; ``**kwargs`` go to rclpy's Node.
 
-    Active, it answers every message of positions with commands. Where positions or reference
-    fail to come for ``timeout`` it commands standstill.
+    Active, it answers every message of positions with commands. Where positions fail to come for
+    ``timeout``, at deactivation and at the end it brakes to standstill.
     """
 
     def __init__(self, **kwargs: Any) -> None:
         TudorNode.__init__(self, 'oscillation_damper', **kwargs)
         LifecycleNodeMixin.__init__(self)
-        self.controller: VelocityController | None = None
-        self.gate = StampGate()
+        self.controller: MotionController | None = None
+        self.gate = StampGate(LONGEST_GAP)
+        self.clocks = ClockWatch()
+        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self.active = False
+        self._phase = 'unconfigured'
         self._strain = np.zeros(0)
         self._fresh = np.zeros(0, dtype=bool)
         self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
-        self._q_ref: Any = None
-        self._dq_ref: Any = None
-        self._reference_at = self._joints_at = -np.inf
-        self._stopped = ''
-        self._referred = False
         self._faults: dict[int, Status] = {}
+        self._cuts: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()
+        self._samples = 0
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
         self._inputs: list[Any] = []
-        self._watchdog = self.create_timer(WATCH, self._watch)
+        self._watchdog = self.every(WATCH, self._watch)
         if self.value('autostart'):
             self.trigger_configure()
             if self.controller is not None:
@@ -82,13 +86,15 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                 msg = 'no arm: set the parameter arm to a description with a damper'
                 raise ArmError(msg)
             arm = load_arm(self.value('arm'))
-            self.controller = VelocityController(arm)
+            self.controller = MotionController(arm)
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
             return TransitionCallbackReturn.FAILURE
         self.fault = ''
         self._robot = arm.name
+        for text in self.controller.limits.missing:
+            self.get_logger().warning(f'{text}; nothing bounds it: add it to limits: of the joint')
         self.apply()
         self._joints = NamedReader(self.controller.joints, self.drops)
         self._references = NamedReader(self.controller.joints, self.drops)
@@ -106,52 +112,51 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                         self.subscribe(JointState, JOINT_REFERENCE, self._on_reference)]
         self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
                          for topic in wanted if topic != self._own]
+        self._phase = 'inactive'
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to command."""
+        """Begin to command: hold the arm where it is."""
         if self.controller is None:
             return TransitionCallbackReturn.FAILURE
         self._reset()
-        self.active = True
+        self.active, self._phase = True, 'active'
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command standstill once, then nothing."""
-        self.active = False
-        self._stand_still()
+        """Brake to standstill, then command nothing."""
+        self.active, self._phase = False, 'inactive'
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forget the arm."""
+        self._brake_down()
         for item in self._inputs:
             self.destroy_subscription(item)
-        self._inputs, self.controller = [], None
+        self._inputs, self.controller, self._phase = [], None, 'unconfigured'
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Command standstill."""
-        if self.active:
-            self.on_deactivate(state)
+        """Brake to standstill, for good."""
+        self.active, self._phase = False, 'finalized'
+        self.end('shut down: the joints are braked to standstill, and no more is commanded')
         return TransitionCallbackReturn.SUCCESS
 
     def apply(self) -> None:
-        """Take changed gains into use."""
+        """Take changed gains and the timeout into use."""
         if self.controller is None:
             return
-        self.controller.share = self.value('damping')
-        gain = self.value('position_gain')
-        if gain > 0.0:
-            self.controller.position_gain = gain
+        self.controller.gains.share = self.value('damping')
+        self.controller.timeout = self.value('timeout')
+        self.controller.gains.set_position_gain(self.value('position_gain'))
 
     def _reset(self) -> str:
         if self.controller is not None:
             self.controller.reset()
         self.gate.reset()
-        self._q_ref = self._dq_ref = None
-        self._referred = False
+        self.clocks.reset()
         self._faults = {}
-        return 'the damper fades in anew'
+        return 'the arm is held, and the damper fades in anew'
 
     def _on_strains(self, topic: str, message: JointState) -> None:
         reader, index = self._gauges[topic]
@@ -162,13 +167,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
         dq = self._references.read(message, 'velocity')
-        if q is None or dq is None:
-            return
-        if not (np.isfinite(q).all() and np.isfinite(dq).all()):
-            self.drops['not_finite'] += 1
-            return
-        self._q_ref, self._dq_ref, self._referred = q, dq, True
-        self._reference_at = time.monotonic()
+        if q is not None and dq is not None and self.controller is not None:
+            self.controller.reference.add(self.steady(), q, dq)
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -180,43 +180,45 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             return
         if not np.isfinite(q).all():
             self.drops['not_finite'] += 1
+            self.gate.unusable()
             return
         if self._own in self._gauges:
             self._on_strains(self._own, message)
-        tick = self.gate.step(nanoseconds(message.header.stamp))
+        stamp = nanoseconds(message.header.stamp)
+        self.clocks.step(stamp, self.ros_time())
+        tick = self.gate.step(stamp)
         if tick is None:
             return
-        now = time.monotonic()
-        self._joints_at = now
-        if self._q_ref is None:
-            self._q_ref = q.copy()  # without any reference the arm stays where it is
-            self._dq_ref = np.zeros_like(q)
-            self._reference_at = now
-        stale = now - self._reference_at > self.value('timeout')
-        if tick.first:
-            return
-        dq_ref = np.zeros_like(q) if stale else self._dq_ref
-        q_ref = q if stale and np.any(self._dq_ref) else self._q_ref
-        command = controller.step(tick.dt, q, q_ref, dq_ref, self._strain, self._fresh)
+        command = controller.step(self.steady(), tick.dt, q, self._strain, self._fresh)
         self._fresh[:] = False
+        self._samples += 1
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
             self._faults[int(place)] = controller.damper.status[place]
-        self._stopped = ''
-        self._output.publish(Float64MultiArray(data=floats(command)))
+        self._publish(command)
         self.meter.end(begun)
 
-    def _watch(self) -> None:
-        if self.active and self._joints_at > -np.inf and (
-                time.monotonic() - self._joints_at > self.value('timeout')):
-            self._stopped = 'no positions: standstill is commanded'
-            self._stand_still()
+    def _publish(self, command: Any) -> bool:
+        if command is not None:
+            self._output.publish(Float64MultiArray(data=floats(command)))
+        return command is not None
 
-    def _stand_still(self) -> None:
-        if self.controller is not None:
-            zero = np.zeros(len(self.controller.joints))
-            self._output.publish(Float64MultiArray(data=floats(zero)))
+    def _watch(self) -> None:
+        """Brake where positions fail to come, and behind a deactivation."""
+        controller = self.controller
+        if controller is not None:
+            now = self.steady()
+            self._publish(controller.watch(now) if self.active else controller.stand_still(now))
+
+    def _brake_down(self) -> None:
+        """Brake to standstill before going on; for the end of a process."""
+        controller = self.controller
+        end = time.monotonic() + BRAKING
+        while controller is not None and self.context.ok() and time.monotonic() < end:
+            if not self._publish(controller.stand_still(self.steady())):
+                break
+            time.sleep(WATCH)
 
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the arm."""
@@ -227,31 +229,77 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         return [self.drops, self.gate.drops]
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what the damper of each joint does."""
+        """Tell what the joints do, what the loop is like, and what the damper makes of it."""
         level, message, values = super().status()
-        values['state'] = 'active' if self.active else 'inactive'
-        if self.controller is None:
+        controller = self.controller
+        values['phase'] = self._phase
+        if controller is None:
             return level, message, values
-        damper = self.controller.damper
-        for joint, text in zip(damper.joints, damper.report(), strict=True):
+        values['state'] = controller.state.name.lower()
+        values['cause'] = controller.cause
+        values |= self._loop(controller)
+        for joint, text in zip(controller.damper.joints, controller.damper.report(), strict=True):
             values[f'damper {joint}'] = text
-        bad = self._gauge_faults()
-        if level == OK and self.active and bad:
-            return ERROR, '; '.join(bad), values
-        if self._stopped and self.active:
-            return STALE, self._stopped, values
-        if level == OK and not self.active:
-            return WARN, 'inactive', values
-        if level == OK and not self._referred:
-            return WARN, 'no reference yet: the joints are held where they are', values
-        if level == OK and time.monotonic() - self._reference_at > self.value('timeout'):
-            return STALE, 'no reference: the joints are held', values
-        return level, message, values
+        if not self.active:
+            return WARN, self.ended or self._phase, values
+        worst = self._worst(controller)
+        return (*(worst or (level, message)), values)
 
-    def _gauge_faults(self) -> list[str]:
+    def _loop(self, controller: MotionController) -> dict[str, str]:
+        """Give figures of the loop, and what was cut and refused since the last diagnosis."""
+        gains, delay = controller.gains, controller.gains.delay.delay
+        values = {
+            'loop delay [ms]': 'unknown before motion' if delay is None else f'{1e3 * delay:.1f}',
+            'age of stamps [ms]': self.clocks.text(),
+            'damping in use': f'{gains.share * gains.allowed_share:.2f}',
+            'position gain in use [1/s]': f'{gains.position_gain_in_use(controller.period):.2f}'}
+        for name, now, before in (('cut', controller.cuts, self._cuts),
+                                  ('refused', controller.reference.refused, self._refused)):
+            since = now - before
+            values |= {f'{name}: {key}': str(count) for key, count in sorted(since.items())}
+            before.clear()
+            before.update(now)
+        self._samples = 0
+        return values
+
+    def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
+        """Give the level and the words of what matters most; None where all is well."""
+        if controller.state is State.FAULT:
+            return ERROR, f'{controller.cause}; the joints stand, ~/reset takes them up again'
+        gains = controller.gains
+        if gains.excited:
+            return ERROR, (f'the damper is off: {gains.excited}; look at its sign, its gain '
+                           'and the delay of the loop, then ~/reset')
+        bad = self._gauge_faults(controller)
+        if bad:
+            return ERROR, '; '.join(bad)
+        clock = self.clocks.fault()
+        if clock:
+            return ERROR, clock
+        if controller.missing:
+            return STALE, f'{controller.cause}: standstill is commanded'
+        if controller.state is State.HOLDING:
+            return (STALE if controller.unreferenced else WARN,
+                    f'{controller.cause}: the joints are held')
+        delay = gains.delay.delay
+        if gains.allowed_share < 1.0 and delay is not None:
+            off = 'is off' if gains.allowed_share == 0.0 else 'takes less'
+            return WARN, (f'the damper {off}: the loop has a delay of {1e3 * delay:.0f} ms, its '
+                          f'gains hold up to {1e3 * gains.full_delay:.0f} ms')
+        gain = gains.position_gain_in_use(controller.period)
+        if gain < gains.position_gain:
+            return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: the '
+                          'delay of the loop allows no more')
+        odd = controller.reference.refusal or self.clocks.offset()
+        if odd:
+            return WARN, odd
+        if controller.limits.missing:
+            return WARN, f'not bounded, {"; ".join(controller.limits.missing)}'
+        return None
+
+    def _gauge_faults(self, controller: MotionController) -> list[str]:
         """Name the gauges that are not trusted, and why; forget those that are again."""
-        assert self.controller is not None
-        damper = self.controller.damper
+        damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
         told = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
@@ -262,8 +310,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
 
     def close(self) -> None:
         """Leave the joints at standstill."""
-        if self.active and self.context.ok():
-            self._stand_still()
+        self.active = False
+        self._brake_down()
 
 
 def main(args: Sequence[str] | None = None) -> int:

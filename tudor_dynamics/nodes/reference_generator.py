@@ -20,27 +20,28 @@ from collections.abc import Sequence
 import sys
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
-from tudor_dynamics.control.reaction import ReactingReference, yielding_speed
+from tudor_dynamics.control.reaction import yielding_speed
+from tudor_dynamics.control.reference_source import ReferenceSource
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.base import latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.interfaces import (
-    COLLISION, JOINT_REFERENCE, JOINT_TRAJECTORY, RESET, RESIDUALS)
+    COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, RESET, RESIDUALS)
 from tudor_dynamics.nodes.messages import joint_state, NamedReader
 from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.signals.excitation import aprbs, joint_range
-from tudor_dynamics.signals.motion_profile import motion_limits
 
-LONGEST = 600.0
-"""Length of an APRBS before it begins anew [s]."""
-LARGEST_STEP = 0.1
-"""A pause of the timer is not made up for beyond this [s]."""
+LOOK = 0.5
+"""Between two looks at who watches for collisions [s]."""
+ALIVE = 2.5
+"""Age of a monitor's last diagnosis at which it counts as gone [s]."""
 
 
 class ReferenceGeneratorNode(TudorNode):
@@ -52,12 +53,12 @@ class ReferenceGeneratorNode(TudorNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', **kwargs)
-        self.reference: ReactingReference | None = None
-        self._goals: list[tuple[float, Any]] = []
-        self._elapsed = 0.0
+        self.source: ReferenceSource | None = None
         self._last: int | None = None
-        self._collision = False
         self._robot = ''
+        self._heard: dict[str, tuple[float, bool]] = {}
+        self._monitors: list[str] = []
+        self._unwatched = ''
         self._output = self.publish_on(JointState, JOINT_REFERENCE)
         self.serve(RESET, self._reset)
         try:
@@ -65,14 +66,17 @@ class ReferenceGeneratorNode(TudorNode):
                 msg = 'no arm: set the parameter arm to a description with limits'
                 raise ArmError(msg)
             self._arm = load_arm(self.value('arm'))
-            self._limits = motion_limits(self._arm)
-            self._range = joint_range(self._arm)
+            self.source = ReferenceSource(
+                self._arm, self.value('reaction'), self.value('retreat_time'),
+                self.value('timeout'))
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
             return
         arm = self._arm
         self._robot = arm.name
+        if self.value('mode') == 'aprbs':
+            self.source.wander(self.value('seed'))
         self._names = list(arm.active_joints)
         self._joints = NamedReader(self._names, self.drops)
         self._residuals = NamedReader(arm.gauge_names, self.drops)
@@ -80,92 +84,68 @@ class ReferenceGeneratorNode(TudorNode):
             self.subscribe(JointState, arm.spec.joint_topic, self._on_joints),
             self.subscribe(JointTrajectory, JOINT_TRAJECTORY, self._on_goal),
             self.subscribe(JointState, RESIDUALS['strain'], self._on_residuals),
-            self.create_subscription(Bool, COLLISION, self._on_collision, latched())]
+            self.create_subscription(Bool, COLLISION, self._on_collision, latched()),
+            self.create_subscription(
+                DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, QoSProfile(depth=20))]
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
+        self._look()
+        self._look_timer = self.every(LOOK, self._look)
 
     def apply(self) -> None:
-        """Take changed reactions into use."""
-        if self.reference is not None:
-            self.reference.reaction = self.value('reaction')
-            self.reference.retreat_time = self.value('retreat_time')
+        """Take changed reactions and times into use."""
+        if self.source is not None:
+            self.source.configure(self.value('reaction'), self.value('retreat_time'))
+            self.source.timeout = self.value('timeout')
 
     def _reset(self) -> str:
-        if self.reference is None:
+        if self.source is None:
             return 'nothing to reset yet'
-        self.reference.clear()
+        self.source.clear()
         return 'goals are taken again'
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
-        if self.reference is None:
-            q = self._joints.read(message, 'position')
-            if q is None or not np.isfinite(q).all():
-                return
-            self.reference = ReactingReference(self._limits, q, self.value('reaction'),
-                                               self.value('retreat_time'))
-            self._last = None
-            if self.value('mode') == 'aprbs':
-                self._plan_aprbs()
+        assert self.source is not None
+        q = self._joints.read(message, 'position')
+        if q is None or not np.isfinite(q).all():
+            return
+        self.source.measured(self.steady(), q)
         self.meter.end(begun)
 
-    def _plan_aprbs(self) -> None:
-        targets = aprbs(self._range, LONGEST, self.value('seed'))
-        goals = [(float(t), j, float(v)) for j in range(len(self._names))
-                 for t, v in zip(targets.times[j], targets.values[j], strict=True)]
-        self._goals = []
-        for t, j, v in sorted(goals):
-            target = np.full(len(self._names), np.nan)
-            target[j] = v
-            self._goals.append((self._elapsed + t, target))
-        self._goals.reverse()
-
     def _on_goal(self, message: JointTrajectory) -> None:
-        if self.reference is None or not message.points:
-            self.drops['goal_refused'] += 1
-            return
-        names, point = list(message.joint_names), message.points[-1]
+        assert self.source is not None
+        names = list(message.joint_names)
+        positions = list(message.points[-1].positions) if message.points else []
         known = [name for name in names if name in self._names]
-        if not known or len(point.positions) != len(names):
+        if not known or len(positions) != len(names):
+            why = f'{len(positions)} positions for {names}; the joints are {self._names}'
+        else:
+            target = np.full(len(self._names), np.nan)
+            for name in known:
+                target[self._names.index(name)] = positions[names.index(name)]
+            why = self.source.go(target)
+        if why:
             self.drops['goal_refused'] += 1
-            self.get_logger().error(f'goal for {names} refused: the joints are {self._names}')
-            return
-        target = np.full(len(self._names), np.nan)
-        for name in known:
-            target[self._names.index(name)] = point.positions[names.index(name)]
-        low, high = self._range.lower, self._range.upper
-        with np.errstate(invalid='ignore'):
-            outside = (target < low) | (target > high) | np.isinf(target)
-        if outside.any():
-            self.drops['goal_refused'] += 1
-            self.get_logger().error(
-                f'goal {target.tolist()} refused: outside {low.tolist()} .. {high.tolist()}')
-            return
-        if not self.reference.go(target):
-            self.drops['goal_refused'] += 1
-            self.get_logger().warning('goal refused: a collision is being reacted to')
+            self.get_logger().error(f'goal refused: {why}')
 
     def _on_collision(self, message: Bool) -> None:
-        rising = message.data and not self._collision
-        falling = self._collision and not message.data
-        self._collision = bool(message.data)
-        if self.reference is None:
-            return
-        if rising:
-            self.reference.collide()
-        elif falling and self.value('resume'):
-            self.reference.clear()
+        assert self.source is not None
+        falling = self.source.collision and not message.data
+        self.source.collide(bool(message.data))
+        if falling and self.value('resume'):
+            self.source.clear()
 
     def _on_residuals(self, message: JointState) -> None:
-        reference = self.reference
-        if reference is None or reference.reaction != 'comply':
+        motion = None if self.source is None else self.source.motion
+        if motion is None or motion.reaction != 'comply':
             return
         values = self._residuals.read(message, 'position')
         if values is None:
             return
         gain = float(self.value('comply_gain'))
-        reference.yielding[:] = 0.0
+        motion.yielding[:] = 0.0
         for joint, index, scale in self._feedback():
-            reference.yielding[joint] = yielding_speed(float(values[index]), scale, gain)
+            motion.yielding[joint] = yielding_speed(float(values[index]), scale, gain)
 
     def _feedback(self) -> list[tuple[int, int, float]]:
         """Give for each joint the first gauge behind it, with its unit per m/m."""
@@ -176,36 +156,76 @@ class ReferenceGeneratorNode(TudorNode):
                 found.setdefault(joint, (joint, index, STRAIN_SCALE[gauge.unit]))
         return list(found.values())
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            name, _, namespace = status.name.partition(': ')
+            if namespace.startswith('/'):
+                able = status.level in (OK, WARN)
+                self._heard[f'{namespace.rstrip("/")}/{name}'] = (self.steady(), able)
+
+    def _look(self) -> None:
+        """See who publishes collisions, and whether they are alive."""
+        assert self.source is not None
+        self._monitors = [
+            f'{item.node_namespace.rstrip("/")}/{item.node_name}'
+            for item in self.get_publishers_info_by_topic(self.resolve_topic_name(COLLISION))]
+        now = self.steady()
+        heard = [self._heard.get(name) for name in self._monitors]
+        alive = [item for item in heard if item is not None and now - item[0] < ALIVE]
+        if any(able for _, able in alive):
+            self._unwatched = ''
+        elif alive:
+            self._unwatched = 'the monitor says that it cannot judge the arm'
+        elif self._monitors:
+            self._unwatched = f'{", ".join(self._monitors)} gives no sign of life'
+        else:
+            self._unwatched = f'nobody publishes {COLLISION}'
+        self.source.halt(self._unwatched if self.value('require_monitor') else '')
+        self._heard = {name: item for name, item in self._heard.items() if now - item[0] < 60.0}
+
     def _step(self) -> None:
-        reference = self.reference
-        if reference is None:
-            return
+        source = self.source
+        assert source is not None
         stamp = self.get_clock().now()
         now = int(stamp.nanoseconds)
         last, self._last = self._last, now
         if last is None or now <= last:
             return
-        dt = min((now - last) * 1e-9, LARGEST_STEP)
-        self._elapsed += dt
-        while self._goals and self._goals[-1][0] <= self._elapsed:
-            reference.go(self._goals.pop()[1])
-        if not self._goals and self.value('mode') == 'aprbs':
-            self._plan_aprbs()
-        reference.step(dt)
-        self._output.publish(joint_state(stamp.to_msg(), self._names, position=reference.q,
-                                         velocity=reference.dq))
+        reference = source.step(self.steady(), (now - last) * 1e-9)
+        if reference is not None:
+            q, dq = reference
+            self._output.publish(joint_state(stamp.to_msg(), self._names, position=q, velocity=dq))
 
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the arm."""
         return str(self.value('robot')) or self._robot or 'none'
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what the reference does."""
+        """Tell what the reference does, and who watches the arm."""
         level, message, values = super().status()
+        source = self.source
         values['reaction'] = str(self.value('reaction'))
-        if self.reference is not None and self.reference.reacting and level == OK:
-            return WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again', values
+        if source is None:
+            return level, message, values
+        values['monitors'] = ', '.join(self._monitors) or 'none'
+        if source.note:
+            values['begun again'] = source.note
+        if level != OK:
+            return level, message, values
+        if source.reacting or source.collision:
+            return (WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again',
+                    values)
+        if source.halted:
+            return WARN, f'no goals are taken: {source.halted}', values
+        if len(self._monitors) > 1:
+            return (WARN, f'{len(self._monitors)} nodes publish {COLLISION}: '
+                    f'{", ".join(self._monitors)}', values)
+        if self._unwatched and self._heard_before():
+            return WARN, f'nobody watches for collisions any more: {self._unwatched}', values
         return level, message, values
+
+    def _heard_before(self) -> bool:
+        return bool(self._monitors)
 
 
 def main(args: Sequence[str] | None = None) -> int:

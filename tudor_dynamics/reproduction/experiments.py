@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -33,8 +34,10 @@ from tudor_dynamics.simulation.plots import pick_signal, spectrum
 
 FloatArray = NDArray[np.float64]
 
+EXPERIMENT = (*RECORDING, 'reproduction/experiments.py')
+"""Parts of the package that these depend on."""
 MOVE = (45.0, -45.0)
-"""Targets of the move that shows the damping, from stretched out and horizontal [deg]."""
+"""Move that shows the damping, from stretched out and as horizontal as the range allows [deg]."""
 MOVE_AT = 1.0
 MOVE_SECONDS = 9.0
 JOINT = 1e-6
@@ -65,9 +68,12 @@ def damping_move(campaign: Campaign, payload: float) -> Result:
         for name, damping in (('damped', 1.0), ('undamped', 0.0)):
             loop = ClosedLoop(campaign.carrying(payload), damping=damping, seed=1)
             n = len(campaign.arm.active_joints)
-            loop.reset(np.zeros(n))
-            targets = [np.radians([MOVE[i] if i < len(MOVE) else 0.0]) for i in range(n)]
-            reference = follow_targets([0.0] * n, [np.array([MOVE_AT])] * n, targets,
+            planned = planned_limits(campaign.arm)
+            start = np.clip(np.zeros(n), planned.lower, planned.upper)
+            loop.reset(start)
+            targets = [start[i:i + 1] + np.radians(MOVE[i] if i < len(MOVE) else 0.0)
+                       for i in range(n)]
+            reference = follow_targets(start, [np.array([MOVE_AT])] * n, targets,
                                        motion_limits(campaign.arm), loop.dt,
                                        int(MOVE_SECONDS / loop.dt))
             seen = loop.run(reference.q, reference.dq, every=4)
@@ -83,7 +89,7 @@ def _staged(campaign: Campaign, name: str, depends: dict[str, Any], make: Any) -
     text = name.replace('_', ' ')
     campaign.progress(text, 0.0)
     result = campaign.stages.result(name, {'arm': arm_content(campaign.arm), **depends}, make,
-                                    RECORDING)
+                                    EXPERIMENT)
     campaign.progress(text, 1.0)
     return result
 

@@ -29,7 +29,7 @@ from tudor_dynamics.reproduction import (
     experiments, figures_gasparetto as gasparetto, figures_malzahn as malzahn, figures_own as own,
     look)
 from tudor_dynamics.reproduction.fits import Fits
-from tudor_dynamics.reproduction.judging import halves, read
+from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.pages import render, write_file
 from tudor_dynamics.reproduction.plan import grams
 from tudor_dynamics.reproduction.pushes import collisions
@@ -123,7 +123,7 @@ def gallery(fits: Fits) -> Gallery:
     moments = experiments.gauge_moments(campaign, heavy)
     found = collisions(fits, middle)
     lshape = experiments.l_shape_run(campaign)
-    first = read(campaign.carrying(heavy), halves(campaign.record(heavy))[1][:1])[0]
+    two = read(campaign.carrying(heavy), campaign.record(heavy)[:2])
     weight = f'{1000 * heavy:.0f} g'
     result = [
         Picture('malzahn_2_damping', MALZAHN, 'Figure 2: damping',
@@ -131,9 +131,10 @@ def gallery(fits: Fits) -> Gallery:
                 f'{experiments.MOVE[1]:g}) deg, with and without strain feedback; shaded: the '
                 'reference moves. The joint yields to the link for a moment, which is what '
                 'damps it.', lambda: malzahn.damping(arm, moves)),
-        Picture('malzahn_5_responses', MALZAHN, 'Figure 5: response to a stimulus',
-                f'One APRBS stimulus with {weight}: positions, strains near the hubs, currents.',
-                lambda: malzahn.responses(arm, first)),
+        Picture('malzahn_5_stimuli', MALZAHN, 'Figure 5: responses to two stimuli',
+                f'Angle, velocity and acceleration of {arm.active_joints[0]} during two APRBS '
+                f'stimuli with {weight}, filtered as the models are given them.',
+                lambda: malzahn.stimuli(arm, two)),
         Picture('malzahn_6_strain', MALZAHN, f'Figure 6: strain with {weight}',
                 'A stretch of a stimulus that the models have not seen, and the residuals; in '
                 'brackets the fit of the channel over all test stimuli.',

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 import numpy as np
@@ -76,41 +76,37 @@ def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
     return figure
 
 
-def responses(arm: Arm, bag: BagData) -> Figure:
+def stimuli(arm: Arm, bags: Sequence[BagData]) -> Figure:
     """
-    Draw what a stimulus does (Figure 5).
+    Draw how the first joint moves in each stimulus, as Figure 5 does.
 
     Parameters
     ----------
     arm : Arm
         Arm.
-    bag : BagData
-        Recording.
+    bags : sequence of BagData
+        Recordings.
 
     Returns
     -------
     Figure
-        Positions, strains near the hubs, currents.
+        Angle, velocity and acceleration, as models are given them; a column a stimulus.
 
     """
-    recording = bag.recording
-    assert recording.strain is not None and recording.effort is not None
-    figure, axes = look.new_figure(5.2, 3, sharex=True)
-    efforts = set(output_units(arm, 'effort').values())
-    strains = set(output_units(arm, 'strain').values())
-    rows: list[tuple[str, Any, list[str]]] = [
-        ('position [°]', np.degrees(recording.q), list(arm.active_joints)),
-        (f'strain [{look.unit(", ".join(strains))}]', recording.strain[:, hub_gauges(arm)],
-         [arm.gauge_names[i] for i in hub_gauges(arm)]),
-        (f'current [{", ".join(efforts)}]', recording.effort, list(arm.active_joints))]
-    for item, (label, values, names) in zip(axes[:, 0], rows, strict=True):
-        for column, name in enumerate(names):
-            item.plot(recording.t, values[:, column], linewidth=0.9, label=name,
-                      **look.CURVES[column % len(look.CURVES)])
+    figure, axes = look.new_figure(5.2, 3, len(bags), sharex=True, sharey='row')
+    joint = arm.active_joints[0]
+    labels = ('angle [°]', 'velocity [°/s]', 'acceleration [°/s²]')
+    for column, bag in enumerate(bags):
+        for stretch in bag.stretches:
+            states = stretch.states
+            for item, values in zip(axes[:, column], (states.q, states.dq, states.ddq),
+                                    strict=True):
+                item.plot(stretch.t, np.degrees(values[:, 0]), linewidth=0.9, **look.CURVES[0])
+        axes[0, column].set_title(f'{joint}, stimulus {column + 1}')
+        axes[-1, column].set_xlabel('time [s]')
+        axes[-1, column].set_xlim(0.0, float(bag.recording.t[-1]))
+    for item, label in zip(axes[:, 0], labels, strict=True):
         item.set_ylabel(label)
-        item.legend(loc='lower right', bbox_to_anchor=(1.0, 0.98), ncols=4, borderpad=0.0)
-    axes[-1, 0].set_xlabel('time [s]')
-    axes[-1, 0].set_xlim(0.0, float(recording.t[-1]))
     figure.align_ylabels()
     return figure
 

@@ -72,7 +72,7 @@ def with_and_without_damping(damped: dict[float, Result], undamped: dict[float, 
         item.set_title(TITLES[output])
         _payload_axis(item, payloads)
         item.set_ylim(30.0, 100.0)
-    axes[0, 0].set_ylabel('NRMSE fit on unseen stimuli [%]')
+    axes[0, 0].set_ylabel('fit on unseen stimuli [%]')
     look.legend_above(figure, axes[0, 0], 4)
     return figure
 
@@ -114,7 +114,7 @@ def one_model(shared: tuple[Shared, ...], trained_at: tuple[float, float]) -> Fi
         item.set_title(TITLES[output])
         _payload_axis(item, payloads)
         item.set_ylim(40.0, 100.0)
-    axes[0, 0].set_ylabel('NRMSE fit on unseen stimuli [%]')
+    axes[0, 0].set_ylabel('fit on unseen stimuli [%]')
     look.legend_above(figure, axes[0, 0], 2)
     return figure
 
@@ -212,7 +212,7 @@ def strain_forms(arm: Arm, moments: Result, exact: Result, paper: Result) -> Fig
         right.plot(places, values, linestyle='', marker=marker, markersize=size, label=name,
                    markerfacecolor=face, color=how['color'])
     right.set_xticks(places, arm.gauge_names)
-    right.set(ylabel='NRMSE fit [%]', xlim=(-0.5, len(places) - 0.5), ylim=(50.0, 101.0))
+    right.set(ylabel='fit [%]', xlim=(-0.5, len(places) - 0.5), ylim=(50.0, 101.0))
     right.grid(axis='x', visible=False)
     right.legend(fontsize=7.5, loc='lower left')
     return figure

@@ -67,7 +67,7 @@ class Fits:
         damped : bool, default=True
             With the damper.
         split : {'stimulus', 'random'}, default='stimulus'
-            Half of the recordings, or half of the samples at random as in the paper.
+            Half of the recordings as in the paper, or half of the samples at random.
         strain_form : {'exact', 'paper'}, default='exact'
             Where the bending moment is taken.
         kinds : tuple of str, optional
@@ -205,7 +205,7 @@ def _by_stimulus(
 
 
 def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Result:
-    """Train on a random half of the samples of all recordings, test on the other, as the paper."""
+    """Train on a random half of the samples of all recordings, test on the other."""
     generator = np.random.default_rng(0)
     stretches = [s for bag in bags for s in bag.stretches]
     motion = np.vstack([s.motion[s.decimation.keep] for s in stretches])

@@ -26,7 +26,8 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.reproduction.plan import Campaign
 from tudor_dynamics.reproduction.table1 import Table1
-from tudor_dynamics.reproduction.table_text import csv_text, grids, markdown, SPLIT_TEXTS
+from tudor_dynamics.reproduction.table_text import (
+    csv_text, FIGURE_TEXT, grids, markdown, SPLIT_TEXTS)
 
 _HERE = Path(__file__).parent
 
@@ -99,7 +100,7 @@ def write_table(table: Table1, campaign: Campaign, out: Path) -> list[Path]:
 
     """
     page = render('table1.html.j2', arm=campaign.arm.name, plan=campaign.plan, table=table,
-                  grids=grids(table), split=SPLIT_TEXTS[table.split])
+                  grids=grids(table), split=SPLIT_TEXTS[table.split], figure_text=FIGURE_TEXT)
     files = {'table1.html': page, 'table1.md': markdown(table), 'table1.csv': csv_text(table)}
     for name, content in files.items():
         write_file(out / name, content)

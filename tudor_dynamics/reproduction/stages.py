@@ -16,9 +16,9 @@
 Stages of a long computation that are kept, and used again after an interruption.
 
 The name of a stage's directory ends in a digest of all that its result depends on: settings, arm,
-version of the package and the source of the parts that compute it. Another digest is another
-directory, so nothing out of date is ever taken for a result; what a stage left behind under older
-digests is removed.
+version of the package and the source of the parts that compute it, with what these parts share.
+Another digest is another directory, so nothing out of date is ever taken for a result; what a
+stage left behind under older digests is removed.
 """
 
 from __future__ import annotations
@@ -43,33 +43,45 @@ from tudor_dynamics.models.bundle_files import write_directory
 FloatArray = NDArray[np.float64]
 
 FOLDER = 'stages'
-RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation')
+PACKAGE = Path(__file__).resolve().parents[1]
+RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
-FITTING = (*RECORDING, 'models', 'identification', 'monitoring')
-"""Parts that a fit depends on."""
+FITTING = (*RECORDING, 'models', 'identification', 'monitoring', 'reproduction')
+"""Parts that a fit and its figures depend on."""
 
 
 @lru_cache
-def source_digest(parts: tuple[str, ...]) -> str:
+def source_digest(parts: tuple[str, ...], package: Path = PACKAGE) -> str:
     """
-    Give the version of some parts of the package.
+    Give the version of some parts of the package, and of the modules at its top, which all use.
 
     Parameters
     ----------
     parts : tuple of str
-        Directories below the package.
+        Directories below the package, with all below them, or single files.
+    package : Path
+        Directory of the package.
 
     Returns
     -------
     str
         Version of the package and digest of the sources.
 
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such part.
+
     """
-    root = Path(__file__).resolve().parents[1]
-    digest = hashlib.sha256(__version__.encode())
+    files = set(package.glob('*.py'))
     for part in parts:
-        for file in sorted((root / part).glob('*.py')):
-            digest.update(file.name.encode() + file.read_bytes())
+        path = package / part
+        files.update([path] if path.suffix else path.rglob('*.py'))
+        path.stat()
+    digest = hashlib.sha256(__version__.encode())
+    for file in sorted(files):
+        name, content = file.relative_to(package).as_posix(), file.read_bytes()
+        digest.update(f'{name} {len(content)}\n'.encode() + content)
     return f'{__version__} {digest.hexdigest()[:16]}'
 
 

@@ -12,12 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Table I: all cells of ours, those known of the paper, and what they come to."""
+"""Table I: all cells of ours and of the paper, and what they come to."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+import math
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,8 @@ MODELS = ('analytical', 'elm', 'elastic')
 LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
 PARTS = ('training', 'test')
 FIGURES = ('rmse', 'sigma_e', 'fit_printed', 'fit')
+EVEN = 5.0
+"""Spread up to which the figures of several payloads are alike, in points."""
 TITLES = {'strain': 'Strain', 'effort': 'Current'}
 
 
@@ -49,9 +53,9 @@ class Cell:
     rmse, sigma_e : float or None
         In the unit of the output.
     fit_printed, fit : float or None
-        Eq. (18) as printed, and with the measured values in the denominator [%].
+        Eq. (18) as printed, and the fit, with the measured values in the denominator [%].
     paper : dict of str to float
-        The paper's own figures, as far as they are known.
+        The paper's own ``rmse``, ``sigma_e`` and ``fit_printed``; empty where it has none.
 
     """
 
@@ -84,7 +88,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Shared:
-    """Test fits (NRMSE) of one output and model: separate models, and one for all [%]."""
+    """Test fits of one output and model: separate models, and one for all [%]."""
 
     output: str
     model: str
@@ -94,11 +98,25 @@ class Shared:
 
 @dataclass(frozen=True)
 class Finding:
-    """What the paper found, whether it holds here, and the figures."""
+    """
+    What the paper found, and whether it holds here.
+
+    Attributes
+    ----------
+    text : str
+        The finding.
+    holds, figures : bool and str
+        Whether it does here, and the figures that decide.
+    paper_holds, paper : bool and str
+        The same by the paper's own figures; empty where it has none.
+
+    """
 
     text: str
     holds: bool
     figures: str
+    paper_holds: bool
+    paper: str
 
 
 @dataclass(frozen=True)
@@ -139,17 +157,16 @@ class Table1:
 
 @lru_cache
 def published() -> dict[str, Any]:
-    """Give the paper's figures that are known."""
+    """Give the paper's figures."""
     text = (Path(__file__).parent / 'published.yaml').read_text(encoding='utf-8')
     content: dict[str, Any] = yaml.safe_load(text)
     return content
 
 
 def _paper(output: str, model: str, part: str, payload: float) -> dict[str, float]:
-    for item in published()['cells']:
-        if (item['output'], item['model'], item['part'], item['payload']) == (
-                output, model, part, round(1000 * payload)):
-            return {'fit_printed': float(item['fit'])}
+    for *place, rmse, sigma_e, printed in published()['cells']:
+        if place == [output, part, round(1000 * payload), model]:
+            return {'rmse': rmse, 'sigma_e': sigma_e, 'fit_printed': printed}
     return {}
 
 
@@ -194,11 +211,8 @@ def build(fits: Fits, split: str) -> Table1:
                  for payload, content in honest.items()},
                 {payload: _test_fit(together[grams(payload)].get(output, {}).get(model))
                  for payload in plan.payloads}))
-    notes = [item['note'] for item in published()['cells'] if 'note' in item]
-    notes += [f'{TITLES[item["output"]]}, where single cells are not available: {item["text"]}.'
-              for item in published()['ranges']]
     return Table1(split, blocks, tuple(shared), (min(plan.payloads), max(plan.payloads)),
-                  tuple(findings(blocks)), _remarks(fits, split), tuple(notes),
+                  tuple(findings(blocks)), _remarks(fits, split), tuple(published()['notes']),
                   published()['source'])
 
 
@@ -235,7 +249,7 @@ def _test_fit(figures: dict[str, Any] | None) -> float | None:
 
 def findings(blocks: tuple[Block, ...]) -> list[Finding]:
     """
-    Compare the shape of the table with what the paper reports.
+    Compare the shape of the table with that of the paper's.
 
     Parameters
     ----------
@@ -245,31 +259,51 @@ def findings(blocks: tuple[Block, ...]) -> list[Finding]:
     Returns
     -------
     list of Finding
-        Each with the figures that decide.
+        Each with the figures that decide, ours and the paper's; none on a model not fitted.
 
     """
-    def fits(output: str, model: str, part: str) -> list[float]:
+    def column(output: str, model: str, part: str, name: str, *, paper: bool) -> list[float]:
         block = next(item for item in blocks if item.output == output)
-        return [row.cells[model].fit_printed or 0.0 for row in block.rows if row.part == part]
+        cells = [row.cells[model] for row in block.rows if row.part == part]
+        found = [cell.paper.get(name) if paper else getattr(cell, name) for cell in cells]
+        return [math.nan if value is None else value for value in found]
 
-    def shown(values: list[float]) -> str:
-        return ', '.join(f'{value:.1f}' for value in values)
+    ours, theirs = (_claims(partial(column, paper=paper)) for paper in (False, True))
+    return [Finding(text, holds, figures, paper_holds, paper) for (text, holds, figures), (
+        _, paper_holds, paper) in zip(ours, theirs, strict=True) if 'nan' not in figures]
+
+
+def _claims(column: Callable[[str, str, str, str], list[float]]) -> list[tuple[str, bool, str]]:
+    """Say of a table what is to be expected, whether it is so, and by which figures."""
+    def shown(values: list[float], digits: int = 1) -> str:
+        return ', '.join(f'{value:.{digits}f}' for value in values)
 
     result = []
-    for output in ('strain', 'effort'):
-        values = fits(output, 'analytical', 'test')
-        falls = all(a > b for a, b in zip(values, values[1:], strict=False))
-        result.append(Finding(f'{TITLES[output]}: the fit falls with the payload', falls,
-                              f'analytical, test: {shown(values)} %'))
+    for output in OUTPUTS[::-1]:
+        title = TITLES[output]
+        rmse = column(output, 'analytical', 'test', 'rmse')
+        result.append((f'{title}: the RMSE does not fall with the payload',
+                       all(a <= b for a, b in zip(rmse, rmse[1:], strict=False)),
+                       f'analytical, test: {shown(rmse, 1 if output == "strain" else 3)}'))
+        values = column(output, 'analytical', 'test', 'fit_printed')
+        loaded = values[1:]
+        shape, holds = ('lowest with the largest', min(values) == values[-1])
+        if output == 'effort':
+            shape = f'the others lie within {EVEN:g} points'
+            holds = max(loaded) - min(loaded) <= EVEN
+        result.append((f'{title}: Eq. (18) is highest without payload, and {shape}',
+                       max(values) == values[0] and holds,
+                       f'analytical, test: {shown(values)} %'))
         for part, better in (('training', True), ('test', False)):
-            rigid, elm = fits(output, 'analytical', part), fits(output, 'elm', part)
-            gaps = [b - a for a, b in zip(rigid, elm, strict=True)]
-            result.append(Finding(
-                f'{TITLES[output]}: the ELM is {"better" if better else "worse"} in {part}',
-                all((gap > 0) == better for gap in gaps),
-                f'points above the analytical model: {shown(gaps)}'))
-    strain, current = (fits(output, 'analytical', 'test') for output in ('strain', 'effort'))
-    result.append(Finding('Current is below strain',
-                          all(a > b for a, b in zip(strain, current, strict=True)),
-                          f'analytical, test: {shown(current)} % against {shown(strain)} %'))
+            gaps = [b - a for a, b in zip(*(
+                column(output, model, part, 'fit_printed') for model in ('analytical', 'elm')),
+                strict=True)]
+            result.append((f'{title}: the ELM is {"better" if better else "worse"} in {part}',
+                           all((gap > 0.0) == better for gap in gaps),
+                           f'points above the analytical model: {shown(gaps)}'))
+    strain, current = (column(output, 'analytical', 'test', 'fit_printed')
+                       for output in ('strain', 'effort'))
+    result.append(('Current is below strain',
+                   all(a > b for a, b in zip(strain, current, strict=True)),
+                   f'analytical, test: {shown(current)} % against {shown(strain)} %'))
     return result

@@ -23,12 +23,17 @@ import io
 
 from tudor_dynamics.reproduction.table1 import Block, Cell, FIGURES, LABELS, MODELS, Table1
 
-NOT_KNOWN = 'n/a'
 EMPTY = ''
+PAPER = ('rmse', 'sigma_e', 'fit_printed')
+"""Figures that the paper has."""
+FIGURE_TEXT = (
+    '`fit` is 100 (1 - |y - ŷ| / |y - mean y|); Eq. (18) is what the paper prints in its place, '
+    'with |ŷ - mean y| below the line; σ(E) of ours is the standard deviation of the norm of the '
+    'error over the channels, that of the paper is not defined')
 SPLIT_TEXTS = {
     'stimulus': 'half of the stimuli for training, the other half for testing',
-    'random': 'half of the samples at random for training, the other half for testing (as the '
-              'paper; optimistic)'}
+    'random': 'half of the samples at random for training, the other half for testing '
+              '(optimistic; the paper splits by stimuli)'}
 
 
 @dataclass(frozen=True)
@@ -75,23 +80,21 @@ def _number(value: float | None, digits: int) -> str:
 def _cells(cell: Cell, digits: int, *, with_paper: bool) -> tuple[str, ...]:
     own = (_number(cell.rmse, digits), _number(cell.sigma_e, digits),
            _number(cell.fit_printed, 1), _number(cell.fit, 1))
-    if not with_paper:
-        return own
-    paper = cell.paper.get('fit_printed')
-    return (*own, NOT_KNOWN if paper is None else f'{paper:g}')
+    return own if not with_paper else (*own, *(_number(cell.paper.get(name), 2) for name in PAPER))
 
 
 def block_grid(block: Block) -> Grid:
-    """Lay one output out: a row for payload and part, five columns a model of the paper."""
+    """Lay one output out: a row for payload and part, the paper's columns behind ours."""
     digits = 1 if block.output == 'strain' else 3
     groups: list[tuple[str, int]] = [(EMPTY, 2)]
     heads = ['', 'payload']
     for model in MODELS:
-        own = ['RMSE', 'σ(E)', 'fit', 'NRMSE fit']
+        names = ['RMSE', 'σ(E)', 'Eq. (18)']
+        groups.append((LABELS[model], 4))
+        heads += [*names, 'fit']
         if model != 'elastic':  # the paper has none
-            own.append('paper fit')
-        groups.append((LABELS[model], len(own)))
-        heads += own
+            groups.append((f'paper, {LABELS[model]}', 3))
+            heads += names
     rows: list[tuple[str, ...]] = []
     breaks: list[int] = []
     last = ''
@@ -104,7 +107,7 @@ def block_grid(block: Block) -> Grid:
                  for text in _cells(row.cells[model], digits, with_paper=model != 'elastic')]
         rows.append((first, f'{1000 * row.payload:.0f} g', *cells))
     title = (f'{block.title} ({", ".join(block.channels)}); RMSE and σ(E) in {block.unit}, '
-             'fits in %')
+             'fit and Eq. (18) in %')
     return Grid(title, tuple(groups), tuple(heads), tuple(rows), tuple(breaks))
 
 
@@ -125,13 +128,19 @@ def shared_grid(table: Table1) -> Grid:
             cells += [_number(item.separate[payload], 1), _number(item.together[payload], 1)]
         rows.append(tuple(cells))
     title = (f'One model for all payloads, fitted at {low} and {high} (*) only, beside a model '
-             'for each: NRMSE fit in % on test stimuli')
+             'for each: fit in % on test stimuli')
     return Grid(title, tuple(groups), tuple(heads), tuple(rows))
 
 
 def grids(table: Table1) -> list[Grid]:
     """Lay out everything."""
     return [*(block_grid(block) for block in table.blocks), shared_grid(table)]
+
+
+def finding_texts(table: Table1) -> list[str]:
+    """Write what was expected, and whether it is so here and in the paper, one line each."""
+    return [f'{item.text}: {"yes" if item.holds else "NO"} ({item.figures}; paper: '
+            f'{"yes" if item.paper_holds else "NO"}, {item.paper})' for item in table.findings]
 
 
 def markdown(table: Table1) -> str:
@@ -150,7 +159,7 @@ def markdown(table: Table1) -> str:
 
     """
     lines = ['# Table I', '', f'Simulated arm; {SPLIT_TEXTS[table.split]}. '
-             f'`fit` is Eq. (18) of the paper; figures of the paper: {table.source}.', '']
+             f'{FIGURE_TEXT}. Figures of the paper: {table.source}.', '']
     for remark in table.remarks:
         lines += [remark, '']
     for grid in grids(table):
@@ -160,8 +169,7 @@ def markdown(table: Table1) -> str:
         lines += [f'## {grid.title}', '', _line(heads), _line(['---'] * len(heads))]
         lines += [_line(row) for row in grid.rows] + ['']
     lines += ['## Expected shape', '']
-    lines += [f'* {item.text}: {"yes" if item.holds else "NO"} ({item.figures})'
-              for item in table.findings]
+    lines += [f'* {item}' for item in finding_texts(table)]
     lines += ['', "## On the paper's figures", '', *(f'* {note}' for note in table.notes)]
     return '\n'.join(lines) + '\n'
 
@@ -188,7 +196,7 @@ def csv_text(table: Table1) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator='\n')
     writer.writerow(['output', 'unit', 'payload_g', 'part', 'model', *FIGURES,
-                     'paper_fit_printed', 'one_model_fit'])
+                     *(f'paper_{name}' for name in PAPER), 'one_model_fit'])
     for block in table.blocks:
         for row in block.rows:
             for model in MODELS:
@@ -201,5 +209,5 @@ def csv_text(table: Table1) -> str:
                 writer.writerow([
                     block.output, block.unit, f'{1000 * row.payload:g}', row.part, model,
                     *(exact(getattr(cell, name)) for name in FIGURES),
-                    exact(cell.paper.get('fit_printed')), exact(together)])
+                    *(exact(cell.paper.get(name)) for name in PAPER), exact(together)])
     return stream.getvalue()

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, motion_limits, MotionLimits, Reference)
@@ -69,10 +70,10 @@ class Targets:
 
 
 def joint_range(arm: Arm) -> JointRange:
-    """Take the range of the active joints from an arm description."""
-    bounds = [(joint.limits.lower, joint.limits.upper) if joint.limits else (-np.pi, np.pi)
-              for joint in arm.joints]
-    return JointRange(np.array([low for low, _ in bounds]), np.array([up for _, up in bounds]))
+    """Take the range of planned motion from an arm description; half a turn where it has none."""
+    planned = planned_limits(arm)
+    return JointRange(np.where(np.isfinite(planned.lower), planned.lower, -np.pi),
+                      np.where(np.isfinite(planned.upper), planned.upper, np.pi))
 
 
 def binary_sequence(length: int, register: int, rng: np.random.Generator) -> NDArray[np.bool_]:

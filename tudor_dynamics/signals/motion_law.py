@@ -55,6 +55,12 @@ def _pulse_time(change: float, a_max: float) -> float:
 
 
 @compiled
+def stopping_distance(speed: float, a_max: float) -> float:
+    """Give the way [rad] on which one pulse takes a speed [rad/s] to rest."""
+    return 0.5 * speed * _pulse_time(abs(speed), a_max)
+
+
+@compiled
 def _two_pulses(v: float, peak: float, a_max: float) -> float:
     """Give the distance of the pulses v -> peak -> 0."""
     return 0.5 * ((v + peak) * _pulse_time(peak - v, a_max) + peak * _pulse_time(peak, a_max))
@@ -66,7 +72,7 @@ def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: floa
     """Fill the four segments from ``at`` on: from a speed without acceleration to rest."""
     # In the direction in which the arm still has to go once it has braked.
     braking = _pulse_time(abs(speed), a_max)
-    stop = 0.5 * speed * braking
+    stop = stopping_distance(speed, a_max)
     sign = 1.0 if distance >= stop else -1.0
     d, v = sign * distance, sign * speed
     k = FIRST + 4 * at

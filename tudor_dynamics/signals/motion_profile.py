@@ -31,9 +31,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_law import (
-    CLOCK, FIRST, follow_all, follow_plan, PLAN, plan_motion)
+    CLOCK, FIRST, follow_all, follow_plan, PLAN, plan_motion, Q, stopping_distance, TARGET)
 
 FloatArray = NDArray[np.float64]
 
@@ -65,7 +66,7 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of each joint: [rad/s] and [rad/s^2]."""
+    """Limits of the planned motion of each joint: [rad/s] and [rad/s^2]."""
 
     velocity: FloatArray
     acceleration: FloatArray
@@ -73,12 +74,12 @@ class MotionLimits:
 
 def motion_limits(arm: Arm) -> MotionLimits:
     """
-    Take the limits of the active joints from an arm description.
+    Take what is planned for the active joints from an arm description.
 
     Parameters
     ----------
     arm : Arm
-        Description.
+        Description; see ``arm.limits``.
 
     Returns
     -------
@@ -91,17 +92,15 @@ def motion_limits(arm: Arm) -> MotionLimits:
         If a joint has no limit of speed or acceleration.
 
     """
-    velocity, acceleration = [], []
-    for joint in arm.joints:
-        limits = joint.limits
-        if limits is None or limits.velocity is None or limits.acceleration is None:
+    planned = planned_limits(arm)
+    for joint, velocity, acceleration in zip(arm.joints, planned.velocity, planned.acceleration,
+                                             strict=True):
+        if not (np.isfinite(velocity) and np.isfinite(acceleration)):
             msg = (f'{arm.source}: joint {joint.name!r} has no limits of velocity and '
                    'acceleration, without which no motion can be planned; add '
                    'limits: {velocity: ..., acceleration: ...}')
             raise SignalError(msg)
-        velocity.append(limits.velocity)
-        acceleration.append(limits.acceleration)
-    return MotionLimits(np.array(velocity), np.array(acceleration))
+    return MotionLimits(planned.velocity, planned.acceleration)
 
 
 class MotionPlanner:
@@ -142,6 +141,18 @@ class MotionPlanner:
             if not np.isnan(wanted[j]):
                 plan_motion(plan, self.q[j], self.dq[j], self.ddq[j], float(wanted[j]),
                             float(self.limits.velocity[j]), float(self.limits.acceleration[j]))
+
+    def move(self, q: ArrayLike, dq: ArrayLike) -> None:
+        """Go on from other positions [rad] and speeds [rad/s], without a target."""
+        self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
+        self._plans[:] = 0.0
+        self._plans[:, Q] = self._plans[:, TARGET] = self.q
+
+    def brake(self) -> None:
+        """Come to rest by one pulse of the planned acceleration a joint, from this moment on."""
+        self.move(self.q, self.dq)
+        self.go([q + stopping_distance(float(dq), float(a)) for q, dq, a in zip(
+            self.q, self.dq, self.limits.acceleration, strict=True)])
 
     def step(self, dt: float) -> None:
         """Advance ``q``, ``dq`` and ``ddq`` by a step [s]."""

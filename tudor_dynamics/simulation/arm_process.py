@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
@@ -100,7 +101,12 @@ class ArmProcess:
     floor : Floor or None
         Obstacle.
     command_timeout : float
-        The joints stop where no command came for so long [s].
+        The joints brake with their planned acceleration where no command came for so long [s].
+    held : dict of str to float
+        Joints that are not active, and where each is held [rad or m].
+    failure : str
+        Why a run was given up. The arm then rests where its description says, free of commands
+        and forces, until `reset`; empty where nothing has failed.
 
     """
 
@@ -120,18 +126,25 @@ class ArmProcess:
                    f'controlled, {1.0 / self.loop.dt:g} Hz (damper.rate)')
             raise SimulationError(msg)
         self._observer = Observer(self.loop.plant, [])
+        self._samples = 0
+        initial = arm.spec.simulation.initial
+        self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
+        self._braking = planned_limits(arm).acceleration
         self.command_timeout = 0.1
         self.floor: Floor | None = None
         self.reset()
 
     @property
     def t(self) -> float:
-        """Simulated time [s]."""
-        return self.loop.t + self._before
+        """Simulated time; a sample that could not be computed has its share of it [s]."""
+        return self._samples * self.steps * self.loop.dt
 
     def reset(self) -> None:
-        """Put the arm at rest where its description says; time goes on."""
-        self._before = self.t if hasattr(self, '_before') else 0.0
+        """Put the arm at rest where its description says, a failure forgotten; time goes on."""
+        self.failure = ''
+        self._rest()
+
+    def _rest(self) -> None:
         self.loop.reset(self.loop._described())
         count = len(self.loop.arm.active_joints)
         self._speed = np.zeros(count)
@@ -139,9 +152,16 @@ class ArmProcess:
         self.force = np.zeros(3)
 
     def command(self, speed: FloatArray) -> None:
-        """Take speeds of the joints [rad/s]."""
+        """Take speeds of the joints; a failed arm does not [rad/s]."""
+        if self.failure:
+            return
         self._speed = np.array(speed, dtype=float)
         self._age = 0.0
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speeds that the joints were told last, or brake to by themselves [rad/s]."""
+        return self._speed.copy()
 
     def tip(self) -> FloatArray:
         """Give the place of the tip in the base frame [m]."""
@@ -149,16 +169,36 @@ class ArmProcess:
         return np.asarray(position[self.loop.plant.mechanism.tip].copy())
 
     def step(self) -> Sample:
-        """Advance by one sample and give what the sensors say at its start."""
-        force = self.force.copy()
-        if self.floor is not None:
-            depth = self.floor.height - float(self.tip()[2])
-            force[2] += self.floor.stiffness * max(depth, 0.0)
+        """
+        Advance by one sample and give what the sensors say at its start.
+
+        A run that diverges is no end: the arm is put to rest, see ``failure``.
+        """
+        t = self.t
+        self._samples += 1
+        try:
+            return self._advance(t, self._force())
+        except SimulationError as err:
+            self.failure = str(err)
+            self._rest()
+            return self._advance(t, np.zeros(3))
+
+    def _force(self) -> FloatArray:
+        force = np.zeros(3)
+        if not self.failure:
+            force += self.force
+            if self.floor is not None:
+                depth = self.floor.height - float(self.tip()[2])
+                force[2] += self.floor.stiffness * max(depth, 0.0)
+        return force
+
+    def _advance(self, t: float, force: FloatArray) -> Sample:
         self.loop.set_force(force)
         period = self.steps * self.loop.dt
-        speed = self._speed if self._age < self.command_timeout else np.zeros_like(self._speed)
+        if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
+            self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
+        speed = self._speed
         self._age += period
-        t = self.t
         q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
         signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
         return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],

@@ -28,9 +28,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN, velocity_lag
 from tudor_dynamics.control.damper import arm_damping, Damper, Status
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.simulation import drive as dr, integrator as gen, layout as at
 from tudor_dynamics.simulation.drive import drive_row, Imperfections
 from tudor_dynamics.simulation.loop_kernel import (
@@ -97,7 +99,9 @@ class ClosedLoop:
         mechanism.coordinate[index, at.DAMPING] = self._drive[:, dr.DAMPING]
         self.plant = Plant(mechanism, self.dt, rho=0.8, tolerance=1e-5)
         observer = Observer(self.plant, [], arm)
-        self.cascade = Cascade(gains, self.dt)
+        # Without the position loop it is a robot that takes speeds: who commands bounds them.
+        self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
+                               velocity_lag(arm.spec.damper))
         if not position_loop:
             self.cascade.gains[:, POSITION_GAIN] = 0.0
         settings = [item for item in arm_damping(arm, share=damping)
@@ -119,11 +123,12 @@ class ClosedLoop:
             1.0 - math.exp(-2.0 * math.pi * arm.spec.preprocessing.velocity_cutoff * self.dt),
             np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
         self._control = ControlTables(
-            self.cascade.gains, self.cascade.state, self.damper.settings, self.damper.state,
+            self.cascade.gains, self.cascade.state, self.cascade.envelope.rows,
+            self.cascade.envelope.state, self.damper.settings, self.damper.state,
             self.damper.past,
             np.array([arm.active_joints.index(s.joint) for s in settings], dtype=np.int64),
             np.array([arm.gauge_names.index(s.gauge) for s in settings], dtype=np.int64),
-            np.zeros(n), np.zeros((count, len(Status))))
+            np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
         self._pushes = push_table([], mechanism)
         self._acting = self._loaded = False
         self._done = 0

@@ -211,10 +211,10 @@ class DrivenArm:
         """
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
-        tangents(self._vectors, self._free, self._aim, self._springs, self._spring_at,
-                 self._base, self._wrench, self._loaded, self.mechanism.body_int,
-                 self.mechanism.body_float, self.mechanism.coordinate, self._moving,
-                 self._reaction, result)
+        tangents(self._vectors, self._free, self._aim, self._aim_rate, self._springs,
+                 self._spring_at, self._base, self._wrench, self._loaded,
+                 self.mechanism.body_int, self.mechanism.body_float, self.mechanism.coordinate,
+                 self._moving, self._reaction, result)
         return Linearised(*result[::-1])
 
     def start_observer(
@@ -290,9 +290,10 @@ class DrivenArm:
         observer.reduce_matrices(self._vectors, self._matrices, self._free, self._aim,
                                  self._springs, self._spring_at, *self._small)
         observer.tip_directions(
-            self._vectors, self._free, mechanism.tip, self._base, self._wrench, self._loaded,
-            mechanism.body_int, mechanism.body_float, mechanism.coordinate, self._moving,
-            self._reaction, self._pushed)
+            self._vectors, self._free, mechanism.tip, self._aim, self._aim_rate, self._springs,
+            self._spring_at, self._base, self._wrench, self._loaded, mechanism.body_int,
+            mechanism.body_float, mechanism.coordinate, self._moving, self._reaction,
+            self._pushed)
 
     def _use_contact(self) -> None:
         self._wrench[self.mechanism.tip, :3] = self.contact

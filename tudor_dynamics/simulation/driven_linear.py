@@ -22,10 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.simulation.compiled import compiled
-from tudor_dynamics.simulation.driven_statics import DDZ, DZ, FORCE, Z
-from tudor_dynamics.simulation.equations import inverse_dynamics
-from tudor_dynamics.simulation.gear import gear
-from tudor_dynamics.simulation.lean import add_lean
+from tudor_dynamics.simulation.driven_statics import DDZ, DZ, FORCE, residual, Z
 
 FloatArray = NDArray[np.float64]
 
@@ -84,9 +81,9 @@ def white_force(
 
 @compiled
 def tangents(
-    vectors: NDArray, free: NDArray, aim: NDArray, springs: NDArray, spring_at: NDArray,
-    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray, reaction: NDArray, result: NDArray,
+    vectors: NDArray, free: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray, result: NDArray,
 ) -> None:
     """
     Differentiate the missing forces by coordinates, rates and accelerations, from rest.
@@ -94,10 +91,10 @@ def tangents(
     Parameters
     ----------
     vectors : ndarray of shape (VECTORS, n)
-        State at rest; the same afterwards, but for the forces.
+        State at rest; the same afterwards.
     free : ndarray of int, shape (m,)
         Coordinates that move.
-    aim, springs, spring_at, base, wrench, loaded
+    aim, aim_rate, springs, spring_at, base, wrench, loaded
         As in ``driven_kernel.advance``.
     body_int, body_float, coordinate, moving, reaction
         As in ``driven_kernel.advance``.
@@ -105,22 +102,21 @@ def tangents(
         Result: stiffness, damping, mass.
 
     """
-    z, dz, ddz, force = vectors[Z], vectors[DZ], vectors[DDZ], vectors[FORCE]
+    force = vectors[FORCE]
     for kind in range(3):
         # linear in the accelerations: there a large nudge is as exact, and rounds less
         nudge = 1.0 if kind == 2 else NUDGE
+        row = vectors[Z] if kind == 0 else (vectors[DZ] if kind == 1 else vectors[DDZ])
         for c in range(free.shape[0]):
-            row = z if kind == 0 else (dz if kind == 1 else ddz)
             here = row[free[c]]
             for side in range(2):
                 sign = 1.0 - 2.0 * side
                 row[free[c]] = here + sign * nudge
-                inverse_dynamics(z, dz, ddz, base, wrench, loaded, 1.0, body_int, body_float,
-                                 coordinate, moving, reaction, force)
-                add_lean(z, body_int, body_float, force)
-                for s in range(springs.shape[0]):
-                    i = spring_at[s]
-                    force[i] += gear(springs[s], z[i] - aim[s], dz[i])[0]
+                residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded,
+                         body_int, body_float, coordinate, moving, reaction)
                 for a in range(free.shape[0]):
                     result[kind, a, c] += sign * force[free[a]] / (2.0 * nudge)
             row[free[c]] = here
+    # what follows from the coordinates that move is still that of the last nudge
+    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+             body_float, coordinate, moving, reaction)

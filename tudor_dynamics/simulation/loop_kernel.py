@@ -26,8 +26,9 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.control.cascade import cascade_law, SATURATED
-from tudor_dynamics.control.damper_law import damper_law, STATUS
+from tudor_dynamics.control.cascade import position_law, SATURATED, velocity_law
+from tudor_dynamics.control.damper_law import damper_law, moving_share, STATUS
+from tudor_dynamics.control.envelope_law import CUT, envelope_law, SATURATING
 from tudor_dynamics.simulation import drive as dr, integrator as gen, sensors as sn
 from tudor_dynamics.simulation.equations import inverse_dynamics
 from tudor_dynamics.simulation.outputs import section_loads
@@ -77,10 +78,12 @@ class SensorTables(NamedTuple):
 
 
 class ControlTables(NamedTuple):
-    """Cascade and damper."""
+    """Cascade, envelope and damper."""
 
     gains: NDArray
     state: NDArray
+    envelope: NDArray
+    envelope_state: NDArray
     damper: NDArray
     damper_state: NDArray
     past: NDArray
@@ -88,6 +91,7 @@ class ControlTables(NamedTuple):
     gauge: NDArray
     yielding: NDArray
     status_time: NDArray
+    planned_speed: NDArray
 
 
 NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
@@ -128,21 +132,26 @@ def sense(
 def control(
     sensors: SensorTables, tables: ControlTables, dt: float, q_ref: NDArray, dq_ref: NDArray,
 ) -> None:
-    """Run damper and cascade on the readings, then the rotors with the currents."""
+    """Run damper, envelope and cascade on the readings, then the rotors with the currents."""
+    moving = 0.0
     for j in range(tables.yielding.shape[0]):
         tables.yielding[j] = 0.0
+        moving = max(moving, moving_share(dq_ref[j], tables.planned_speed[j]))
     for i in range(tables.joint.shape[0]):
         j = tables.joint[i]
         limited = (tables.state[j, SATURATED] > 0.0
+                   or int(tables.envelope_state[j, CUT]) & SATURATING > 0
                    or sensors.drive_state[j, dr.LIMITED] > 0.0)
         tables.yielding[j] += damper_law(
             tables.damper[i], tables.damper_state[i], tables.past[i], dt,
-            sensors.strain[tables.gauge[i]], True, limited)
+            sensors.strain[tables.gauge[i]], True, limited, moving)
         tables.status_time[i, int(tables.damper_state[i, STATUS])] += dt
     for j in range(tables.yielding.shape[0]):
-        current = cascade_law(
-            tables.gains[j], tables.state[j], dt, q_ref[j], dq_ref[j], sensors.angle[j],
-            sensors.speed[j], tables.yielding[j])
+        wanted = position_law(
+            tables.gains[j], q_ref[j], dq_ref[j], sensors.angle[j], tables.yielding[j])
+        speed = envelope_law(
+            tables.envelope[j], tables.envelope_state[j], dt, wanted, sensors.angle[j])
+        current = velocity_law(tables.gains[j], tables.state[j], dt, speed, sensors.speed[j])
         dr.rotor_law(sensors.drive[j], sensors.drive_state[j], dt, current)
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +93,13 @@ class Mechanism:
         mask = np.ones(self.size, dtype=bool)
         mask[self.q_index] = False
         return mask
+
+    @cached_property
+    def rotations(self) -> IntArray:
+        """Coordinates of the rotations of all nodes of beams, shape (n_nodes, 3)."""
+        rows = [row[at.FIRST] + 6 * node + np.arange(3, 6) for row in self.body_int
+                if row[at.FLEXIBLE] for node in range(int(row[at.ELEMENTS]))]
+        return np.array(rows, dtype=np.int64).reshape(-1, 3)
 
     @property
     def coordinate_names(self) -> list[str]:

@@ -30,10 +30,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.simulation.cholesky import cholesky, solve
 from tudor_dynamics.simulation.compiled import compiled
 from tudor_dynamics.simulation.driven_statics import (
-    ACC, DAMPING, DDZ, DZ, FORCE, MASS, STIFFNESS, Z)
-from tudor_dynamics.simulation.equations import inverse_dynamics
+    ACC, DAMPING, DDZ, DZ, FORCE, MASS, residual, STIFFNESS, Z)
 from tudor_dynamics.simulation.gear import gear
-from tudor_dynamics.simulation.lean import add_lean
 
 FORCES = 3  # components of the force at the tip, base axes
 SMALL, CHOLESKY, PUSHED = range(3)
@@ -41,24 +39,22 @@ SMALL, CHOLESKY, PUSHED = range(3)
 
 @compiled
 def tip_directions(
-    vectors: NDArray, free: NDArray, tip: int, base: NDArray, wrench: NDArray, loaded: bool,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray, moving: NDArray,
-    reaction: NDArray, pushed: NDArray,
+    vectors: NDArray, free: NDArray, tip: int, aim: NDArray, aim_rate: NDArray, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
+    pushed: NDArray,
 ) -> None:
     """Write the generalised forces of a unit force at the tip, shape (m, FORCES)."""
     force = vectors[FORCE]
-    z, dz, ddz = vectors[Z], vectors[DZ], vectors[DDZ]
-    inverse_dynamics(z, dz, ddz, base, wrench, loaded, 1.0, body_int, body_float, coordinate,
-                     moving, reaction, force)
-    add_lean(z, body_int, body_float, force)
+    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+             body_float, coordinate, moving, reaction)
     for a in range(free.shape[0]):
         for j in range(FORCES):
             pushed[a, j] = force[free[a]]
     for j in range(FORCES):
         wrench[tip, j] += 1.0
-        inverse_dynamics(z, dz, ddz, base, wrench, True, 1.0, body_int, body_float, coordinate,
-                         moving, reaction, force)
-        add_lean(z, body_int, body_float, force)
+        residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, True, body_int,
+                 body_float, coordinate, moving, reaction)
         wrench[tip, j] -= 1.0
         for a in range(free.shape[0]):
             pushed[a, j] -= force[free[a]]
@@ -69,7 +65,12 @@ def reduce_matrices(
     vectors: NDArray, matrices: NDArray, free: NDArray, aim: NDArray, springs: NDArray,
     spring_at: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray,
 ) -> None:
-    """Copy mass, damping and stiffness of the free coordinates, gears as they stand."""
+    """
+    Copy mass, damping and stiffness of the free coordinates, gears as they stand.
+
+    They are those of ``residual`` without what weight adds to the stiffness: that changes the
+    first frequency by less than a tenth, which a covariance does not show.
+    """
     for a in range(free.shape[0]):
         for c in range(free.shape[0]):
             i, j = free[a], free[c]

@@ -1,0 +1,101 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The limits of an arm held against what was seen of it: positions, commands and their steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+
+FloatArray = NDArray[np.float64]
+
+SLACK = 0.01
+"""What a command may be late on its way [s]; its step may be larger by so much acceleration."""
+TIMEOUT = 0.1
+"""Behind so long a silence the arm stands: `command_timeout` of arm_simulator [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """
+    Limits of the active joints.
+
+    Attributes
+    ----------
+    lower, upper, velocity, acceleration : ndarray of shape (n_joints,)
+        [rad, rad, rad/s, rad/s^2]
+
+    """
+
+    lower: FloatArray
+    upper: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+
+    @classmethod
+    def of(cls, arm: Arm) -> Envelope:
+        """Take them from a description, where what is not limited is infinite."""
+        limits = [joint.limits for joint in arm.joints]
+
+        def values(field: str, missing: float) -> FloatArray:
+            found = [None if limit is None else getattr(limit, field) for limit in limits]
+            return np.array([missing if value is None else value for value in found])
+        return cls(values('lower', -np.inf), values('upper', np.inf), values('velocity', np.inf),
+                   values('acceleration', np.inf))
+
+    def excursion(self, q: FloatArray) -> float:
+        """Give how far positions of shape (n, n_joints) leave their limits, at most [rad]."""
+        beyond = np.maximum(q - self.upper, self.lower - q)
+        return float(np.max(beyond, initial=0.0))
+
+    def speed(self, command: FloatArray) -> float:
+        """Give the largest command of shape (n, n_joints) as a share of its limit."""
+        return float(np.max(np.abs(command) / self.velocity, initial=0.0))
+
+    def steps(
+        self, command: FloatArray, arrival: FloatArray, period: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """
+        Give the steps from command to command, and the steps that the acceleration allows.
+
+        Parameters
+        ----------
+        command : ndarray of shape (n, n_joints)
+            In the order in which they arrived [rad/s].
+        arrival : ndarray of shape (n,)
+            When [s].
+        period : float
+            Of the samples [s]; commands that arrive together may be so far apart.
+
+        Returns
+        -------
+        tuple of ndarray of shape (n - 1, n_joints)
+            Sizes of the steps, from standstill behind a silence, and their limits [rad/s].
+
+        """
+        between = np.diff(arrival)[:, np.newaxis]
+        silent = between > TIMEOUT
+        before = np.where(silent, 0.0, command[:-1])
+        time = np.where(silent, period, np.maximum(between, period)) + SLACK
+        return np.abs(command[1:] - before), self.acceleration * time
+
+    def step(self, command: FloatArray, arrival: FloatArray, period: float) -> float:
+        """Give the largest step as a share of what the acceleration allows."""
+        size, allowed = self.steps(command, arrival, period)
+        return float(np.max(size / allowed, initial=0.0))

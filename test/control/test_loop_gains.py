@@ -1,0 +1,100 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Delay of the loop from commands and motion; what it leaves of the gains; swings that are fed."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from tudor_dynamics.control.delay_margin import damping_share, position_gain_limit
+from tudor_dynamics.control.loop_delay import DelayMeter
+from tudor_dynamics.control.swing_watch import SwingWatch
+
+SPEED = np.array([1.8, 1.8])
+
+
+def drive(meter: DelayMeter, delay: float, dt: float, seconds: float, seed: int = 0) -> None:
+    """Let joints answer smooth random commands after a delay, with noise of their encoders."""
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, dt)
+    wave = sum(a * np.sin(2 * np.pi * f * t[:, None] + p) for a, f, p in zip(
+        random.normal(0, 0.3, (5, 2)), (0.3, 0.7, 1.3, 2.1, 3.0), random.uniform(0, 6, (5, 2)),
+        strict=True))
+    held = np.vstack([np.zeros((1, 2)), wave])
+    for k in range(len(t)):
+        fine = t[k] - np.linspace(0.0, dt, 50, endpoint=False) - delay
+        index = np.clip(np.floor(fine / dt + 1e-9).astype(int) + 1, 0, k)
+        meter.add_motion(t[k], dt, held[index].mean(axis=0) + random.normal(0, 0.01, 2))
+        meter.add_command(t[k], wave[k])
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0.0, 0.12), st.sampled_from([0.002, 0.005, 0.01]), st.integers(0, 9))
+def test_finds_the_delay(delay: float, dt: float, seed: int) -> None:
+    """Any delay is found within 2 ms and a third of a sample."""
+    meter = DelayMeter(SPEED)
+    drive(meter, delay, dt, 5.0, seed)
+    assert meter.delay == pytest.approx(delay, abs=0.002 + 0.35 * dt)
+
+
+def test_says_nothing_without_motion_or_connection() -> None:
+    """At rest, and where the joints do not answer at all, no delay is told; then the last is kept."""
+    meter = DelayMeter(SPEED)
+    for k in range(2000):
+        meter.add_motion(0.002 * k, 0.002, np.zeros(2))
+        meter.add_command(0.002 * k, np.zeros(2))
+    assert meter.delay is None
+    random = np.random.default_rng(1)
+    for k in range(2000, 6000):
+        meter.add_motion(0.002 * k, 0.002, random.normal(0.0, 0.5, 2))
+        meter.add_command(0.002 * k, np.sin(0.01 * k) * SPEED)
+    assert meter.delay is None
+    other = DelayMeter(SPEED)
+    drive(other, 0.03, 0.002, 4.0)
+    other.reset()
+    assert other.delay == pytest.approx(0.03, abs=0.003)
+
+
+def test_share_falls_with_the_delay() -> None:
+    """All up to the full delay, a third at twice of it, none from five times on, never more."""
+    assert damping_share(0.0, 0.02) == damping_share(0.02, 0.02) == 1.0
+    assert damping_share(0.04, 0.02) == pytest.approx(2.0**-1.5)
+    assert damping_share(0.1, 0.02) == 0.0
+    shares = [damping_share(0.001 * k, 0.02) for k in range(150)]
+    assert all(b <= a for a, b in zip(shares, shares[1:], strict=False))
+    assert position_gain_limit(0.1) == pytest.approx(2.5)
+
+
+def watch(swing: SwingWatch, size: object, seconds: float, moving: bool = False) -> str:
+    """Let something at 2.5 Hz be added to the reference; give what was found first."""
+    for k in range(round(seconds / 0.002)):
+        t = 0.002 * k
+        added = size(t) * np.sin(2 * np.pi * 2.5 * t) * np.ones(2)
+        found = swing.step(0.002, added, moving, False)
+        if found:
+            return found
+    return ''
+
+
+def test_swing_that_is_fed() -> None:
+    """What decays is none; what stays or grows is told within seconds, what is wild at once."""
+    assert watch(SwingWatch(SPEED), lambda t: 0.6 * np.exp(-t / 1.5), 8.0) == ''
+    assert watch(SwingWatch(SPEED), lambda t: 0.04, 8.0) == ''  # noise of a real arm
+    assert 'not decay' in watch(SwingWatch(SPEED), lambda t: 0.3, 6.0)
+    assert 'grows' in watch(SwingWatch(SPEED), lambda t: 0.02 * np.exp(1.2 * t), 6.0)
+    assert watch(SwingWatch(SPEED), lambda t: 0.3, 6.0, moving=True) == ''
+    assert 'again and again' in watch(SwingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)

@@ -1,0 +1,48 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Nodes as processes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+
+def launch(node: str, *args: str, executor: str = 'events', **how: Any) -> subprocess.Popen:
+    """Start a node as its executable does; ``**how`` goes to Popen."""
+    code = f'import sys; from tudor_dynamics.nodes.{node} import main; sys.exit(main())'
+    return subprocess.Popen(
+        [sys.executable, '-c', code, '--executor', executor, '--ros-args', *args],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, 'PYTHONPATH': str(Path(__file__).parents[1])}, **how)
+
+
+def finish(process: subprocess.Popen, number: int) -> str:
+    """Send a signal; the exit code must be 0."""
+    process.send_signal(number)
+    try:
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0, out
+    assert 'Traceback' not in out, out
+    return out

@@ -1,0 +1,196 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node reference_generator: where it begins, which goals it takes, and who has to watch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import numpy as np
+import pytest
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Bool
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from ros_world import joint_message, JOINTS, World
+from tudor_dynamics.nodes.base import latched
+from tudor_dynamics.nodes.messages import floats, time_message
+from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
+
+POSE = np.array([0.8, 0.1])
+GOAL = np.array([1.2, -0.3])
+PERIOD = 20_000_000
+
+
+class Generator:
+    """A generator on a simulated clock, with an arm that is where its reference was."""
+
+    def __init__(self, world: World, arm: Path, **values: Any) -> None:
+        self.world = world
+        self.k = 0
+        self.q = POSE.copy()
+        self.follows = True
+        self.node = world.add(ReferenceGeneratorNode, **{
+            'arm': str(arm), 'rate': 50.0, 'use_sim_time': True, **values})
+        self.node.steady = lambda: 1e-9 * PERIOD * self.k
+        self.heard = world.listen('joint_reference')
+        self.goals = world.output('joint_trajectory', JointTrajectory)
+        world.meet('joint_states', 'joint_trajectory')
+        world.output('/clock', Clock)
+        world.meet('/clock')
+
+    def step(self) -> None:
+        """Let one period pass: positions, then the clock, which makes the next reference due."""
+        self.k += 1
+        stamp = 10**18 + PERIOD * self.k
+        read = self.node.meter.count
+        self.world.output('joint_states').publish(joint_message(stamp, JOINTS, position=self.q))
+        assert self.world.spin(lambda: self.node.meter.count > read)
+        before = self.node.get_clock().now().nanoseconds
+        self.world.output('/clock').publish(Clock(clock=time_message(stamp)))
+        assert self.world.spin(lambda: self.node.get_clock().now().nanoseconds > before)
+        self.world.rest(0.002)
+        if self.follows and self.heard:
+            self.q = np.array(self.heard[-1].position)
+
+    def run(self, count: int) -> np.ndarray:
+        """Let periods pass and give the references of that time."""
+        self.heard.clear()
+        for _ in range(count):
+            self.step()
+        return np.array([list(message.position) for message in self.heard])
+
+    def go(self, goal: np.ndarray) -> None:
+        """Send a goal and wait until it was looked at."""
+        refused = self.node.drops['goal_refused']
+        target = self.node.source.motion._planner._plans.copy() if self.node.source.motion else 0
+        self.goals.publish(JointTrajectory(
+            joint_names=JOINTS, points=[JointTrajectoryPoint(positions=floats(goal))]))
+        assert self.world.spin(lambda: self.node.drops['goal_refused'] > refused or not (
+            np.array_equal(self.node.source.motion._planner._plans, target)))
+
+    def told(self) -> Any:
+        """Give a diagnosis of this moment."""
+        heard = self.world.heard['/diagnostics']
+        heard.clear()
+        self.node.publish_diagnostics()
+        assert self.world.spin(lambda: any(
+            s.name.startswith('reference_generator') for a in heard for s in a.status))
+        return [s for a in heard for s in a.status
+                if s.name.startswith('reference_generator')][-1]
+
+
+@pytest.fixture
+def tudor(root: Path) -> Path:
+    """Give a description with limits."""
+    return root / 'config/tudor.yaml'
+
+
+def test_goals_beyond_limits_are_refused(world: World, tudor: Path) -> None:
+    """The reference begins at the arm, moves to goals within the limits, and to no others."""
+    generator = Generator(world, tudor)
+    assert generator.run(10)[0] == pytest.approx(POSE)
+    generator.go(np.degrees(GOAL))
+    assert generator.node.drops['goal_refused'] == 1
+    generator.go(GOAL)
+    assert generator.run(120)[-1] == pytest.approx(GOAL)
+    assert generator.told().message == 'running'
+
+
+def test_begins_again_where_the_arm_is(world: World, tudor: Path) -> None:
+    """An arm that stays behind is not left: the reference comes back to it, and says so."""
+    generator = Generator(world, tudor)
+    generator.run(10)
+    generator.follows = False
+    generator.go(GOAL + [0.6, 0.0])
+    seen = generator.run(120)
+    assert np.abs(seen - POSE).max() < 0.45
+    assert seen[-1] == pytest.approx(POSE)
+    assert 'begins again where the arm is' in {
+        item.key: item.value for item in generator.told().values}['begun again'].replace('it ', '')
+
+
+def test_collision_before_the_first_positions(world: World, tudor: Path) -> None:
+    """A latched collision is known before any position: no goals until ~/reset."""
+    publisher = world.probe.create_publisher(Bool, 'collision', latched())
+    publisher.publish(Bool(data=True))
+    generator = Generator(world, tudor)
+    assert world.spin(lambda: generator.node.source.collision)
+    generator.run(5)
+    generator.go(GOAL)
+    assert generator.node.drops['goal_refused'] == 1
+    status = generator.told()
+    assert status.level == DiagnosticStatus.WARN and 'collision' in status.message
+    generator.node._reset()
+    generator.go(GOAL)
+    assert generator.run(120)[-1] == pytest.approx(GOAL)
+
+
+def test_a_live_monitor_is_required(world: World, tudor: Path) -> None:
+    """Without, with a blind, a silent, and a living monitor: goals only with the last."""
+    generator = Generator(world, tudor, require_monitor=True)
+    diagnostics = world.probe.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    assert world.spin(lambda: diagnostics.get_subscription_count() > 1)
+    generator.run(5)
+
+    def say(level: bytes) -> None:
+        heard = len(generator.node._heard), generator.node._heard.get('/probe')
+        diagnostics.publish(DiagnosticArray(status=[
+            DiagnosticStatus(name='probe: /', level=level)]))
+        assert world.spin(lambda: (len(generator.node._heard),
+                                   generator.node._heard.get('/probe')) != heard)
+        generator.node._look()
+
+    def refused(cause: str) -> None:
+        before = generator.node.drops['goal_refused']
+        generator.go(GOAL)
+        assert generator.node.drops['goal_refused'] == before + 1
+        status = generator.told()
+        assert status.level == DiagnosticStatus.WARN and cause in status.message
+    generator.node._look()
+    refused('nobody publishes collision')
+    publisher = world.probe.create_publisher(Bool, 'collision', latched())
+    assert world.spin(lambda: publisher.get_subscription_count() > 0)
+    generator.node._look()
+    refused('no sign of life')
+    say(DiagnosticStatus.STALE)
+    refused('cannot judge')
+    generator.run(1)
+    say(DiagnosticStatus.OK)
+    generator.go(GOAL)
+    seen = generator.run(40)
+    assert np.abs(seen[-1] - POSE).max() > 0.01
+    generator.run(150)  # it fell silent
+    generator.node._look()
+    refused('no sign of life')
+    assert generator.node.set_parameters([
+        Parameter('require_monitor', value=False)])[0].successful
+    generator.node._look()
+    assert 'nobody watches for collisions any more' in generator.told().message
+
+
+def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
+    """Two nodes on the topic are noticed and named."""
+    generator = Generator(world, tudor)
+    generator.run(3)
+    for _ in range(2):
+        world.probe.create_publisher(Bool, 'collision', latched())
+    assert world.spin(lambda: generator.node.count_publishers('/collision') == 2)
+    generator.node._look()
+    status = generator.told()
+    assert status.level == DiagnosticStatus.WARN and '2 nodes publish collision' in status.message

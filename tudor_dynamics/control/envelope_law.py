@@ -1,0 +1,114 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""One step of the motion envelope of one joint, compiled: for hardware and simulation alike."""
+
+from __future__ import annotations
+
+import math
+
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+
+# Columns of the limits of one joint.
+LOWER, UPPER = 0, 1  # position [rad]
+SPEED = 2  # [rad/s]
+ACCELERATION = 3  # [rad/s^2]
+LAG = 4  # from a command until the joint moves so [s]
+ROW = 5
+# Columns of the state of one joint.
+COMMAND = 0  # last command [rad/s]
+CUT = 1  # what cut the last command: sum of the following
+STATES = 2
+BY_SPEED, BY_POSITION, BY_ACCELERATION = 1, 2, 4
+SATURATING = BY_SPEED + BY_POSITION  # a command that only takes longer is none the less obeyed
+
+BRAKING = 0.6
+"""Part of the acceleration limit with which the arm stops before a position limit: the rest is for
+what drive and load make of a command."""
+
+
+COMMANDED = 0.93
+"""Part of the speed limit that is commanded, for the same reason."""
+
+
+@compiled
+def approach_speed(way: float, acceleration: float, lag: float) -> float:
+    """
+    Give the fastest speed towards a position limit from which the joint still stops before it.
+
+    Parameters
+    ----------
+    way : float
+        Left to the limit [rad]; below 0 beyond it.
+    acceleration : float
+        With which the joint brakes [rad/s^2].
+    lag : float
+        Time for which it goes on as fast before [s].
+
+    Returns
+    -------
+    float
+        v with v lag + v^2 / (2 a) = way, so v <= sqrt(2 a way); 0 beyond the limit [rad/s].
+
+    """
+    if way <= 0.0:
+        return 0.0
+    if math.isinf(way) or math.isinf(acceleration):
+        return math.inf if lag == 0.0 else way / lag
+    reach = acceleration * lag
+    return math.sqrt(reach * reach + 2.0 * acceleration * way) - reach
+
+
+@compiled
+def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: float) -> float:
+    """
+    Give the speed nearest to the wanted one that keeps a joint within its limits.
+
+    Parameters
+    ----------
+    row, state : ndarray of shape (ROW,), (STATES,)
+        Limits of the joint, infinite for none, and its state, which is advanced.
+    dt : float
+        Time since the command before [s].
+    wanted : float
+        Speed, the damper's share included [rad/s].
+    q : float
+        Measured position [rad].
+
+    Returns
+    -------
+    float
+        Speed [rad/s].
+
+    """
+    limit = COMMANDED * row[SPEED]
+    speed = min(max(wanted, -limit), limit)
+    cut = 0
+    if speed != wanted:
+        cut += BY_SPEED
+    brake = BRAKING * row[ACCELERATION]
+    bounded = min(max(speed, -approach_speed(q - row[LOWER], brake, row[LAG])),
+                  approach_speed(row[UPPER] - q, brake, row[LAG]))
+    if bounded != speed:
+        cut += BY_POSITION
+    speed = bounded
+    if not math.isinf(row[ACCELERATION]):  # no time times no limit is no number
+        change = row[ACCELERATION] * dt
+        speed = min(max(bounded, state[COMMAND] - change), state[COMMAND] + change)
+    if speed != bounded:
+        cut += BY_ACCELERATION
+    state[COMMAND], state[CUT] = speed, cut
+    return speed

@@ -1,0 +1,125 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Gains that follow the loop: what its measured delay allows, and nothing for what excites."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm.drives import DamperSpec
+from tudor_dynamics.control.cascade import velocity_lag
+from tudor_dynamics.control.delay_margin import damping_share, position_gain_limit
+from tudor_dynamics.control.loop_delay import DelayMeter
+from tudor_dynamics.control.swing_watch import SwingWatch
+
+FloatArray = NDArray[np.float64]
+
+RAMP_TIME = 0.5
+"""In which the damper's share comes up or goes away [s]."""
+UNKNOWN_DELAY = 0.03
+"""Delay of the loop that is assumed until it was measured [s]."""
+
+
+class LoopGains:
+    """
+    Gains of damper and position loop in use.
+
+    Parameters
+    ----------
+    spec : DamperSpec
+        Gains of the description, and the delay up to which they hold.
+    speed : ndarray of shape (n_joints,)
+        Limits of the joints, as a scale [rad/s].
+    share : float
+        Part of the damper's gains that is asked for.
+
+    Attributes
+    ----------
+    share, position_gain : float
+        What is asked for: part of the damper's gains, speed per position error [1/s].
+    full_delay : float
+        Delay of the loop up to which the damper's gains hold [s].
+    delay : DelayMeter
+        Measures the loop.
+    excited : str
+        Why the damper is off until ``reset``; empty if it is not.
+    adapts : bool
+        Whether gains follow the loop; on a real arm always.
+    weight : float
+        Part of the damper's gains in force.
+
+    """
+
+    def __init__(self, spec: DamperSpec, speed: FloatArray, share: float = 1.0) -> None:
+        self.described = self.position_gain = spec.position_gain
+        self.full_delay = spec.full_delay
+        self.share = self.weight = share
+        self.delay = DelayMeter(speed)
+        self.adapts = True
+        self.excited = ''
+        self._swing = SwingWatch(speed)
+        self._lag = velocity_lag(spec)
+
+    def reset(self) -> None:
+        """Try the damper again."""
+        self.excited = ''
+        self.begin()
+
+    def begin(self) -> None:
+        """Take the next sample for a first one."""
+        self._swing.reset()
+        self.delay.reset()
+
+    def set_position_gain(self, gain: float) -> None:
+        """Ask for a speed per position error [1/s], 0 for that of the description."""
+        self.position_gain = gain if gain > 0.0 else self.described
+
+    @property
+    def assumed_delay(self) -> float:
+        """Delay of the loop, assumed where it was not measured yet [s]."""
+        delay = self.delay.delay
+        return UNKNOWN_DELAY if delay is None else delay
+
+    @property
+    def allowed_share(self) -> float:
+        """Part of what is asked for that the loop allows, 0 to 1."""
+        if not self.adapts:
+            return 1.0
+        if self.excited:
+            return 0.0
+        delay = self.delay.delay
+        return 1.0 if delay is None else damping_share(delay, self.full_delay)
+
+    def response_time(self, period: float) -> float:
+        """Give the time from a command until the joints move so, samples of a period apart [s]."""
+        return self.assumed_delay + self._lag + period
+
+    def position_gain_in_use(self, period: float) -> float:
+        """Give the speed per position error that the loop allows [1/s]."""
+        gain = self.described if self.excited else self.position_gain
+        return min(gain, position_gain_limit(self.response_time(period)))
+
+    def step(self, dt: float) -> float:
+        """Advance by a step [s] and give the part of the damper's gains in force."""
+        change = dt / RAMP_TIME
+        self.weight += min(max(self.share * self.allowed_share - self.weight, -change), change)
+        return self.weight
+
+    def judge(self, dt: float, added: FloatArray, moving: bool, cut: bool) -> None:
+        """Look for a swing in what was added to the reference [s, rad/s], see `SwingWatch`."""
+        excited = self._swing.step(dt, added, moving, cut)
+        if excited:
+            self.excited = excited
