@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 import shutil
+import sqlite3
 import tempfile
 from typing import Literal
 
@@ -87,8 +88,9 @@ def write_bag(
             (scratch / path.name).rename(path)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
-    except OSError as err:
-        msg = f'{path}: cannot be written ({err.strerror or err}); check path, rights and disk'
+    except (OSError, sqlite3.Error) as err:  # SQLite tells of a full disk in its own way
+        cause = getattr(err, 'strerror', None) or err
+        msg = f'{path}: cannot be written ({cause}); check path, rights and disk'
         raise BagError(msg) from None
 
 
