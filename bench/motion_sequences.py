@@ -27,7 +27,7 @@ from pathlib import Path
 import sys
 import time
 
-from hypothesis import HealthCheck, seed, settings
+from hypothesis import HealthCheck, Phase, seed, settings
 from hypothesis.stateful import run_state_machine_as_test
 
 sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
@@ -55,11 +55,13 @@ def main() -> int:
                 print(f'\r{machines} of {args.sequences}', end='', file=sys.stderr, flush=True)
 
     chosen = settings(max_examples=args.sequences, stateful_step_count=args.steps, deadline=None,
-                      database=None, print_blob=True, suppress_health_check=list(HealthCheck))
+                      database=None, phases=[Phase.generate],
+                      suppress_health_check=list(HealthCheck))
     try:
         run_state_machine_as_test(seed(args.seed)(Counted), settings=chosen)
     except AssertionError as err:
-        print(f'beyond the limits with --seed {args.seed}, after {machines} sequences: {err}')
+        print(f'beyond the limits with --seed {args.seed}, after {machines} sequences: {err}',
+              *getattr(err, '__notes__', []), sep='\n')
         return 1
     print(f'{machines} sequences (seed {args.seed}), {seconds / 3600.0:.1f} h of simulated '
           f'time in {time.perf_counter() - begun:.0f} s: none left the limits')

@@ -40,6 +40,9 @@ BRAKING = 0.6
 what drive and load make of a command."""
 
 
+APPROACH = math.e
+"""Time of the approach over the lag: a place that is approached by v = way / T through a lag is not
+overshot from T = e lag on."""
 COMMANDED = 0.93
 """Part of the speed limit that is commanded, for the same reason."""
 
@@ -100,8 +103,9 @@ def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: floa
     if speed != wanted:
         cut += BY_SPEED
     brake = BRAKING * row[ACCELERATION]
-    bounded = min(max(speed, -approach_speed(q - row[LOWER], brake, row[LAG])),
-                  approach_speed(row[UPPER] - q, brake, row[LAG]))
+    time = APPROACH * row[LAG]
+    bounded = min(max(speed, -approach_speed(q - row[LOWER], brake, time)),
+                  approach_speed(row[UPPER] - q, brake, time))
     if bounded != speed:
         cut += BY_POSITION
     speed = bounded

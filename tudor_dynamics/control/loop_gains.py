@@ -31,6 +31,8 @@ RAMP_TIME = 0.5
 """In which the damper's share comes up or goes away [s]."""
 UNKNOWN_DELAY = 0.03
 """Delay of the loop that is assumed until it was measured [s]."""
+CAREFUL_DELAY = 0.1
+"""The same where the way to a limit is judged [s]."""
 
 
 class LoopGains:
@@ -104,13 +106,14 @@ class LoopGains:
         return 1.0 if delay is None else damping_share(delay, self.full_delay)
 
     def response_time(self, period: float) -> float:
-        """Give the time from a command until the joints move so, samples of a period apart [s]."""
-        return self.assumed_delay + self._lag + period
+        """Give the longest time from a command to the motion, by the period of samples [s]."""
+        delay = self.delay.delay
+        return (CAREFUL_DELAY if delay is None else delay) + self._lag + period
 
     def position_gain_in_use(self, period: float) -> float:
         """Give the speed per position error that the loop allows [1/s]."""
         gain = self.described if self.excited else self.position_gain
-        return min(gain, position_gain_limit(self.response_time(period)))
+        return min(gain, position_gain_limit(self.assumed_delay + self._lag + period))
 
     def step(self, dt: float) -> float:
         """Advance by a step [s] and give the part of the damper's gains in force."""
