@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import os
 from pathlib import Path
+import subprocess
 import tempfile
 
 import pytest
@@ -53,3 +55,21 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f'no recordings in {folder}; TUDOR_SHARED_DATA names another folder')
     return folder
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Give a directory on a disk of 256 kB; skip the test where nothing may be mounted."""
+    place = tmp_path / 'disk'
+    place.mkdir()
+    try:
+        done = subprocess.run(
+            ['mount', '-t', 'tmpfs', '-o', 'size=256k', 'tmpfs', str(place)],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        failed = done.stdout.strip() if done.returncode else ''
+    except OSError as err:
+        failed = str(err)
+    if failed:
+        pytest.skip(f'a full disk needs the right to mount one ({failed})')
+    yield place
+    subprocess.run(['umount', str(place)], check=True)

@@ -31,7 +31,8 @@ FILES = ['package.xml',
          *sorted(f'config/{file.name}' for file in (ROOT / 'config').glob('*.urdf'))]
 
 # Where the name on PyPI is not that of the rosdep key behind "python3-".
-KEYS = {'pin': 'pinocchio', 'pyyaml': 'python3-yaml', 'rosbags': 'python3-rosbags-pip'}
+KEYS = {'backports.zstd': 'python3-rosbags-pip', 'pin': 'pinocchio', 'pyyaml': 'python3-yaml',
+        'rosbags': 'python3-rosbags-pip'}
 
 
 @pytest.mark.linter

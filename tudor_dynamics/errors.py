@@ -22,8 +22,29 @@ on one line and exits with code 2.
 from __future__ import annotations
 
 
+MAX_MESSAGE = 1500
+"""Characters of a message; names and values that it repeats may have any number."""
+
+
+def printable(text: str) -> str:
+    """Replace characters that would steer the terminal, as names in a file may hold them."""
+    return ''.join(char if char.isprintable() else '?' for char in text)
+
+
 class TudorError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """
+    Base of every error that this package raises on purpose.
+
+    Parameters
+    ----------
+    message : str
+        What was found; put on one line of bounded length, without control characters.
+
+    """
+
+    def __init__(self, message: str = '') -> None:
+        text = printable(' '.join(message.split()))
+        super().__init__(text if len(text) <= MAX_MESSAGE else f'{text[:MAX_MESSAGE]}...')
 
 
 class ArmError(TudorError, ValueError):

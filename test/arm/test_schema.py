@@ -88,6 +88,7 @@ def test_defaults() -> None:
     ('joints.1.name', 'one', ['top level', "joint 'one' is named twice"]),
     ('gravity', [0.0, -9.81], ['gravity.2', 'Field required']),
     ('gravity', [0.0, 0.0, float('inf')], ['gravity.2', 'finite number', 'inf']),
+    ('gravity', [0.0, 0.0, -1e300], ['gravity.2', 'greater than or equal to', '-1e+300']),
     ('active_joints', ['three'],
      ["active joint 'three' is not among the joints ['one', 'two']"]),
     ('active_joints', ['two', 'two'], ["active joint 'two' is named twice"]),
@@ -183,7 +184,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ArmError, match='binary.yaml: the arm description cannot be read'):
         load_arm(tmp_path / 'binary.yaml')
     (tmp_path / 'big.yaml').write_bytes(b'#' * 2_000_001)
-    with pytest.raises(ArmError, match='big.yaml: larger than 2000000 bytes'):
+    with pytest.raises(ArmError, match='big.yaml: .*larger than 2000000 bytes'):
         load_arm(tmp_path / 'big.yaml')
 
 

@@ -280,3 +280,20 @@ def test_real_arm_rings(
     assert found['strain']['analytical']['fit'] >= 78.0
     report = (tmp_path / 'm' / 'report.html').read_text()
     assert 'rings' in report and 'Hz' in report
+
+
+@pytest.mark.parametrize('where', ['directory', 'full disk'])
+def test_traces_that_cannot_be_saved(
+    fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest, where: str,
+) -> None:
+    """``--save`` to a directory or a full disk is one line, and leaves no scratch file."""
+    place: Path = request.getfixturevalue('small_disk') if where == 'full disk' else tmp_path
+    target = place / 'r.npz'
+    if where == 'directory':
+        target.mkdir()
+    before = sorted(place.iterdir())
+    line = one_line(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--rate',
+                    'full', '--save', target)
+    assert line.startswith(f'tudor evaluate: --save {target}: cannot be written (')
+    assert sorted(place.iterdir()) == before

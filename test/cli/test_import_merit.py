@@ -15,6 +15,7 @@
 """``tudor import-merit`` on synthetic files of the same shape."""
 
 from pathlib import Path
+import sqlite3
 
 import numpy as np
 import pytest
@@ -108,3 +109,27 @@ def test_missing_file_and_existing_bag_are_refused(tmp_path, capsys):
     file = write(tmp_path / 'exp.csv', table())
     assert main(['import-merit', file, '--out', str(tmp_path / 'b')]) == 2
     assert 'not overwritten' in capsys.readouterr().err
+
+
+def test_full_disk(small_disk, tmp_path, capsys):
+    """A disk that is full is one line and exit code 2, in both storages, and nothing is left."""
+    file = write(tmp_path / 'exp.csv', np.repeat(table(), 9, axis=0) + np.outer(
+        np.arange(2700), np.r_[0.01, np.zeros(16)]))
+    for storage in ('sqlite3', 'mcap'):
+        assert main(['import-merit', file, '--out', str(small_disk / 'bag'), '--storage',
+                     storage]) == 2
+        err = capsys.readouterr().err
+        assert err.count('\n') == 1 and 'cannot be written (' in err and 'disk' in err
+        assert list(small_disk.iterdir()) == []
+
+
+def test_full_disk_as_sqlite_tells_it(tmp_path, capsys, monkeypatch):
+    """Full disks are an error of SQLite's own, no OSError."""
+    def fail(*_):
+        raise sqlite3.OperationalError('database or disk is full')
+    monkeypatch.setattr('rosbags.rosbag2.storage_sqlite3.Sqlite3Writer.write', fail)
+    file = write(tmp_path / 'exp.csv', table())
+    assert main(['import-merit', file, '--out', str(tmp_path / 'bag'), '--storage',
+                 'sqlite3']) == 2
+    assert 'bag: cannot be written (database or disk is full); check' in capsys.readouterr().err
+    assert [item.name for item in tmp_path.iterdir()] == ['exp.csv']

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+import signal
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -151,3 +153,46 @@ def test_reader_that_has_gone() -> None:
         assert process.stderr.read() == b''
         process.stderr.close()
         assert process.wait(30) == 0
+
+
+def _slow_module() -> str:
+    """Give a program whose subcommand takes long to load, and says when it has begun."""
+    return ('import sys, time, tudor_dynamics.cli.main as m\n'
+            'def load(name):\n'
+            '    print("loading", flush=True)\n'
+            '    time.sleep(60)\n'
+            'm.import_module = load\n'
+            'sys.exit(m.main(["evaluate", "x"]))\n')
+
+
+def test_interrupt_while_modules_load() -> None:
+    """Ctrl-C before the subcommand is even there is one line, too."""
+    process = subprocess.Popen([sys.executable, '-c', _slow_module()], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None and process.stderr is not None
+    assert process.stdout.readline() == 'loading\n'
+    process.send_signal(signal.SIGINT)
+    assert process.communicate()[1] == 'tudor evaluate: interrupted\n'
+    assert process.returncode == 130
+
+
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&-', '<&- >&- 2>&-'])
+def test_closed_streams(closed: str, root: Path) -> None:
+    """Where nobody listens the work is done all the same, and no file takes a stream's place."""
+    info = f'"{sys.executable}" -m tudor_dynamics info bags/two_blade_test --json {closed}'
+    first = ('import os, tudor_dynamics.cli.main as m; m._open_standard_streams(); '
+             'os._exit(os.open(os.sep, 0) < 3)')
+    for command in (info, f'"{sys.executable}" -c "{first}" {closed}'):
+        shell = subprocess.run(['sh', '-c', command], cwd=root, check=False, text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        assert (shell.returncode, shell.stderr) == (0, '')
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='no /dev/full here')
+def test_full_output(root: Path) -> None:
+    """Output to a full disk is one line and exit code 2, also at exit."""
+    with open('/dev/full', 'w', encoding='utf-8') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', 'tudor_dynamics', 'info', 'bags/two_blade_test'], cwd=root,
+            stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (2, 'tudor info: No space left on device\n')

@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
+from tudor_dynamics import files
 from tudor_dynamics.cli.main import main
 
 
@@ -182,3 +184,35 @@ def test_reproduce_draws_the_figures_of_the_paper(tmp_path, capsys):
     names = {path.name for path in tmp_path.iterdir()}
     assert {'figure_4_torque.png', 'figure_5_6_elbow_acceleration.png', 'lshape.npz',
             'figure_7_8_tip_acceleration.png', 'figure_9_moment_link2.png'} <= names
+
+
+@pytest.mark.parametrize(('seconds', 'fails', 'left'), [
+    ('0.5', 'bag: cannot be written (No space left on device)', ['run.npz']),
+    ('2', 'run.npz: No space left on device', [])])
+def test_full_disk(root, small_disk, capsys, seconds, fails, left):
+    """A disk that is full is one line that names the file, and leaves nothing half written."""
+    out = small_disk / 'out'
+    code = main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque', '1',
+                 '--seconds', seconds, '--out', str(out)])
+    err = capsys.readouterr().err
+    assert code == 2 and err.startswith(f'tudor simulate: {out}/{fails}') and err.count('\n') == 1
+    assert [item.name for item in out.iterdir()] == left
+
+
+@pytest.mark.parametrize('name', ['run.npz', 'initial.png', 'a.gif'])
+def test_files_that_cannot_be_written(root, tmp_path, capsys, monkeypatch, name):
+    """The same for arrays, figures and animation, each when its turn comes."""
+    real = Path.replace if name == 'a.gif' else files.os.replace
+
+    def fail(source, target):
+        if Path(target).name == name:
+            raise OSError(28, 'No space left on device', str(target))
+        return real(source, target)
+    monkeypatch.setattr(*((Path, 'replace') if name == 'a.gif' else (files.os, 'replace')), fail)
+    out = tmp_path / 'out'
+    code = main(['simulate', str(root / 'config' / 'single_flexible_link.yaml'), '--torque', '1',
+                 '--seconds', '0.1', '--rate', '100', '--plot', '--signals', 'energy', '--out',
+                 str(out), '--animate', str(out / 'a.gif')])
+    err = capsys.readouterr().err
+    assert code == 2 and err.endswith(f'{name}: No space left on device\n')
+    assert not [item for item in out.iterdir() if item.name.startswith('.') or item.name == name]

@@ -203,6 +203,10 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
     (lambda head: head['outputs']['effort']['analytical']['groups'].clear(), 'were expected'),
     (_coefficient(value=float('nan')), 'not finite'),
     (_coefficient(value=float('inf')), 'not finite'),
+    (_coefficient(value=1e300), 'not finite, or beyond 1e.15'),
+    (_coefficient(column='x' * 5000), 'does not exist|xxx[.]{3}$'),
+    (lambda head: head['outputs']['effort']['analytical']['groups'][0].update(
+        residual_std=[1e200]), 'expected 0 or more'),
     (_coefficient(column='Izz(tail)'), 'does not exist'),
     (_coefficient(value=[1]), 'fit the model again'),
     (_hidden(6), 'expected finite values of'),
@@ -241,11 +245,12 @@ def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(ModelError, match='unpacks to more than a model can have'):
         load_bundle(model)
     (model / 'elm.npz').write_bytes(bytes(100_001))
-    with pytest.raises(ModelError, match='more than the 100000 bytes'):
+    with pytest.raises(ModelError, match='larger than 100000 bytes'):
         load_bundle(model)
-    levels = '\n'.join(f'  {b}: &{b} [*{a}, *{a}, *{a}]' for a, b in zip('abcdefg', 'bcdefgh'))
+    levels = '\n'.join(f'  {b}: &{b} [{", ".join([f"*{a}"] * 9)}]'
+                       for a, b in zip('abcdefg', 'bcdefgh'))
     _write_body(model, f'format: x\nfacts:\n  a: &a [1]\n{levels}\n')
-    with pytest.raises(ModelError, match='YAML references'):
+    with pytest.raises(ModelError, match='more than 300000 values'):
         load_bundle(model)
     _write_body(model, '[' * 100_000)
     with pytest.raises(ModelError, match='more than 50 levels'):
@@ -255,7 +260,18 @@ def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         load_bundle(model)
 
 
-@pytest.mark.parametrize('data', [b'', b'PK', b'no archive', _archive(a=np.array(['x']))])
+def test_weights_that_would_overflow(model: Path, saved: dict[str, bytes]) -> None:
+    """An ELM whose weights are numbers, but none that a fit gives, is refused."""
+    with np.load(io.BytesIO(saved['elm.npz'])) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays['effort_elm_output_weights'][0, 0] = 1e300
+    _replace_file(model, 'elm.npz', _archive(**arrays))
+    with pytest.raises(ModelError, match='none beyond 1e.15'):
+        load_bundle(model)
+
+
+@pytest.mark.parametrize('data', [b'', b'PK', b'no archive', _archive(a=np.array(['x'])),
+                                  _archive(a=np.array([1j])), _archive(a=np.array([True]))])
 def test_no_archive(model: Path, data: bytes) -> None:
     """What is no archive of numbers is said to be none."""
     _replace_file(model, 'elm.npz', data)

@@ -107,6 +107,8 @@ def _coefficient(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
     (_first('channels', 'residual_std', math.inf), 'residual_std'),
     (_coefficient('column', 'gain'), 'gain'),
     (_coefficient('value', math.nan), 'not finite'),
+    (_coefficient('value', 1e300), 'not finite, or beyond 1e+15'),
+    (_first('physical', 'value', 1e300), 'which no fit gives'),
     (_coefficient('standard_error', math.nan), 'not finite'),
     (lambda content: content['channels'].pop(), 'channels'),
     (lambda content: content['channels'][1]['coefficients'].pop(), 'columns'),

@@ -96,3 +96,16 @@ def test_strain_changes_its_sign_with_the_load(root):
     observer = Observer(plant, arm=arm)
     plant.reset([0.0, np.pi, 0.0])
     assert (observer.observe().strain < 0.0).all()
+
+
+def test_joint_and_link_of_one_name(root, tmp_path):
+    """Where a joint is called ``tip`` like the link behind it, the beam ends there, too."""
+    text = (root / 'config' / 'tudor.urdf').read_text()
+    ends = []
+    for name in ('tip_mount', 'tip'):
+        (tmp_path / 'tudor.urdf').write_text(text.replace('"tip_mount"', f'"{name}"'))
+        content = yaml.safe_load((root / 'config' / 'tudor.yaml').read_text())
+        arm = arm_from_dict(content, base=tmp_path, source='tudor')
+        observer = Observer(Plant(build_mechanism(arm), 5e-4))
+        ends.append(observer.observe().position)
+    np.testing.assert_array_equal(*ends)

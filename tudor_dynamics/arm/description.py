@@ -27,15 +27,18 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 from pydantic import ValidationError
-import yaml
 
 from tudor_dynamics.arm.kinematics import (
-    is_prismatic, joint_axis, model_from_dh, model_from_urdf, read_urdf, unit_vector,
-    with_gauge_joints)
+    is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
+from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
+from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ArmError
+from tudor_dynamics.files import read_bounded
 
 MAX_YAML_BYTES = 2_000_000
+MAX_PARTS = 8
+"""Mistakes that one message names."""
 
 
 def validation_message(err: ValidationError) -> str:
@@ -61,9 +64,14 @@ def validation_message(err: ValidationError) -> str:
             text = 'unknown key (misspelt?)'
         found = item.get('input')
         shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
-            f', found {found!r}')
-        parts.append(f'{where}: {text}{shown}')
-    return '; '.join(parts)
+            f', found {_short(repr(found))}')
+        parts.append(f'{_short(where)}: {text}{shown}')
+    more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
+    return '; '.join(parts[:MAX_PARTS]) + more
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 100 else f'{text[:100]}...'
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +144,11 @@ class Arm:
             if name not in keep:
                 reference[model.joints[index].idx_q] = self.held_joints[name]
                 locked.append(index)
-        return pin.buildReducedModel(model, locked, reference) if locked else model
+        try:
+            return pin.buildReducedModel(model, locked, reference) if locked else model
+        except ValueError as err:  # names that several parts of a URDF share
+            msg = f'{self.source}: joints cannot be held ({err}); give joints and links own names'
+            raise ArmError(msg) from None
 
     @cached_property
     def model(self) -> pin.Model:
@@ -288,19 +300,16 @@ def load_arm(path: str | Path) -> Arm:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_YAML_BYTES:
-            msg = f'{path}: larger than {MAX_YAML_BYTES} bytes, this is no arm description'
-            raise ArmError(msg)
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as err:
+        text = read_bounded(path, MAX_YAML_BYTES).decode()
+    except OSError as err:
+        msg = f'{path}: the arm description cannot be read ({err.strerror}); check --arm'
+        raise ArmError(msg) from None
+    except ValueError as err:  # no UTF-8, or a NUL in the path
         msg = f'{path}: the arm description cannot be read ({err}); check --arm'
         raise ArmError(msg) from None
-    except yaml.YAMLError as err:
-        where = getattr(err, 'problem_mark', None)
-        line = f' in line {where.line + 1}' if where else ''
-        msg = f'{path}: no valid YAML{line}: {getattr(err, "problem", err)}'
-        raise ArmError(msg) from None
-    except RecursionError:
-        msg = f'{path}: nested too deeply to be an arm description'
+    try:
+        content = load_yaml(text)
+    except ValueError as err:
+        msg = f'{path}: {err}'
         raise ArmError(msg) from None
     return arm_from_dict(content, base=path.parent, source=str(path))

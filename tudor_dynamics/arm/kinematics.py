@@ -12,21 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a URDF or a D-H table to a Pinocchio model with one scalar coordinate a joint."""
+"""From a D-H table to a Pinocchio model; joints and gauges of any model."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.errors import ArmError
-
-MAX_URDF_BYTES = 20_000_000
 
 
 def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
@@ -59,94 +55,6 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
         raise ArmError(msg)
     unit: NDArray[np.float64] = vector / norm
     return unit
-
-
-def read_urdf(path: Path) -> str:
-    """
-    Read a URDF file, of bounded size.
-
-    Parameters
-    ----------
-    path : Path
-        URDF file.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    ArmError
-        If the file cannot be read or is too large.
-
-    """
-    try:
-        if path.stat().st_size > MAX_URDF_BYTES:
-            msg = f'{path}: larger than {MAX_URDF_BYTES} bytes, this is hardly a URDF'
-            raise ArmError(msg)
-        return path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f'{path}: the URDF cannot be read ({err}); check kinematics.urdf'
-        raise ArmError(msg) from None
-
-
-def model_from_urdf(text: str, path: str) -> pin.Model:
-    """
-    Build a model from a URDF; continuous joints become angles, fixed ones merge with parents.
-
-    Parameters
-    ----------
-    text : str
-        URDF.
-    path : str
-        Where it came from, for messages.
-
-    Returns
-    -------
-    pinocchio.Model
-        Model with ``nq == nv``.
-
-    Raises
-    ------
-    ArmError
-        If it is no URDF, or has a joint of another type.
-
-    """
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as err:
-        msg = f'{path}: no valid XML ({err}); for xacro files run xacro first'
-        raise ArmError(msg) from None
-    for joint in root.iter('joint'):
-        kind = joint.get('type')
-        if kind == 'continuous':
-            # Pinocchio would use (cos q, sin q); one angle a joint keeps nq == nv, and the
-            # dynamics are the same.
-            joint.set('type', 'revolute')
-            limit = joint.find('limit')
-            if limit is None:
-                limit = ElementTree.SubElement(joint, 'limit')
-            limit.attrib.update(lower='-1e9', upper='1e9')
-            limit.attrib.setdefault('effort', '1e9')
-            limit.attrib.setdefault('velocity', '1e9')
-        elif kind in ('floating', 'planar'):
-            msg = (f'{path}: joint {joint.get("name")!r} is {kind}; revolute, continuous, '
-                   'prismatic and fixed joints can be modelled')
-            raise ArmError(msg)
-    for link in root.iter('link'):  # meshes are not needed and often not there
-        for tag in ('visual', 'collision'):
-            for element in link.findall(tag):
-                link.remove(element)
-    try:
-        model = pin.buildModelFromXML(ElementTree.tostring(root, encoding='unicode'))
-    except (ValueError, RuntimeError, IndexError) as err:
-        msg = f'{path}: Pinocchio cannot build a model from this URDF ({err})'
-        raise ArmError(msg) from None
-    if model.nq != model.nv:
-        msg = f'{path}: a joint of this URDF needs more than one coordinate'
-        raise ArmError(msg)
-    return model
 
 
 def _translation(x: float, y: float, z: float) -> pin.SE3:

@@ -37,6 +37,8 @@ MAX_PADDING = 3
 """Bytes that a middleware may append to fill up to four."""
 FIELDS = ('position', 'velocity', 'effort')
 POINT_FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
+MAX_NAMES = 1000
+"""Names in a message; a hundred joints are described at most."""
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
@@ -119,6 +121,14 @@ class _Cursor:
         except UnicodeDecodeError:
             raise CdrError(f'string at byte {start} is no UTF-8') from None
 
+    def names(self) -> tuple[str, ...]:
+        """Read a sequence of strings."""
+        count = self.count()
+        if count > min(len(self.buffer) // 5, MAX_NAMES):  # a string takes five bytes at least
+            raise CdrError(f'announces {count} names in {len(self.buffer)} bytes; at most '
+                           f'{MAX_NAMES} are read')
+        return tuple(self.text() for _ in range(count))
+
     def doubles(self) -> tuple[int, int]:
         """Read the length of a sequence of float64 and skip it; offset and length."""
         size = self.count()
@@ -170,10 +180,7 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     cursor = _Cursor(buffer)
     cursor.skip(8, 4)
     frame_id = cursor.text()
-    count = cursor.count()
-    if count > len(buffer) // 5:  # a string takes five bytes at least
-        raise CdrError(f'announces {count} names in {len(buffer)} bytes')
-    names = tuple(cursor.text() for _ in range(count))
+    names = cursor.names()
     fields = {field: cursor.doubles() for field in FIELDS}
     return cursor.finish(frame_id, names, fields, spare)
 
@@ -230,10 +237,7 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     cursor = _Cursor(buffer)
     cursor.skip(8, 4)
     frame_id = cursor.text()
-    count = cursor.count()
-    if count > len(buffer) // 5:
-        raise CdrError(f'announces {count} names in {len(buffer)} bytes')
-    names = tuple(cursor.text() for _ in range(count))
+    names = cursor.names()
     points = cursor.count()
     if points != 1:
         raise CdrError(f'has {points} points')

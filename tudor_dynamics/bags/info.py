@@ -185,18 +185,30 @@ def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
 
 
 def _channels(states: JointStates, names: list[str]) -> list[ChannelReport]:
+    found: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
+    for block in states.blocks:
+        for what in FIELDS:
+            values = block.values(what)
+            finite = np.isfinite(values)
+            low = np.where(finite, values, np.inf).min(axis=0).tolist()
+            high = np.where(finite, values, -np.inf).max(axis=0).tolist()
+            bad = (~finite).sum(axis=0).tolist()
+            # an array may be shorter or longer than the names; the first of equal names counts
+            columns = zip(low, high, bad, strict=True)
+            first: dict[str, tuple[float, float, int]] = {}
+            for name, column in zip(block.layout.names, columns, strict=False):
+                first.setdefault(name, column)
+            for name, column in first.items():
+                found.setdefault((name, what), []).append(column)
     reports = []
     for name in names:
         for what in FIELDS:
-            parts = [block.values(what)[:, block.layout.names.index(name)]
-                     for block in states.blocks if name in block.layout.names
-                     and block.layout.names.index(name) < block.layout.fields[what][1]]
-            if parts:
-                values = np.concatenate(parts)
-                finite = values[np.isfinite(values)]
+            if (name, what) in found:
+                low, high, bad = zip(*found[name, what], strict=True)
+                least, most = min(low), max(high)
                 reports.append(ChannelReport(
-                    name, what, float(finite.min()) if len(finite) else None,
-                    float(finite.max()) if len(finite) else None, len(values) - len(finite)))
+                    name, what, least if least < np.inf else None,
+                    most if most > -np.inf else None, sum(bad)))
     return reports
 
 

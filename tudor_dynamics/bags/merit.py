@@ -24,6 +24,8 @@ imported: JointState has none, and they are recomputed from the positions anyway
 from __future__ import annotations
 
 import csv
+import io
+import os
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +34,7 @@ from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.messages import JointStateSeries
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import open_regular
 
 COLUMNS = ('t', 'q1', 'q2', 'q3', 'dq1', 'dq2', 'dq3', 'I1', 'I2', 'I3',
            'eps21', 'eps22', 'eps31', 'eps32', 'ddq1', 'ddq2', 'ddq3')
@@ -39,7 +42,7 @@ JOINTS = ('joint1', 'joint2', 'joint3')
 GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')
 START = 1_000_000_000
 """Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
-MAX_BYTES = 500_000_000
+MAX_BYTES = 100_000_000
 MAX_TIME = 1e8
 TWO_TURNS = 4 * np.pi
 
@@ -66,10 +69,10 @@ def read_merit(path: str | Path) -> FloatArray:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            msg = f'{path}: larger than {MAX_BYTES} bytes, this is no MERIt recording'
-            raise BagError(msg)
-        with path.open(encoding='utf-8-sig', newline='') as stream:
+        with io.TextIOWrapper(open_regular(path), encoding='utf-8-sig', newline='') as stream:
+            if os.fstat(stream.fileno()).st_size > MAX_BYTES:
+                msg = f'{path}: larger than {MAX_BYTES} bytes, this is no MERIt recording'
+                raise BagError(msg)
             rows = [_numbers(path, line, cells)
                     for line, cells in enumerate(csv.reader(stream), start=1)
                     if any(cell.strip() for cell in cells) and not _is_header(line, cells)]

@@ -17,37 +17,51 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 import re
-from typing import Any
 
-from rosbags.rosbag2 import Reader
-import yaml
-
-from tudor_dynamics.bags.mcap_scan import scan_mcap, unfinished_topics
+from tudor_dynamics.bags.mcap_summary import BreaksOff, mcap_topics
+from tudor_dynamics.bags.metadata import METADATA, Metadata, read_metadata
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.storage import Bag, guard, one_line, TopicInfo
+from tudor_dynamics.bags.sqlite_scan import sqlite_topics
+from tudor_dynamics.bags.storage import Bag, one_line, storage_file, TopicInfo
+from tudor_dynamics.bags.unpacking import Damaged
 from tudor_dynamics.bags.writer import scratch_prefix
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import open_regular
 
 SUFFIXES = ('.db3', '.mcap')
-METADATA = 'metadata.yaml'
-MAX_METADATA_BYTES = 10_000_000
+MAX_TOPICS = 4096
+MAX_NAME = 255
+"""Characters in the name of a topic or type, as in DDS."""
 HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
 """Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 
 
-def _topics(source: Path) -> tuple[list[TopicInfo], bool]:
-    with guard(source), Reader(source) as reader:
-        found = [TopicInfo(item.topic, item.msgtype, item.msgcount)
-                 for item in reader.connections]
-        packed = bool(reader.compression_mode)
+def _topics(file: Path, compression: str, unfinished: set[Path]) -> list[TopicInfo]:
+    """Give the topics of a file, which becomes one of the unfinished if it breaks off."""
+    with storage_file(file, compression) as opened:
+        read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
+        if read is None:
+            raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
+        try:
+            listed = read(opened)
+        except BreaksOff:
+            # with metadata it was finished once: it is a bad copy
+            bad_copy = (file.parent / METADATA).exists()
+            listed = [] if bad_copy else mcap_topics(opened, unfinished=True)
+            if not listed:
+                raise
+            unfinished.add(file)
+        found = [TopicInfo(*item) for item in listed]
+        if len(found) > MAX_TOPICS:
+            raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
         for item in found:
-            if not (isinstance(item.name, str) and item.name.isprintable()
-                    and isinstance(item.msgtype, str) and item.msgtype.isprintable()
-                    and isinstance(item.count, int) and item.count >= 0):
-                raise ValueError(f'impossible topic entry {item}')
-    return found, packed
+            for text in (item.name, item.msgtype):
+                if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
+                    raise Damaged(f'impossible topic entry {item}')
+    return found
 
 
 def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
@@ -69,34 +83,25 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
 
 def _storage_name(files: Collection[Path]) -> str:
     names = {'.db3': 'sqlite3', '.mcap': 'mcap'}
-    return ', '.join(sorted({names.get(file.suffix, file.suffix) for file in files}))
+    suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix for file in files}
+    return ', '.join(sorted(names.get(suffix, suffix) for suffix in suffixes))
 
 
-def _unfinished(file: Path) -> list[TopicInfo]:
-    """Give the topics of a file that breaks off; none where it should not."""
-    if file.suffix != '.mcap' or (file.parent / METADATA).exists():
-        return []  # with metadata it was finished once: it is a bad copy
-    types = unfinished_topics(file)
-    found = scan_mcap(file, types, with_data=False, unfinished=True) if types else {}
-    return [TopicInfo(name, types[name], len(scan.log_time)) for name, scan in found.items()]
-
-
-def _open_files(path: Path, files: tuple[Path, ...], notes: Notes) -> Bag:
-    found, unfinished = [], set()
+def _open_files(
+    path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
+) -> Bag:
+    compression = '' if metadata is None else metadata.compression
+    unfinished: set[Path] = set()
     for file in files:
         _check_leftovers(file, notes)
-        try:
-            found += _topics(file)[0]
-        except BagError:
-            with guard(file):
-                topics = _unfinished(file)
-            if not topics:
-                raise
-            found += topics
-            unfinished.add(file)
-            notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
-    return Bag(path, _storage_name(files), files, _merge(found), files, False,
-               unfinished=frozenset(unfinished))
+    topics = _merge([item for file in files for item in _topics(file, compression, unfinished)])
+    for file in sorted(unfinished):
+        notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
+    if metadata is None:
+        return Bag(path, _storage_name(files), files, topics, unfinished=frozenset(unfinished))
+    announced = {name: replace(info, count=metadata.counts.get(name, info.count))
+                 for name, info in topics.items()}
+    return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
 
 
 def _check_leftovers(file: Path, notes: Notes) -> None:
@@ -109,7 +114,7 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
                   f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
     if not journal.is_file():
         return
-    with journal.open('rb') as stream:
+    with open_regular(journal) as stream:
         # written before SQLite changes the file itself, whose pages may now be of two times
         if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
             msg = (f'{file}: its recorder was killed while it wrote, {journal.name} takes that '
@@ -118,23 +123,10 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
             raise BagError(msg)
 
 
-def _metadata(directory: Path) -> tuple[tuple[Path, ...], dict[str, str]]:
-    """Give the storage files and the custom data."""
-    with guard(directory):
-        content: Any = yaml.safe_load((directory / METADATA).read_text(encoding='utf-8'))
-        information = content['rosbag2_bagfile_information']
-        custom = information.get('custom_data')
-        return (tuple(directory / Path(name).name
-                      for name in information['relative_file_paths']),
-                {str(key): str(value) for key, value in custom.items()}
-                if isinstance(custom, dict) else {})
-
-
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
                           if item.suffix in SUFFIXES and item.is_file()), key=_natural))
-    metadata = path / METADATA
-    if not metadata.is_file():
+    if not (path / METADATA).exists():
         if not files:
             msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
                    'files); give the directory that `ros2 bag record` made')
@@ -143,24 +135,20 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
                   'in the order of their names')
         return _open_files(path, files, notes)
     try:
-        if metadata.stat().st_size > MAX_METADATA_BYTES:
-            msg = f'{metadata}: larger than {MAX_METADATA_BYTES} bytes, this is no {METADATA}'
-            raise BagError(msg)
-        found, packed = _topics(path)
-        listed, custom = _metadata(path)
+        metadata = read_metadata(path)
     except BagError as err:
         if not files:
             raise
-        bag = _open_files(path, files, notes)  # a damaged storage file is reported by its name
         cause = str(err).removeprefix(f'{path}: ').rpartition(';')[0]
         notes.add(f'{METADATA} cannot be used: {cause}; read '
                   f'{", ".join(file.name for file in files)} in the order of their names')
-        return bag
-    missed = [file.name for file in files if file not in listed]
-    if missed and not packed:
+        return _open_files(path, files, notes)
+    if metadata.doubled:
+        notes.add(f'{METADATA} lists a file twice; read once')
+    missed = [file.name for file in files if file not in metadata.files]
+    if missed and not metadata.compression:
         notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
-    return Bag(path, _storage_name(listed), listed, _merge(found), (path,), packed,
-               custom)
+    return _open_files(path, metadata.files, notes, metadata)
 
 
 def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:

@@ -22,17 +22,20 @@ line that names the file, the cause and the remedy.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 import hashlib
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.rosbag2 import Reader
 
-from tudor_dynamics.bags.mcap_scan import Damaged, scan_mcap, Unusual
+from tudor_dynamics.bags.mcap_scan import scan_mcap
+from tudor_dynamics.bags.mcap_summary import mcap_channels
+from tudor_dynamics.bags.sqlite_scan import scan_sqlite
+from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import open_regular
 
 REMEDIES = {
     '.db3': 'copy the file again, or recover what is left with `sqlite3 FILE .recover`',
@@ -86,10 +89,8 @@ class Bag:
         Storage files in their order.
     topics : dict of str to TopicInfo
         What the bag announces.
-    sources : tuple of Path
-        What rosbags is asked to open: the directory, or each file.
-    packed : bool
-        Whether messages or files are compressed by rosbag2.
+    compression : {'', 'file', 'message'}
+        What rosbag2 has compressed, beside chunks.
     custom : dict of str to str
         What whoever recorded wrote into ``custom_data`` of the metadata.
     unfinished : frozenset of Path
@@ -101,8 +102,7 @@ class Bag:
     storage: str
     files: tuple[Path, ...]
     topics: Mapping[str, TopicInfo]
-    sources: tuple[Path, ...]
-    packed: bool
+    compression: str = ''
     custom: Mapping[str, str] = field(default_factory=dict)
     unfinished: frozenset[Path] = frozenset()
 
@@ -137,33 +137,11 @@ class Bag:
                 raise BagError(msg)
         times: dict[str, list[int]] = {name: [] for name in topics}
         data: dict[str, list[bytes]] = {name: [] for name in topics}
-        if not self._scan(times, data, with_data):
-            for source in self.sources:
-                _read_with_rosbags(source, times, data, with_data)
+        for file in self.files:
+            with storage_file(file, self.compression) as opened:
+                _read_file(opened, times, data, with_data, packed=self.compression == 'message',
+                           unfinished=file in self.unfinished)
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
-
-    def _scan(
-        self, times: dict[str, list[int]], data: dict[str, list[bytes]], with_data: bool,
-    ) -> bool:
-        if self.packed or any(file.suffix != '.mcap' for file in self.files):
-            return False
-        try:
-            scans = [scan_mcap(file, tuple(times), with_data=with_data,
-                               unfinished=file in self.unfinished) for file in self.files]
-        except Unusual:
-            return False
-        except Damaged as err:
-            msg = f'{self.path}: damaged ({err}); {REMEDIES[".mcap"]}'
-            raise BagError(msg) from None
-        for name in times:
-            count = sum(len(scan[name].log_time) for scan in scans)
-            if count != (self.topics[name].count if name in self.topics else 0):
-                return False
-        for scan in scans:
-            for name, found in scan.items():
-                times[name] += found.log_time
-                data[name] += found.data
-        return True
 
     def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
         msgtype = self.topics[name].msgtype if name in self.topics else ''
@@ -171,7 +149,7 @@ class Bag:
             log_time = np.array(times, dtype=np.int64)
         except (OverflowError, TypeError, ValueError):
             msg = (f'{self.path}: topic {name} has log times that are no times; '
-                   f'{REMEDIES[self.files[0].suffix]}')
+                   'record again')
             raise BagError(msg) from None
         if len(times) > 1 and np.any(np.diff(log_time) < 0):
             order = np.argsort(log_time, kind='stable')
@@ -192,7 +170,7 @@ class Bag:
         digest = hashlib.sha256()
         try:
             for file in self.files:
-                with file.open('rb') as stream:
+                with open_regular(file) as stream:
                     while block := stream.read(1 << 20):
                         digest.update(block)
         except OSError as err:
@@ -208,50 +186,61 @@ def one_line(err: BaseException) -> str:
 
 
 @contextmanager
-def guard(path: Path) -> Iterator[None]:
-    """Turn whatever a parser raises on the bytes of a file into a BagError."""
-    # Damaged bytes reach rosbags' parsers, apsw, lz4 and zstd; what these raise is not one
-    # family (struct.error, AssertionError, TypeError, MemoryError, apsw.Error, ...).
+def storage_file(file: Path, compression: str = '') -> Iterator[Path]:
+    """
+    Give a storage file as it can be read; what goes wrong with it becomes a BagError.
+
+    Parameters
+    ----------
+    file : Path
+        File of the bag.
+    compression : {'', 'file', 'message'}
+        Of the bag.
+
+    Yields
+    ------
+    Path
+        The file itself, or a copy that is unpacked.
+
+    Raises
+    ------
+    BagError
+        If the file is damaged, cannot be read, or asks for more than it may.
+
+    """
+    remedy = REMEDIES.get(Path(file.stem if compression == 'file' else file.name).suffix,
+                          'check the bag with `ros2 bag info`')
     try:
-        yield
-    except BagError:
-        raise
-    except PermissionError:
-        msg = f'{path}: cannot be read (permission denied); check the permissions'
+        with unpacked_file(file) if compression == 'file' else nullcontext(file) as opened:
+            yield opened
+    except OSError as err:
+        msg = f'{file}: cannot be read ({err.strerror or err}); check file and permissions'
         raise BagError(msg) from None
-    except Exception as err:
-        remedy = REMEDIES.get(path.suffix, 'check the bag with `ros2 bag info`')
-        if path.suffix == '.db3' and any(char in str(path) for char in '?#%'):
-            remedy = 'its path contains ?, # or %, which SQLite cannot open: rename it'
-        cause = one_line(err).replace(f'{path}/', '').replace(str(path), path.name)
-        msg = f'{path}: damaged or no rosbag2 storage ({cause}); {remedy}'
+    except (Damaged, MemoryError) as err:
+        msg = f'{file}: damaged or no rosbag2 storage ({one_line(err)}); {remedy}'
         raise BagError(msg) from None
 
 
-def _read_with_rosbags(
-    source: Path,
+def _read_file(
+    file: Path,
     times: dict[str, list[int]],
     data: dict[str, list[bytes]],
     with_data: bool,
+    *,
+    packed: bool,
+    unfinished: bool,
 ) -> None:
-    with guard(source), Reader(source) as reader:
-        connections = [item for item in reader.connections if item.topic in times]
-        if not connections:
-            return
-        sinks = {item.topic: (times[item.topic].append, data[item.topic].append)
-                 for item in connections}
-        if not with_data:
-            for connection, log_time, _ in reader.messages(connections):
-                sinks[connection.topic][0](log_time)
-            return
-        for connection, log_time, message in reader.messages(connections):
-            add_time, add_data = sinks[connection.topic]
-            add_time(log_time)
-            add_data(message)
-        for topic in sinks:
-            for message in data[topic]:
-                # sqlite3 can hand out text or numbers where a blob should be
-                if not isinstance(message, bytes):
-                    msg = (f'{source}: topic {topic} holds a {type(message).__name__} in place '
-                           f'of a message; {REMEDIES[".db3"]}')
-                    raise BagError(msg)
+    before = {name: len(messages) for name, messages in data.items()}
+    if file.suffix == '.mcap':
+        scans = scan_mcap(file, tuple(times), with_data=with_data, unfinished=unfinished,
+                          channels=None if unfinished else mcap_channels(file))
+        for name, found in scans.items():
+            times[name] += found.log_time
+            data[name] += found.data
+    else:
+        scan_sqlite(file, times, data, with_data=with_data)
+    if packed:
+        unpacker = Unpacker(file.stat().st_size)
+        for name, messages in data.items():
+            messages[before[name]:] = [unpacker.unpack(message, 'zstd')
+                                       for message in messages[before[name]:]]

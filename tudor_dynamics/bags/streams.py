@@ -28,7 +28,9 @@ from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.errors import BagError
 
 FEW = 0.05
-"""Share of samples of a channel that may be NaN or infinite and are left out with a warning."""
+"""Share of samples of a channel that may be no numbers and are left out with a warning."""
+MAX_VALUE = 1e12
+"""Nothing about an arm is larger in any unit; squares and products stay far from overflowing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,29 +153,29 @@ def choose_clock(
 
 def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
     """
-    Mark samples that are not finite, refuse channels that are mostly so.
+    Mark samples that are no measured numbers, refuse channels that are mostly so.
 
     Parameters
     ----------
     stream : Stream
         Any stream.
     notes : Notes
-        Is told how many samples of which channels are not finite.
+        Is told how many samples of which channels are NaN, infinite or beyond `MAX_VALUE`.
     path : str
         Bag, for messages.
 
     Returns
     -------
     Stream
-        The same with NaN for every value that is not finite.
+        The same with NaN for every such value.
 
     Raises
     ------
     BagError
-        If more than a few samples of a channel are not finite.
+        If more than a few samples of a channel are so.
 
     """
-    bad = ~np.isfinite(stream.values)
+    bad = ~(np.abs(stream.values) <= MAX_VALUE)
     if not bad.any():
         return stream
     counts = bad.sum(axis=0)
@@ -181,8 +183,9 @@ def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
     seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
     who = ', '.join(f'{name} {count}' for name, count in zip(stream.names, counts, strict=True)
                     if count)
-    text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite: {who}, the first at '
-            f'{seconds:.3f} s')
+    large = '' if not np.isfinite(stream.values[bad]).any() else f' or beyond {MAX_VALUE:g}'
+    text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite{large}: {who}, the first '
+            f'at {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{path}: {text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg)

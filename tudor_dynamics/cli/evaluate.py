@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 import argparse
-import os
+import io
 from pathlib import Path
-import tempfile
 from typing import Any
 import warnings
 
@@ -29,6 +28,7 @@ from tudor_dynamics.arm import load_arm, PreprocessingSpec
 from tudor_dynamics.cli.collision_figures import print_collisions
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
 from tudor_dynamics.errors import TudorWarning, UsageError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bundling import rounded, trained_on
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.dataset import BagData, common_outputs, load, parse_choice
@@ -226,13 +226,10 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
             arrays[f'{output}_{kind}_measured'] = measured
             arrays[f'{output}_{kind}_predicted'] = predicted
             arrays[f'{output}_{kind}_residual'] = measured - predicted
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f'.{path.name}.',
-                                         delete=False) as scratch:
-            np.savez_compressed(scratch, **arrays)
-        os.chmod(scratch.name, 0o644)
-        os.replace(scratch.name, path)
+        write_whole(path, buffer.getvalue())
     except OSError as err:
         msg = f'--save {path}: cannot be written ({err.strerror}); give another file'
         raise UsageError(msg) from None

@@ -27,7 +27,7 @@ from rich.text import Text
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.errors import BagError
+from tudor_dynamics.errors import BagError, printable
 
 EXAMPLES = """\
 examples:
@@ -79,11 +79,6 @@ def run(args: argparse.Namespace) -> int:
     return code
 
 
-def _clean(text: str) -> str:
-    # Names come from the bag: nothing in them may steer the terminal.
-    return ''.join(char if char.isprintable() else '?' for char in text)
-
-
 def _range(channel: ChannelReport | None) -> str:
     if channel is None:
         return ''
@@ -97,13 +92,13 @@ def _topic_row(topic: TopicReport) -> list[str]:
     jitter = '' if topic.jitter is None else f'{topic.jitter * 1e3:.3g}'
     gaps = f'{topic.gaps} ({topic.longest_gap:.3g} s)' if topic.gaps else '0'
     again = f'{topic.duplicates} / {topic.backward}'
-    return [_clean(topic.name), _clean(topic.type), str(topic.count), rate, jitter, gaps, again,
-            topic.clock]
+    return [printable(topic.name), printable(topic.type), str(topic.count), rate, jitter, gaps,
+            again, topic.clock]
 
 
 def _channel_table(topic: TopicReport) -> Table:
-    table = Table(title=Text(f'{_clean(topic.name)}: {", ".join(topic.fields) or "no values"}'),
-                  title_justify='left')
+    fields = ', '.join(topic.fields) or 'no values'
+    table = Table(title=Text(f'{printable(topic.name)}: {fields}'), title_justify='left')
     table.add_column('name', overflow='fold')
     for what in topic.fields:
         table.add_column(f'{what} range')
@@ -111,7 +106,7 @@ def _channel_table(topic: TopicReport) -> Table:
     for name in topic.names:
         found = {channel.field: channel for channel in topic.channels if channel.name == name}
         bad = sum(channel.not_finite for channel in found.values())
-        table.add_row(Text(_clean(name)), *(_range(found.get(what)) for what in topic.fields),
+        table.add_row(Text(printable(name)), *(_range(found.get(what)) for what in topic.fields),
                       str(bad))
     return table
 
@@ -133,7 +128,7 @@ def show(report: BagReport, console: Console) -> None:
         moment = datetime.fromtimestamp(report.start, tz=timezone.utc)
         start = f', recorded {moment:%Y-%m-%d %H:%M:%S} UTC'
     payload = '' if report.payload is None else f', payload {report.payload:g} kg'
-    console.print(Text(_clean(report.path), style='bold'))
+    console.print(Text(printable(report.path), style='bold'))
     console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
                   f'{report.duration:.4g} s{start}{payload}')
     table = Table()
@@ -148,7 +143,7 @@ def show(report: BagReport, console: Console) -> None:
         if topic.names:
             console.print(_channel_table(topic))
     for text in report.odd:
-        console.print(Text(f'odd: {_clean(text)}', style='yellow'))
+        console.print(Text(f'odd: {printable(text)}', style='yellow'))
     usable = report.effort_model or report.strain_model
-    console.print(Text(f'use: {_clean(report.verdict)}', style='green' if usable else 'red'))
+    console.print(Text(f'use: {printable(report.verdict)}', style='green' if usable else 'red'))
     console.print()

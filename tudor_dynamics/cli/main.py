@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib import import_module
 import os
 import sys
@@ -34,7 +35,7 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
     os.environ.setdefault(_name, '1')
 
 from tudor_dynamics import __version__  # noqa: E402
-from tudor_dynamics.errors import TudorError, TudorWarning  # noqa: E402
+from tudor_dynamics.errors import printable, TudorError, TudorWarning  # noqa: E402
 
 SUBCOMMANDS = {
     'fit': 'learn a dynamics model from bags',
@@ -103,28 +104,60 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     only = next((word for word in arguments if word in SUBCOMMANDS), None)
-    args = build_parser(only).parse_args(arguments)
-    module = import_module(f'tudor_dynamics.cli.{args.command.replace("-", "_")}')
+    name = f'tudor {only}' if only else 'tudor'
+    _open_standard_streams()
     with warnings.catch_warnings():
         warnings.showwarning = _show_warning  # type: ignore[assignment]
         warnings.simplefilter('always', TudorWarning)
         try:
+            # parsing loads the subcommand's modules, which takes a second
+            args = build_parser(only).parse_args(arguments)
+            module = import_module(f'tudor_dynamics.cli.{args.command.replace("-", "_")}')
             code = int(module.run(args))
             sys.stdout.flush()  # a reader that has gone is noticed here, not at exit
             return code
         except TudorError as err:
-            print(f'tudor {args.command}: {" ".join(str(err).split())}', file=sys.stderr)
+            _complain(name, str(err))
             return WRONG_INPUT
         except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _forget_output()
             return OK
         except OSError as err:
             place = f'{err.filename}: ' if err.filename else ''
-            print(f'tudor {args.command}: {place}{err.strerror or err}', file=sys.stderr)
+            _complain(name, f'{place}{err.strerror or err}')
+            try:
+                sys.stdout.flush()
+            except OSError:
+                _forget_output()
             return WRONG_INPUT
         except KeyboardInterrupt:
-            print(f'tudor {args.command}: interrupted', file=sys.stderr)
+            _complain(name, 'interrupted')
             return 130
+
+
+def _complain(name: str, text: str) -> None:
+    with suppress(OSError):  # standard error may lead to a full disk
+        print(f'{name}: {printable(text)}', file=sys.stderr)
+
+
+def _open_standard_streams() -> None:
+    """Let closed standard streams lead nowhere; the next file opened would take their place."""
+    for number, stream in enumerate(('stdin', 'stdout', 'stderr')):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)
+            if opened != number:
+                os.dup2(opened, number)
+                os.close(opened)
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(number, 'r' if number == 0 else 'w', encoding='utf-8',
+                                      closefd=False))
+
+
+def _forget_output() -> None:
+    """Send what could not be written nowhere; the interpreter would try again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == '__main__':

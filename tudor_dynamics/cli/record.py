@@ -21,7 +21,6 @@ from collections.abc import Callable
 import os
 from pathlib import Path
 import sys
-import tempfile
 import time
 
 from rich.console import Console
@@ -33,6 +32,7 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
 from tudor_dynamics.cli.console import finite, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.campaign import (
     steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult, StimulusSpec)
@@ -196,9 +196,7 @@ def _write_campaign(
         'stimuli': [{**result.content(), 'bag': Path(result.bag).name,
                      'motion_seed': spec.motion_seed}
                     for spec, result in zip(specs, results, strict=True)]}
-    with tempfile.NamedTemporaryFile('w', dir=path.parent, delete=False, encoding='utf-8') as file:
-        yaml.safe_dump(content, file, sort_keys=False)
-    Path(file.name).replace(path)
+    write_whole(path, yaml.safe_dump(content, sort_keys=False).encode())
 
 
 def _print(results: list[StimulusResult], out: Path, seconds: float) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 
 from tudor_dynamics.cli.console import print_json
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import open_regular
 from tudor_dynamics.simulation.animation import animate, check_target
 from tudor_dynamics.simulation.lshape import agreement, l_shape, run_paper, run_reference
 from tudor_dynamics.simulation.mechanism import build_mechanism
@@ -111,7 +112,7 @@ def _read_reference(path: Path) -> dict[str, np.ndarray]:
     needed = ('t', 'tau', 'elbow_acceleration', 'tip_acceleration', 'link1_mid_moment',
               'link2_mid_moment', 'hub_rot')
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
             return {name: file[name] for name in needed}
     except (OSError, ValueError, KeyError) as err:
         msg = f'{path}: no reference computation ({err}); expected arrays {", ".join(needed)}'

@@ -17,13 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import os
+import io
 from pathlib import Path
-import tempfile
 
 from matplotlib.figure import Figure
 
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.collisions import MethodResult
 
 SUFFIXES = ('.png', '.svg', '.pdf')
@@ -84,14 +84,6 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
     axes.legend(title='marker: threshold in force')
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, scratch = tempfile.mkstemp(prefix=f'.{path.stem}.', suffix=path.suffix,
-                                       dir=path.parent)
-    os.close(handle)
-    try:
-        figure.savefig(scratch, dpi=150)
-        os.chmod(scratch, 0o644)
-        os.replace(scratch, path)
-    except BaseException:
-        Path(scratch).unlink(missing_ok=True)
-        raise
+    stream = io.BytesIO()
+    figure.savefig(stream, format=path.suffix[1:], dpi=150)
+    write_whole(path, stream.getvalue())

@@ -33,7 +33,7 @@ from pydantic import ValidationError
 
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
-from tudor_dynamics.errors import ArmError, ModelError
+from tudor_dynamics.errors import ArmError, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
@@ -277,10 +277,13 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         models = {output: {kind: _model(own, output, kind, content, arrays)
                            for kind, content in kinds.items()}
                   for output, kinds in head['outputs'].items()}
+    except TudorError as err:
+        if str(err).startswith(str(path)):
+            raise
+        msg = f'{path}: {err}'
+        raise ModelError(msg) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError,
             ValidationError) as err:
-        if isinstance(err, ModelError):
-            raise
         msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
         raise ModelError(msg) from None
     facts = head.get('facts')

@@ -15,8 +15,7 @@
 """
 Files of a model bundle: bytes in, checked values out, and back.
 
-Bundles are untrusted: reads are bounded and of regular files only, nothing is unpickled, YAML is
-read without references (of which a few lines can stand for gigabytes).
+Bundles are untrusted: reads are bounded and of regular files only, nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -35,18 +34,14 @@ import numpy as np
 from numpy.typing import NDArray
 import yaml
 
+from tudor_dynamics import bounded_yaml
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.files import read_bounded
 
 FloatArray = NDArray[np.float64]
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000}
-MAX_DEPTH = 50
-"""Levels of YAML: the compiled loader follows any number of them until the stack ends."""
-
-
-class _Loader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
-    """The fast safe loader where it is compiled in."""
 
 
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
@@ -78,7 +73,7 @@ def dump_yaml(content: Any) -> str:
 
 def load_yaml(text: str | bytes, file: Path) -> Any:
     """
-    Read YAML as `dump_yaml` writes it.
+    Read the YAML of a bundle.
 
     Parameters
     ----------
@@ -95,35 +90,14 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
     Raises
     ------
     ModelError
-        If it is no YAML, or has references.
+        If it is no YAML, or stands for more than it may.
 
     """
     try:
-        if not _plain(text):
-            msg = (f'{file}: has YAML references or more than {MAX_DEPTH} levels, which no bundle '
-                   'has; fit the model again')
-            raise ModelError(msg)
-        return yaml.load(text, Loader=_Loader)
-    except ModelError:
-        raise
-    except (yaml.YAMLError, RecursionError, ValueError) as err:
-        what = ' '.join(str(err).split())[:200]
-        msg = f'{file}: no valid YAML ({what}); fit the model again'
+        return bounded_yaml.load_yaml(text)
+    except ValueError as err:
+        msg = f'{file}: {err}; fit the model again'
         raise ModelError(msg) from None
-
-
-def _plain(text: str | bytes) -> bool:
-    depth = 0
-    for token in yaml.scan(text, Loader=_Loader):
-        if isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken,
-                              yaml.BlockSequenceStartToken, yaml.BlockMappingStartToken)):
-            depth += 1
-        elif isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken,
-                                yaml.BlockEndToken)):
-            depth -= 1
-        if depth > MAX_DEPTH or isinstance(token, yaml.AliasToken):
-            return False
-    return True
 
 
 def sha256(data: bytes) -> str:
@@ -166,13 +140,19 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
                 msg = f'{file}: unpacks to more than a model can have'
                 raise ModelError(msg)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            return {name: np.asarray(archive[name], dtype=float) for name in archive.files}
+            arrays = {name: archive[name] for name in archive.files}
     except ModelError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
         msg = f'{file}: no archive of numbers ({err}); fit the model again'
         raise ModelError(msg) from None
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
+            msg = (f'{file}: no archive of numbers ({name[:100]!r} holds others); fit the model '
+                   'again')
+            raise ModelError(msg)
+    return {name: array.astype(float) for name, array in arrays.items()}
 
 
 def read_file(path: Path, name: str) -> bytes:
@@ -198,20 +178,11 @@ def read_file(path: Path, name: str) -> bytes:
 
     """
     file = path / name
-    limit = MAX_BYTES[name]
     try:
-        if not file.is_file() and file.exists():  # a pipe or device may never end
-            msg = f'{file}: no regular file; expected a model bundle of tudor fit'
-            raise ModelError(msg)
-        with file.open('rb') as stream:
-            data = stream.read(limit + 1)
+        return read_bounded(file, MAX_BYTES[name])
     except OSError as err:
         msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
         raise ModelError(msg) from None
-    if len(data) > limit:
-        msg = f'{file}: more than the {limit} bytes that a model can have'
-        raise ModelError(msg)
-    return data
 
 
 def write_directory(files: dict[str, bytes], path: Path) -> None:

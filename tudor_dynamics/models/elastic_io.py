@@ -25,6 +25,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.elastic import ElasticModel, physical_unit, PhysicalParameter
 from tudor_dynamics.models.elastic_arm import driven_arm
+from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_from, plausible
 from tudor_dynamics.models.units import output_units
 
 
@@ -101,13 +102,10 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
         physical.append(PhysicalParameter(
             str(item['name']), float(item['value']), str(item['unit']),
             math.nan if error is None else float(error), bool(item['shown'])))
-    payloads = None
-    if 'payload_range' in content:
-        low, high = (float(value) for value in content['payload_range'])
-        if not 0.0 <= low < high < math.inf:
-            msg = f'payload range {low} to {high} kg; expected two masses'
+        if not plausible(physical[-1].value):
+            msg = f'parameter {physical[-1].name} is {physical[-1].value:g}, which no fit gives'
             raise ModelError(msg)
-        payloads = low, high
+    payloads = payloads_from(content)
     model = ElasticModel(arm, output, tuple(physical), payload_range=payloads)
     known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
     for parameter in physical:
@@ -128,12 +126,13 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
             raise ModelError(msg)
         values.append(np.array([float(row['value']) for row in rows]))
         errors.append(np.array([float(row['standard_error']) for row in rows]))
-        if not np.all(np.isfinite(values[-1])) or np.any(np.isnan(errors[-1])):
-            msg = f'a coefficient of {item["channel"]} is not finite'
+        if not plausible(values[-1]) or np.any(np.isnan(errors[-1])):
+            msg = (f'a coefficient of {item["channel"]} is not finite, or beyond '
+                   f'{MAX_COEFFICIENT:g}')
             raise ModelError(msg)
     model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
     model.noise_ = np.array([float(item['residual_std']) for item in content['channels']])
-    if not (np.all(np.isfinite(model.noise_)) and np.all(model.noise_ >= 0.0)):
+    if not plausible(model.noise_) or np.any(model.noise_ < 0.0):
         msg = f'residual_std {model.noise_.tolist()} of {channels}; expected 0 or more'
         raise ModelError(msg)
     return model

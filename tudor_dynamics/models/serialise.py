@@ -35,6 +35,8 @@ from tudor_dynamics.models.units import column_unit, output_units
 FloatArray = NDArray[np.float64]
 
 MAX_HIDDEN = 100_000
+MAX_COEFFICIENT = 1e15
+"""Beyond it, one rad or A stands above all digits of a double: no fit gives that."""
 ELM_ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weights')
 
 
@@ -84,12 +86,35 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
     return {**content, 'groups': groups}
 
 
-def _range_from(content: dict[str, Any]) -> tuple[float, float] | None:
-    """Read the payloads that a model was fitted to, where it knows of any [kg]."""
+def plausible(values: Any) -> bool:
+    """Say whether all numbers of a model are finite and far from overflowing anything."""
+    return bool(np.all(np.abs(values) <= MAX_COEFFICIENT))  # NaN is not
+
+
+def payloads_from(content: dict[str, Any]) -> tuple[float, float] | None:
+    """
+    Read the payloads that a model was fitted to.
+
+    Parameters
+    ----------
+    content : dict
+        Plain values of a model.
+
+    Returns
+    -------
+    tuple of float or None
+        Smallest and largest [kg]; None where the model knows of no payload.
+
+    Raises
+    ------
+    ModelError
+        If they are no range of masses.
+
+    """
     if 'payload_range' not in content:
         return None
     low, high = (float(value) for value in content['payload_range'])
-    if not 0.0 <= low < high < float('inf'):
+    if not 0.0 <= low < high <= MAX_COEFFICIENT:
         msg = f'payload range {low} to {high} kg; expected two masses'
         raise ModelError(msg)
     return low, high
@@ -121,7 +146,7 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
     """
     plain = (EffortRegressor(arm) if output == 'effort'
              else StrainRegressor(arm, str(content['form'])))
-    payloads = _range_from(content)
+    payloads = payloads_from(content)
     regressor = plain if payloads is None else payload_regressor(plain, arm)
     index = {name: i for i, name in enumerate(regressor.columns)}
     groups = []
@@ -134,15 +159,19 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
             raise ModelError(msg)
         values = np.array([float(row['value']) for row in rows])
         errors = np.array([float(row['standard_error']) for row in rows])
-        if not np.all(np.isfinite(values)) or np.any(np.isnan(errors)):
-            msg = f'a coefficient of {item["channels"]} is not finite'
+        if not plausible(values) or np.any(np.isnan(errors)):
+            msg = (f'a coefficient of {item["channels"]} is not finite, or beyond '
+                   f'{MAX_COEFFICIENT:g}')
             raise ModelError(msg)
         base = BaseSet(channels, np.array([index[row['column']] for row in rows], dtype=np.intp),
                        tuple(str(row['name']) for row in rows))
         unexcited = tuple(k for k, row in enumerate(rows) if not row['excited'])
-        variances = np.array([float(v) ** 2 for v in item['residual_std']])
+        noise = np.array([float(v) for v in item['residual_std']])
+        if len(noise) != len(channels) or not plausible(noise) or np.any(noise < 0.0):
+            msg = f'residual_std {noise.tolist()} of {item["channels"]}; expected 0 or more each'
+            raise ModelError(msg)
         groups.append(Group(base, Estimate(values, errors, float(item['condition']), unexcited,
-                                           variances)))
+                                           noise ** 2)))
     listed = sorted(channel for group in groups for channel in group.base.channels)
     if listed != list(range(len(regressor.channels))):
         msg = f'{output} channels {listed} where {list(regressor.channels)} were expected'
@@ -229,7 +258,7 @@ def elm_from_arrays(
         raise ModelError(msg)
     more: dict[str, Any] = {'hidden': hidden, 'ridge': float(settings['ridge']),
                             'seed': int(settings['seed']), 'clip': bool(settings['clip'])}
-    payloads = _range_from(settings)
+    payloads = payloads_from(settings)
     n_inputs += payloads is not None
     model = (ExtremeLearningMachine(channels, **more) if payloads is None
              else PayloadELM(channels, payloads, **more))
@@ -238,9 +267,10 @@ def elm_from_arrays(
               'output_weights': (hidden, len(channels))}
     for name, shape in shapes.items():
         array = arrays.get(f'{prefix}_{name}')
-        if array is None or array.shape != shape or not np.all(np.isfinite(array)):
+        if array is None or array.shape != shape or not plausible(array):
             found = 'nothing' if array is None else f'shape {array.shape}'
-            msg = f'elm.npz: {prefix}_{name}: found {found}, expected finite values of {shape}'
+            msg = (f'elm.npz: {prefix}_{name}: found {found}, expected finite values of {shape}, '
+                   f'none beyond {MAX_COEFFICIENT:g}')
             raise ModelError(msg)
         setattr(model, f'{name}_', array)
     return model

@@ -16,15 +16,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-import tempfile
 from typing import Any
 
 import jinja2
 
 from tudor_dynamics import __version__
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.reproduction.plan import Campaign
 from tudor_dynamics.reproduction.table1 import Table1
 from tudor_dynamics.reproduction.table_text import (
@@ -74,17 +73,9 @@ def write_file(path: Path, content: str | bytes) -> None:
 
     """
     data = content.encode() if isinstance(content, str) else content
-    temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-        with os.fdopen(handle, 'wb') as stream:
-            stream.write(data)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
+        write_whole(path, data)
     except OSError as err:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
         msg = f'{path}: cannot be written ({err.strerror or err}); give another --out'
         raise UsageError(msg) from None
 

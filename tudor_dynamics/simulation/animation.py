@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 import shutil
+import tempfile
 
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
@@ -96,4 +97,7 @@ def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -
     pictures = max(int(round(rate)), 1)
     writer = (PillowWriter(fps=pictures) if path.suffix.lower() == '.gif'
               else FFMpegWriter(fps=pictures))
-    FuncAnimation(figure, draw, frames=frames).save(path, writer=writer, dpi=80)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
+        scratch = Path(folder, path.name)
+        FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
+        scratch.replace(path)

@@ -189,8 +189,9 @@ class Builder:
     def tip_frame(self) -> pin.Frame | None:
         """Frame at the end of the chain: ``tip``, or the last one on the last joint."""
         model = self.model
-        if model.existFrame('tip'):
-            return model.frames[model.getFrameId('tip')]
+        named = [frame for frame in model.frames if frame.name == 'tip']
+        if named:  # a joint and the link behind it may share the name: the link comes last
+            return named[-1]
         last = model.njoints - 1
         frames = [f for f in model.frames if f.parentJoint == last]
         return frames[-1] if frames else None

@@ -20,13 +20,19 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 import multiprocessing
+from multiprocessing import connection
+import os
 from pathlib import Path
 import signal
 import threading
+import time
 from typing import Any
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.simulation.campaign import record_stimulus, StimulusResult, StimulusSpec
+
+GRACE = 10.0
+"""For a worker to end by itself once its parent has gone [s]."""
 
 _done: Any = None  # steps done in all processes, shared
 
@@ -36,6 +42,26 @@ def _begin(counter: Any) -> None:
     _done = counter
 
 
+def _begin_worker(counter: Any) -> None:
+    _begin(counter)
+    signal.signal(signal.SIGTERM, _end)
+    threading.Thread(target=_watch_parent, daemon=True).start()
+
+
+def _end(*_: object) -> None:
+    raise SystemExit(1)
+
+
+def _watch_parent() -> None:
+    """End with the process that began this one, also where that was killed and told nobody."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # this runs in a child
+    connection.wait([parent.sentinel])
+    os.kill(os.getpid(), signal.SIGTERM)  # what was half written is removed
+    time.sleep(GRACE)
+    os._exit(1)
+
+
 def _count(steps: int) -> None:
     with _done.get_lock():
         _done.value += steps
@@ -43,6 +69,13 @@ def _count(steps: int) -> None:
 
 def _work(source: str, spec: StimulusSpec, path: str) -> StimulusResult:
     return record_stimulus(load_arm(source), spec, Path(path), _count)
+
+
+def _work_in_worker(source: str, spec: StimulusSpec, path: str) -> StimulusResult:
+    try:
+        return _work(source, spec, path)
+    except SystemExit:  # the pool would take it for a result and go on with what is left
+        os._exit(1)
 
 
 def record_stimuli(
@@ -85,9 +118,9 @@ def record_stimuli(
         return results
     before = set(multiprocessing.active_children())
     with ProcessPoolExecutor(min(jobs, len(specs)), mp_context=context,
-                             initializer=_begin, initargs=(counter,)) as pool:
+                             initializer=_begin_worker, initargs=(counter,)) as pool:
         with _no_interrupt():  # an interrupt is this process's to handle; workers inherit that
-            futures = [pool.submit(_work, str(source), spec, str(path))
+            futures = [pool.submit(_work_in_worker, str(source), spec, str(path))
                        for spec, path in zip(specs, paths, strict=True)]
         workers = set(multiprocessing.active_children()) - before
         pending: set[Future[StimulusResult]] = set(futures)

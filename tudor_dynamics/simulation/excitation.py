@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.files import read_bounded
 
 FloatArray = NDArray[np.float64]
 
 MAX_EXPRESSION = 2000
-MAX_TABLE_BYTES = 200_000_000
+MAX_TABLE_BYTES = 50_000_000
 
 
 def _ramp(x: FloatArray, width: float = 1.0) -> FloatArray:
@@ -138,12 +139,10 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
 
     """
     try:
-        if path.stat().st_size > MAX_TABLE_BYTES:
-            msg = f'{path}: larger than {MAX_TABLE_BYTES} bytes'
-            raise SimulationError(msg)
-        text = path.read_text(encoding='utf-8')
-    except (OSError, UnicodeDecodeError) as err:
-        msg = f'{path}: the table cannot be read ({err})'
+        text = read_bounded(path, MAX_TABLE_BYTES).decode()
+    except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
+        cause = getattr(err, 'strerror', None) or err
+        msg = f'{path}: the table cannot be read ({cause})'
         raise SimulationError(msg) from None
     first = text.lstrip().split('\n', 1)[0]
     head = [word.strip() for word in first.lstrip('#').split(',')]

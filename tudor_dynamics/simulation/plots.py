@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import io
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.mechanism import Mechanism
 from tudor_dynamics.simulation.run import Run
@@ -135,6 +137,12 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     return np.fft.rfftfreq(len(values), dt), amplitude
 
 
+def _write(figure: Figure, path: Path) -> None:
+    stream = io.BytesIO()
+    figure.savefig(stream, format='png', dpi=110)
+    write_whole(path, stream.getvalue())
+
+
 def plot_signal(
     path: Path, run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
 ) -> None:
@@ -172,7 +180,7 @@ def plot_signal(
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
-    figure.savefig(path, dpi=110)
+    _write(figure, path)
 
 
 def body_lines(mechanism: Mechanism) -> list[tuple[list[int], bool]]:
@@ -218,7 +226,7 @@ def plot_configuration(
     axes.text(x, y, z, '  tip', fontsize=8)
     limit_axes(axes, position)
     axes.set_title(title)
-    figure.savefig(path, dpi=110)
+    _write(figure, path)
 
 
 def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:

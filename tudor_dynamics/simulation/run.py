@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-import os
+import io
 from pathlib import Path
 from typing import Literal
 
@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
 
@@ -81,7 +82,7 @@ class Run:
 
     def save(self, path: Path, **more: NDArray) -> None:
         """
-        Write all arrays to one ``.npz``, under a temporary name first.
+        Write all arrays to one ``.npz``, whole or not at all.
 
         Parameters
         ----------
@@ -92,13 +93,9 @@ class Run:
 
         """
         arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
-        scratch = path.with_name(f'.{path.name}.{os.getpid()}')
-        try:
-            with scratch.open('wb') as file:
-                np.savez_compressed(file, **arrays)
-            scratch.replace(path)
-        finally:
-            scratch.unlink(missing_ok=True)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        write_whole(path, buffer.getvalue())
 
 
 def largest_rotation(plant: Plant) -> float:

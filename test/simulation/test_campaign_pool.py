@@ -1,0 +1,64 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Processes that record: none outlives the one that began it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+import pytest
+
+PATIENCE = 300.0
+"""For a process to be there, or gone, on a busy machine [s]."""
+
+
+def children(pid: int) -> list[int]:
+    """Give the processes that another has begun."""
+    return [int(word) for task in Path(f'/proc/{pid}/task').iterdir()
+            for word in (task / 'children').read_text().split()]
+
+
+def alive(pid: int) -> bool:
+    """Say whether a process is there, and more than a body that nobody has buried."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='processes are seen in /proc')
+def test_workers_end_with_their_parent(root: Path, tmp_path: Path) -> None:
+    """Killed, a recording leaves neither workers nor anything half written."""
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'tudor_dynamics', 'record', '--arm', 'config/tudor.yaml',
+         '--stimuli', '4', '--seconds', '3000', '--jobs', '2', '--out', str(tmp_path / 'out')],
+        cwd=root, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    begun: list[int] = []
+    deadline = time.monotonic() + PATIENCE
+    # two workers and the tracker of what they share; and at work, with all modules loaded
+    while (len(begun) < 3 or not all('numba' in Path(f'/proc/{pid}/maps').read_text()
+                                     for pid in begun[1:])):
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.1)
+        begun = children(process.pid)
+    process.kill()
+    process.wait()
+    while any(alive(pid) for pid in begun):
+        assert time.monotonic() < deadline + PATIENCE
+        time.sleep(0.05)
+    assert not (tmp_path / 'out').exists() or list((tmp_path / 'out').iterdir()) == []
