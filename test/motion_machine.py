@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 from hypothesis import strategies as st
@@ -46,21 +47,26 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
     """
     Say which samples were beyond the limits: positions, told speeds, and their change.
 
-    Where positions are missing, commands come every ``WATCH`` seconds and may step accordingly.
+    The change is that of commands as they leave: one that gets lost is made up for by the next,
+    and an arm is taken over at the speed that it has. Where positions are missing, commands come
+    every ``WATCH`` seconds and may step accordingly.
     """
     limits, trace = hard_limits(rig.arm), rig.trace
     q = np.array(trace.q[begin:])
-    told = np.array(trace.command[max(begin - 1, 0):])
-    step = np.abs(np.diff(told, axis=0)) / max(1.0 / rig.rate, WATCH)
+    told = np.array(trace.command[begin:])
     found = []
     for what, values, bound in (
             ('below', limits.lower - q, 0.0), ('above', q - limits.upper, 0.0),
-            ('speed', np.abs(told), limits.velocity * (1.0 + 1e-9)),
-            ('acceleration', step, limits.acceleration * (1.0 + 1e-9))):
+            ('speed', np.abs(told), limits.velocity * (1.0 + 1e-9))):
         wrong = values > bound
         if wrong.any():
             k, j = np.argwhere(wrong)[0]
             found.append(f'{what}: joint {j} at {trace.t[begin + k]:.3f} s: {values[k, j]:.4g}')
+    allowed = limits.acceleration * max(1.0 / rig.rate, WATCH) * (1.0 + 1e-9)
+    for (_, before, last), (t, now, command) in pairwise(trace.sent):
+        if before == now and np.any(np.abs(command - last) > allowed):
+            found.append(f'acceleration: {command - last} rad/s at {t:.3f} s in one command')
+            break
     return found
 
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import pytest
 import yaml
 
@@ -70,6 +70,7 @@ VALUES = st.recursive(
                                                               max_size=4))
 
 
+@settings(deadline=None)
 @given(VALUES)
 def test_what_was_written_comes_back(value: object) -> None:
     """Plain values survive, as with the loader that has no bounds."""

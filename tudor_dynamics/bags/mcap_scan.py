@@ -117,13 +117,11 @@ class _Walk:
 
     def __init__(
         self, topics: Collection[str] | None, with_data: bool, channels: Channels,
-        unfinished: bool,
     ) -> None:
         self.found: dict[str, Scan] = {} if topics is None else {name: Scan() for name in topics}
         self._all = topics is None
         self._with_data = with_data
         self._channels = channels
-        self._unfinished = unfinished
         self._sinks: dict[int, Scan | None] = {}
 
     def _definition(self, code: int, record: bytes) -> None:
@@ -166,7 +164,7 @@ class _Walk:
                 self._definition(code, chunk[position + record_size:stop])
             position = stop
 
-    def file(self, stream: BinaryIO, size: int) -> None:
+    def file(self, stream: BinaryIO, size: int, unfinished: bool) -> None:
         """Go through a file up to the end of its data."""
         unpacker = Unpacker(size)
         if stream.read(len(MAGIC)) != MAGIC:
@@ -175,7 +173,7 @@ class _Walk:
             head = stream.read(RECORD.size)
             whole = (len(head) == RECORD.size
                      and RECORD.unpack(head)[1] <= size - stream.tell())
-            if self._unfinished and not (whole and head[0]):  # 0: never written, by a crash
+            if unfinished and not (whole and head[0]):  # 0: never written, by a crash
                 return
             if not whole:
                 raise Damaged('a record leaves the file')
@@ -236,10 +234,10 @@ def scan_mcap(
         If the file contradicts itself, or asks for more than it may.
 
     """
-    walk = _Walk(topics, with_data, channels or Channels(), unfinished)
+    walk = _Walk(topics, with_data, channels or Channels())
     with open_regular(path) as stream:
         try:
-            walk.file(stream, path.stat().st_size)
+            walk.file(stream, path.stat().st_size, unfinished)
         except (struct.error, UnicodeDecodeError) as err:
             raise Damaged(f'cut short or garbled: {err}') from None
     return walk.found

@@ -32,11 +32,11 @@ from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
 
 SUFFIXES = ('.db3', '.mcap')
+HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
+"""Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 MAX_TOPICS = 4096
 MAX_NAME = 255
 """Characters in the name of a topic or type, as in DDS."""
-HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
-"""Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 
 
 def _topics(file: Path, compression: str, unfinished: set[Path]) -> list[TopicInfo]:

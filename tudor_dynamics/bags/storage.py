@@ -145,13 +145,8 @@ class Bag:
 
     def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
         msgtype = self.topics[name].msgtype if name in self.topics else ''
-        try:
-            log_time = np.array(times, dtype=np.int64)
-        except (OverflowError, TypeError, ValueError):
-            msg = (f'{self.path}: topic {name} has log times that are no times; '
-                   'record again')
-            raise BagError(msg) from None
-        if len(times) > 1 and np.any(np.diff(log_time) < 0):
+        log_time = np.array(times, dtype=np.int64)
+        if np.any(log_time[1:] < log_time[:-1]):
             order = np.argsort(log_time, kind='stable')
             log_time = log_time[order]
             data = [data[i] for i in order] if data else data

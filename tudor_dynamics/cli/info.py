@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         except BagError as err:
             if len(args.bags) == 1:
                 raise
-            print(f'tudor info: {" ".join(str(err).split())}', file=sys.stderr)
+            print(f'tudor info: {err}', file=sys.stderr)
             code = 2
             continue
         reports.append(report)

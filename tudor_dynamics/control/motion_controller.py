@@ -91,6 +91,8 @@ class MotionController:
         What nothing exceeds.
     period : float
         Between samples, as it was learned [s].
+    takeovers : int
+        How often it took over an arm that it had not commanded just before.
     cuts : collections.Counter
         Commands that the envelope cut, by joint.
 
@@ -127,6 +129,7 @@ class MotionController:
         self._unknown = True  # the speed of the arm
         self._blind = False  # commands are given without positions
         self.period = 0.0
+        self.takeovers = 0
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
@@ -192,6 +195,7 @@ class MotionController:
         doubts = self.encoders.step(
             dt, q, delay.commanded(self._clock, self.gains.assumed_delay))
         if self._unknown:
+            self.takeovers += 1
             self._begin(now, q, np.zeros_like(dq) if doubts else dq)
         if doubts and self.state is not State.FAULT:
             self._fault('; '.join(f'{self.joints[j]}: {text}' for j, text in doubts))

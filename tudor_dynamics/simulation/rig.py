@@ -50,6 +50,9 @@ class Trace:
         Positions and speeds of the joints, true or measured as the arm's encoders have it.
     command : list of ndarray
         Speeds that the drives were told last, or brake to by themselves [rad/s].
+    sent : list of (float, int, ndarray)
+        Commands that left a controller: time [s], a number that changes where it took over an arm
+        whose speed was not its own doing, and speeds [rad/s].
     strain : list of ndarray
         [units of the gauges]
     q_ref : list of ndarray
@@ -63,6 +66,7 @@ class Trace:
     q: list[FloatArray] = field(default_factory=list)
     dq: list[FloatArray] = field(default_factory=list)
     command: list[FloatArray] = field(default_factory=list)
+    sent: list[tuple[float, int, FloatArray]] = field(default_factory=list)
     strain: list[FloatArray] = field(default_factory=list)
     q_ref: list[FloatArray] = field(default_factory=list)
     state: list[State | None] = field(default_factory=list)
@@ -127,6 +131,7 @@ class Rig:
         self._outward: deque[tuple[float, FloatArray]] = deque()
         self._stamp: float | None = None
         self._due = 0.0
+        self._starts = 0
         self.frozen: set[str] = set()
         self.active = True
         self.controller: MotionController | None = None
@@ -137,6 +142,7 @@ class Rig:
     def start_controller(self) -> None:
         """Start the controller, as a process that was not there before."""
         self.controller = MotionController(self.arm, self._share)
+        self._starts += 1
         self._stamp = None
 
     def start_source(self, reaction: str = 'retreat') -> None:
@@ -201,6 +207,9 @@ class Rig:
     def _command(self, command: FloatArray | None) -> None:
         if command is None:
             return
+        assert self.controller is not None
+        takeover = self._starts * 1000 + self.controller.takeovers
+        self.trace.sent.append((self.t, takeover, command))
         if not self._lost():
             self._outward.append((self.t + 0.5 * self.delay, command))
 
