@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
 
 FloatArray = NDArray[np.float64]
 
 SLACK = 0.01
 """What a command may be late on its way [s]; its step may be larger by so much acceleration."""
 TIMEOUT = 0.1
-"""Behind so long a silence the arm stands: `command_timeout` of arm_simulator [s]."""
+"""Behind so long a silence the drive brakes: `command_timeout` of arm_simulator [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,9 @@ class Envelope:
     Attributes
     ----------
     lower, upper, velocity, acceleration : ndarray of shape (n_joints,)
-        [rad, rad, rad/s, rad/s^2]
+        What nothing exceeds [rad, rad, rad/s, rad/s^2].
+    braking : ndarray of shape (n_joints,)
+        With which a drive brakes that hears no commands [rad/s^2].
 
     """
 
@@ -47,17 +50,14 @@ class Envelope:
     upper: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    braking: FloatArray
 
     @classmethod
     def of(cls, arm: Arm) -> Envelope:
         """Take them from a description, where what is not limited is infinite."""
-        limits = [joint.limits for joint in arm.joints]
-
-        def values(field: str, missing: float) -> FloatArray:
-            found = [None if limit is None else getattr(limit, field) for limit in limits]
-            return np.array([missing if value is None else value for value in found])
-        return cls(values('lower', -np.inf), values('upper', np.inf), values('velocity', np.inf),
-                   values('acceleration', np.inf))
+        hard = hard_limits(arm)
+        return cls(hard.lower, hard.upper, hard.velocity, hard.acceleration,
+                   planned_limits(arm).acceleration)
 
     def excursion(self, q: FloatArray) -> float:
         """Give how far positions of shape (n, n_joints) leave their limits, at most [rad]."""
@@ -86,12 +86,14 @@ class Envelope:
         Returns
         -------
         tuple of ndarray of shape (n - 1, n_joints)
-            Sizes of the steps, from standstill behind a silence, and their limits [rad/s].
+            Sizes of the steps, behind a silence from what the drive had braked to, and their limits
+            [rad/s].
 
         """
         between = np.diff(arrival)[:, np.newaxis]
         silent = between > TIMEOUT
-        before = np.where(silent, 0.0, command[:-1])
+        lost = self.braking * np.maximum(between - TIMEOUT, 0.0)
+        before = np.sign(command[:-1]) * np.maximum(np.abs(command[:-1]) - lost, 0.0)
         time = np.where(silent, period, np.maximum(between, period)) + SLACK
         return np.abs(command[1:] - before), self.acceleration * time
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from envelope import Envelope
+from envelope import Envelope, TIMEOUT
 from live_nodes import Track
 import numpy as np
 from numpy.typing import NDArray
@@ -301,13 +301,18 @@ def enveloped(observed: Observed) -> list[Line]:
     finite = np.isfinite(command).all(axis=1)
     outside = float(np.degrees(envelope.excursion(q)))
     speed = envelope.speed(command[finite])
-    step = envelope.step(command[finite], commands.arrival[finite], observed.period)
+    arrival = commands.arrival[finite]
+    size, allowed = envelope.steps(command[finite], arrival, observed.period)
+    silent = np.diff(arrival) > TIMEOUT
+    step, again = (float(np.max((size / allowed)[chosen], initial=0.0))
+                   for chosen in (~silent, silent))
     return [Line('positions outside their limits', f'{outside:.2f} deg of {len(q)}', '0 deg',
                  np.radians(outside) <= ROUNDING and len(q) > 0),
             Line('commands that are no numbers', f'{int((~finite).sum())} of {len(command)}', '0',
                  bool(finite.all()) and len(command) > 0),
             Line('largest command, of its limit', f'{speed:.3f}', '1', speed <= 1.0 + ROUNDING),
-            Line('largest step of it, of its limit', f'{step:.3f}', '1', step <= 1.0 + ROUNDING)]
+            Line('largest step of it, of its limit', f'{step:.3f}', '1', step <= 1.0 + ROUNDING),
+            Line('  when the driver had timed out', f'{again:.3f}', '1', again <= 1.0 + ROUNDING)]
 
 
 def verdict(observed: Observed) -> list[Line]:

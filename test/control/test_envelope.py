@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import Limits, unlimited
-from tudor_dynamics.control.envelope import CUTS, Envelope
+from tudor_dynamics.control.envelope import CUTS, Envelope, ROOM
 from tudor_dynamics.control.envelope_law import (
     approach_speed, BRAKING, BY_ACCELERATION, BY_POSITION, BY_SPEED, COMMANDED)
 
@@ -71,8 +71,8 @@ def test_says_what_it_cut() -> None:
     assert envelope.cuts[0] == BY_ACCELERATION and not envelope.saturated[0]
     assert envelope.step(0.5, [9.0], [0.0]) == pytest.approx([COMMANDED * 1.5])
     assert envelope.cuts[0] == BY_SPEED and envelope.saturated[0]
-    near = envelope.step(0.5, [1.0], [1.999])
-    assert near == pytest.approx([math.sqrt(2.0 * BRAKING * 10.0 * 0.001)])
+    near = envelope.step(0.5, [1.0], [1.998])
+    assert near == pytest.approx([math.sqrt(2.0 * BRAKING * 10.0 * (0.002 - ROOM * 1.5))])
     assert envelope.cuts[0] == BY_POSITION and envelope.saturated[0]
     assert set(CUTS) == {BY_SPEED, BY_POSITION, BY_ACCELERATION}
 

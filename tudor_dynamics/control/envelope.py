@@ -29,6 +29,10 @@ FloatArray = NDArray[np.float64]
 CUTS = {BY_SPEED: 'speed', BY_POSITION: 'position', BY_ACCELERATION: 'acceleration'}
 """What the envelope cuts by."""
 
+ROOM = 0.0005
+"""A position limit is kept off by what the speed limit goes in this time, for readings that are
+rounded [s]: 0.05 deg at 105 deg/s."""
+
 
 def envelope_rows(limits: Limits, lag: float) -> FloatArray:
     """
@@ -47,8 +51,9 @@ def envelope_rows(limits: Limits, lag: float) -> FloatArray:
         [rad, rad, rad/s, rad/s^2, s]
 
     """
-    rows = np.column_stack([limits.lower, limits.upper, limits.velocity, limits.acceleration,
-                            np.full(len(limits.lower), lag)])
+    room = np.where(np.isfinite(limits.velocity), ROOM * limits.velocity, 0.0)
+    rows = np.column_stack([limits.lower + room, limits.upper - room, limits.velocity,
+                            limits.acceleration, np.full(len(limits.lower), lag)])
     assert rows.shape[1] == ROW
     return np.ascontiguousarray(rows, dtype=float)
 
