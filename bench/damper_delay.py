@@ -85,13 +85,13 @@ def mark(with_damper: float, without: float) -> str:
     """Say what the damper does: damps, does little, or excites."""
     if with_damper < max(0.5 * without, QUIET):
         return 'damps'
-    return 'weak' if with_damper <= 1.1 * without else 'EXCITES'
+    return 'weak' if with_damper <= 1.5 * without else 'EXCITES'
 
 
 def draw(found: dict[tuple[float, float, float], tuple[float, float]], full: float,
          path: str) -> None:
     """Draw the chart: one panel a rate, signs that can be told in grey."""
-    figure = Figure(figsize=(11.0, 3.4))
+    figure = Figure(figsize=(11.0, 3.8))
     axes = figure.subplots(1, len(RATES), sharey=True)
     signs = {'damps': ('o', 'white', 'damps'), 'weak': ('o', '0.6', 'does little'),
              'EXCITES': ('X', 'black', 'excites')}
@@ -110,8 +110,8 @@ def draw(found: dict[tuple[float, float, float], tuple[float, float]], full: flo
         axis.set_yticks(SHARES, [f'{share:g}' for share in SHARES])
         axis.grid(color='0.85')
     axes[0].set_ylabel('part of the gain')
-    axes[0].legend(fontsize=8, loc='lower left')
-    figure.tight_layout()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc='lower center', ncols=4, fontsize=9)
+    figure.tight_layout(rect=(0.0, 0.08, 1.0, 1.0))
     figure.savefig(path, dpi=110)
 
 

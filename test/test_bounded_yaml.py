@@ -41,7 +41,7 @@ def bomb(item: str, levels: int = 9) -> str:
     ('- ' * 100_000, 'more than 50 levels'),
     ('a: ' + '1:' * 500_000 + '1', 'in line 1: a number of more than 400 characters'),
     ('a: ' + '9' * 500_000, 'a number of more than 400 characters'),
-    ('{' + ', '.join(f'{i * (2**61 - 1)}: 1' for i in range(80_000)) + '}', 'or 64 bits'),
+    ('{' + ', '.join(f'{i * (2**61 - 1)}: 1' for i in range(80_000)) + '}', 'many of 64 bits'),
     ('&a [*a]', 'stands for nothing, or for itself'),
     ('*a', 'stands for nothing'),
     ('a: [1, }', 'in line 1'),
@@ -64,7 +64,7 @@ def test_references_are_read() -> None:
 
 
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-2**63, 2**64 - 1) | st.floats(allow_nan=False)
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False)
     | st.text(st.characters(codec='utf-8', exclude_categories=('Cc', 'Cs'))),
     lambda part: st.lists(part, max_size=4) | st.dictionaries(st.text('abc', max_size=3), part,
                                                               max_size=4))

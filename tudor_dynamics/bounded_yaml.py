@@ -32,11 +32,14 @@ MAX_VALUES = 300_000
 """Keys and values, counted again wherever a reference stands for them."""
 MAX_DIGITS = 400
 """Of a number."""
-MAX_INTEGER = 1 << 64
+MAX_LONG = 1000
+"""Integers of more than 64 bits."""
 
 
 class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ignore[misc]
     """The fast safe loader where it is compiled in, with numbers of bounded length."""
+
+    _long = 0
 
     def construct_number(self, node: yaml.ScalarNode) -> float:
         """Read an integer or float; YAML has them in base 60, too, which take quadratic time."""
@@ -44,11 +47,12 @@ class BoundedLoader(getattr(yaml, 'CSafeLoader', yaml.SafeLoader)):  # type: ign
         if len(node.value) <= MAX_DIGITS:
             value = (self.construct_yaml_int(node) if node.tag.endswith('int')
                      else self.construct_yaml_float(node))
-            # Longer integers can be made to share one hash, and as keys take quadratic time, too.
-            if isinstance(value, float) or abs(value) < MAX_INTEGER:
+            # Long integers can be made to share one hash: many as keys take quadratic time, too.
+            self._long += isinstance(value, int) and abs(value) >= 1 << 64
+            if self._long <= MAX_LONG:
                 return value
         raise yaml.constructor.ConstructorError(
-            None, None, f'a number of more than {MAX_DIGITS} characters or 64 bits',
+            None, None, f'a number of more than {MAX_DIGITS} characters, or many of 64 bits',
             node.start_mark)
 
 

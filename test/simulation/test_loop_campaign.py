@@ -24,10 +24,12 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags import read_wrenches
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.campaign import (
-    record_stimulus, steps_per_message, stimulus_seeds, StimulusSpec)
+    record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusSpec)
+from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.push_truth import random_pushes
 
@@ -113,3 +115,17 @@ def test_seeds_and_rates() -> None:
     for rate in (0.0, 300.0, 4000.0, -1.0):
         with pytest.raises(SimulationError, match='does not divide'):
             steps_per_message(5e-4, rate)
+
+
+@pytest.mark.parametrize('payload', [0.0, 0.4])
+def test_recorded_motion_stays_within_the_limits(root: Path, payload: float) -> None:
+    """Positions and speeds at every step; bench/recorded_limits.py has 20 seeds."""
+    arm = load_arm(root / 'config' / 'tudor.yaml')
+    limits = hard_limits(arm)
+    loop = ClosedLoop(with_payload(arm, payload), seed=1)
+    reference = stimulus_motion(arm, 'aprbs', 25.0, stimulus_seeds(4, 0)[0], loop.dt)
+    loop.reset(reference.q[0])
+    seen = loop.run(reference.q, reference.dq)
+    assert np.ptp(seen.q, axis=0).min() > np.radians(60.0)
+    assert (seen.q >= limits.lower).all() and (seen.q <= limits.upper).all()
+    assert (np.abs(seen.dq) <= limits.velocity).all()
