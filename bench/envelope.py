@@ -86,8 +86,8 @@ class Envelope:
         Returns
         -------
         tuple of ndarray of shape (n - 1, n_joints)
-            Sizes of the steps, behind a silence from what the drive had braked to, and their limits
-            [rad/s].
+            Sizes of the steps, behind a silence from what the drive had braked to, and their
+            limits [rad/s].
 
         """
         between = np.diff(arrival)[:, np.newaxis]

@@ -52,7 +52,7 @@ def test_finds_the_delay(delay: float, dt: float, seed: int) -> None:
 
 
 def test_says_nothing_without_motion_or_connection() -> None:
-    """At rest, and where the joints do not answer at all, no delay is told; then the last is kept."""
+    """At rest, and where the joints do not answer, no delay is told; then the last is kept."""
     meter = DelayMeter(SPEED)
     for k in range(2000):
         meter.add_motion(0.002 * k, 0.002, np.zeros(2))

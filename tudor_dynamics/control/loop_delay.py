@@ -41,8 +41,8 @@ class DelayMeter:
 
     That is the whole way round as the damper feels it: command, drive, sensor, messages. For each
     of many delays it keeps, with forgetting, how much of the measured speeds the commands of that
-    time ago leave unexplained; the least tells the delay. Times are those of the samples' stamps, to
-    which commands are the answers: no other clock is needed.
+    time ago leave unexplained; the least tells the delay. Times are those of the samples' stamps,
+    to which commands are the answers: no other clock is needed.
 
     Parameters
     ----------

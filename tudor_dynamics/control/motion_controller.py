@@ -52,6 +52,7 @@ WATCH = 0.01
 ASLEEP = 0.1
 """Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
 
+
 class State(IntEnum):
     """What the joints do."""
 

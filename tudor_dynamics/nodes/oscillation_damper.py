@@ -288,8 +288,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                           f'gains hold up to {1e3 * gains.full_delay:.0f} ms')
         gain = gains.position_gain_in_use(controller.period)
         if gain < gains.position_gain:
-            return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: the '
-                          'delay of the loop allows no more')
+            return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: '
+                          'the delay of the loop allows no more')
         odd = controller.reference.refusal or self.clocks.offset()
         if odd:
             return WARN, odd
