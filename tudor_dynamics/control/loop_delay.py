@@ -59,6 +59,7 @@ class DelayMeter:
         self._told: float | None = None
         self._at = np.zeros(512)
         self._commands = np.zeros((512, len(speed)))
+        self._way = np.zeros((512, len(speed)))  # that the commands before have made
         self._count = 0
 
     def reset(self) -> None:
@@ -70,9 +71,13 @@ class DelayMeter:
         if self._count == len(self._at):
             keep = max(int(np.searchsorted(self._at, now - 2.0 * LONGEST)), self._count // 4)
             rest = self._count - keep
-            self._at[:rest], self._commands[:rest] = self._at[keep:], self._commands[keep:]
+            for kept in (self._at, self._commands, self._way):
+                kept[:rest] = kept[keep:]
             self._count = rest
-        self._at[self._count], self._commands[self._count] = now, command
+        k = self._count
+        self._way[k] = 0.0 if k == 0 else (
+            self._way[k - 1] + (now - self._at[k - 1]) * self._commands[k - 1])
+        self._at[k], self._commands[k] = now, command
         self._count += 1
 
     def commanded(self, now: float, lag: float) -> FloatArray:
@@ -98,13 +103,19 @@ class DelayMeter:
         if np.abs(dq).max(initial=0.0) < MOVING or self._count == 0 or (
                 self._at[0] > now - LONGEST):
             return
-        places = np.searchsorted(self._at[:self._count], now - 0.5 * dt - self._lags, 'right') - 1
-        off = self._commands[np.maximum(places, 0)] / self._scale - dq
+        means = (self._made(now - self._lags) - self._made(now - dt - self._lags)) / dt
+        off = means / self._scale - dq
         kept = np.exp(-dt / MEMORY)
         self._errors *= kept
         self._errors += dt * np.einsum('ij,ij->i', off, off)
         self._energy = kept * self._energy + dt * float(dq @ dq)
         self._time = kept * self._time + dt
+
+    def _made(self, times: FloatArray) -> FloatArray:
+        """Give the way that commands, each held until the next, have made by some times [rad]."""
+        places = np.maximum(np.searchsorted(self._at[:self._count], times, 'right') - 1, 0)
+        since = (times - self._at[places])[:, np.newaxis]
+        return np.asarray(self._way[places] + since * self._commands[places])
 
     @property
     def delay(self) -> float | None:
