@@ -32,7 +32,6 @@ from rosbags.rosbag2 import Reader
 from tudor_dynamics.bags import open_bag
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.live import LiveWriter, read_track
-from tudor_dynamics.bags.mcap_summary import unfinished_topics
 from tudor_dynamics.bags.opening import abandoned, HOT_JOURNAL
 from tudor_dynamics.bags.saving import WholeFile
 from tudor_dynamics.cli.main import main
@@ -317,11 +316,9 @@ def test_a_bad_copy_of_a_finished_bag_is_no_unfinished_one(tmp_path: Path) -> No
         bag.save()
     bag.close()
     file = tmp_path / 'b' / 'b.mcap'
-    assert unfinished_topics(file) == []
     file.write_bytes(file.read_bytes()[:-200])
-    assert unfinished_topics(file) == [(TOPIC, WRENCH, 60)]
     for path in (file, tmp_path / 'b'):
-        with pytest.raises(BagError, match='copy the file again'):
+        with pytest.raises(BagError, match='no MCAP footer.*copy the file again'):
             open_bag(path)
     (tmp_path / 'b' / 'metadata.yaml').unlink()
     with pytest.warns(TudorWarning, match='breaks off'):

@@ -21,7 +21,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
-import sqlite3
 import tempfile
 
 import numpy as np
@@ -31,19 +30,12 @@ from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.saving import SavedWriter
-from tudor_dynamics.bags.storage import one_line
-from tudor_dynamics.bags.writer import METADATA_VERSION, PLUGINS, scratch_prefix
+from tudor_dynamics.bags.writer import (
+    FAILURES, METADATA_VERSION, PLUGINS, reason, scratch_prefix)
 from tudor_dynamics.errors import BagError
 
-FAILURES = (OSError, sqlite3.Error)
-"""What a storage raises where the disk takes no more."""
 RESERVE, RESERVED = 'reserve', 1 << 20
 """File and bytes that are kept for index and metadata."""
-
-
-def reason(err: Exception) -> str:
-    """Say why something could not be written."""
-    return (err.strerror or str(err)) if isinstance(err, OSError) else one_line(err)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ Data section of an MCAP file: topics, and raw messages of chosen ones.
 
 Record by record through file objects, as rosbags reads MCAP, costs more than everything that
 follows, and nothing there bounds what a chunk unpacks to. This scan walks the records of a chunk
-in memory and checks every length and checksum. Files that nobody finished, because the recorder
-was killed or its disk was full, are read as far as their records are whole.
+in memory and checks every length and checksum. A file that nobody finished, because the recorder
+was killed or its disk was full, ends before the first record that is not whole.
 
 Format: https://mcap.dev/spec
 """
@@ -171,13 +171,13 @@ class _Walk:
             raise Damaged('no MCAP magic')
         while True:
             head = stream.read(RECORD.size)
-            if unfinished and (len(head) < RECORD.size or not head[0]):
-                return  # 0: never written, by a crash
-            code, length = RECORD.unpack(head)
-            if length > size - stream.tell():
-                if unfinished:
-                    return
+            whole = (len(head) == RECORD.size
+                     and RECORD.unpack(head)[1] <= size - stream.tell())
+            if unfinished and not (whole and head[0]):  # 0: never written, by a crash
+                return
+            if not whole:
                 raise Damaged('a record leaves the file')
+            code, length = RECORD.unpack(head)
             if code in (DATA_END, FOOTER):
                 return
             if code not in (CHUNK, SCHEMA, CHANNEL, MESSAGE):

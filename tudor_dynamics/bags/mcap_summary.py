@@ -43,7 +43,11 @@ _TAIL = RECORD.size + _FOOTER.size + len(MAGIC)
 _PROFILES = (b'', b'ros2')
 
 
-def mcap_topics(path: Path) -> list[tuple[str, str, int]]:
+class BreaksOff(Damaged):
+    """A file without its end: cut short, or its recorder was killed."""
+
+
+def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str, int]]:
     """
     Give the topics of an MCAP file.
 
@@ -51,6 +55,8 @@ def mcap_topics(path: Path) -> list[tuple[str, str, int]]:
     ----------
     path : Path
         File.
+    unfinished : bool
+        The file breaks off anywhere; what is whole before is counted.
 
     Returns
     -------
@@ -59,50 +65,25 @@ def mcap_topics(path: Path) -> list[tuple[str, str, int]]:
 
     Raises
     ------
+    BreaksOff
+        If the file has no end, and is not said to be unfinished.
     Damaged
-        If the file has no beginning or end, or contradicts itself.
+        If the file has no beginning, or contradicts itself.
 
     """
-    summary = _read(path)
+    summary = _Summary() if unfinished else _read(path)
     if summary.complete:
         return [(topic, msgtype, summary.counts.get(number, 0))
                 for number, (topic, msgtype) in summary.channels.topics.items()]
     return [(topic, msgtype, len(scan.log_time) if number == 0 else 0)
             for topic, scan in scan_mcap(
-                path, with_data=False, channels=summary.channels).items()
+                path, with_data=False, channels=summary.channels, unfinished=unfinished).items()
             for number, msgtype in enumerate(scan.msgtypes)]
 
 
 def mcap_channels(path: Path) -> Channels:
     """Give the channels that the summary of a file names; none where it cannot be used."""
     return _read(path).channels
-
-
-def unfinished_topics(path: Path) -> list[tuple[str, str, int]]:
-    """
-    Give the topics of a file that nobody finished.
-
-    Parameters
-    ----------
-    path : Path
-        MCAP file.
-
-    Returns
-    -------
-    list of (str, str, int)
-        As of `mcap_topics`; empty for a file that was finished, or has no whole chunk.
-
-    """
-    try:
-        with open_regular(path) as stream:
-            size = stream.seek(0, 2)
-            stream.seek(max(size - len(MAGIC), 0))
-            if stream.read() == MAGIC and size > len(MAGIC):
-                return []
-        return [(topic, ', '.join(scan.msgtypes), len(scan.log_time)) for topic, scan
-                in scan_mcap(path, with_data=False, unfinished=True).items()]
-    except (OSError, Damaged):
-        return []
 
 
 @dataclass(frozen=True)
@@ -134,9 +115,10 @@ def _summary(path: Path) -> bytes | None:
         stream.seek(-_TAIL, 2)
         tail = stream.read(_TAIL)
         start, offsets, checksum = _FOOTER.unpack_from(tail, RECORD.size)
-        if (RECORD.unpack_from(tail) != (FOOTER, _FOOTER.size)
-                or not tail.endswith(MAGIC)):
-            raise Damaged('no MCAP footer: cut short, or never closed')
+        if not tail.endswith(MAGIC):
+            raise BreaksOff('no MCAP footer: cut short, or never closed')
+        if RECORD.unpack_from(tail) != (FOOTER, _FOOTER.size):
+            raise Damaged('no MCAP footer')
         end = size - _TAIL
         if not start or not len(MAGIC) < start <= end or end - start > MAX_SUMMARY_BYTES:
             return None

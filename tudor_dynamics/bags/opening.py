@@ -21,7 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
-from tudor_dynamics.bags.mcap_summary import mcap_topics, unfinished_topics
+from tudor_dynamics.bags.mcap_summary import BreaksOff, mcap_topics
 from tudor_dynamics.bags.metadata import METADATA, Metadata, read_metadata
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.sqlite_scan import sqlite_topics
@@ -39,21 +39,28 @@ MAX_NAME = 255
 """Characters in the name of a topic or type, as in DDS."""
 
 
-def _topics(file: Path, compression: str = '') -> list[TopicInfo]:
+def _topics(file: Path, compression: str, unfinished: set[Path]) -> list[TopicInfo]:
+    """Give the topics of a file, which becomes one of the unfinished if it breaks off."""
     with storage_file(file, compression) as opened:
         read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
         if read is None:
             raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
-        return _checked([TopicInfo(*item) for item in read(opened)])
-
-
-def _checked(found: list[TopicInfo]) -> list[TopicInfo]:
-    if len(found) > MAX_TOPICS:
-        raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
-    for item in found:
-        for text in (item.name, item.msgtype):
-            if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
-                raise Damaged(f'impossible topic entry {item}')
+        try:
+            listed = read(opened)
+        except BreaksOff:
+            # with metadata it was finished once: it is a bad copy
+            bad_copy = (file.parent / METADATA).exists()
+            listed = [] if bad_copy else mcap_topics(opened, unfinished=True)
+            if not listed:
+                raise
+            unfinished.add(file)
+        found = [TopicInfo(*item) for item in listed]
+        if len(found) > MAX_TOPICS:
+            raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
+        for item in found:
+            for text in (item.name, item.msgtype):
+                if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
+                    raise Damaged(f'impossible topic entry {item}')
     return found
 
 
@@ -84,32 +91,17 @@ def _open_files(
     path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
 ) -> Bag:
     compression = '' if metadata is None else metadata.compression
-    found, unfinished = [], set()
+    unfinished: set[Path] = set()
     for file in files:
         _check_leftovers(file, notes)
-        try:
-            found += _topics(file, compression)
-        except BagError:
-            left = _unfinished(file)
-            if not left:
-                raise
-            found += left
-            unfinished.add(file)
-            notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
-    topics = _merge(found)
+    topics = _merge([item for file in files for item in _topics(file, compression, unfinished)])
+    for file in sorted(unfinished):
+        notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
     if metadata is None:
         return Bag(path, _storage_name(files), files, topics, unfinished=frozenset(unfinished))
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
     return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
-
-
-def _unfinished(file: Path) -> list[TopicInfo]:
-    """Give the topics of a file that breaks off; none where it should not."""
-    if file.suffix != '.mcap' or (file.parent / METADATA).exists():
-        return []  # with metadata it was finished once: it is a bad copy
-    with storage_file(file) as opened:
-        return _checked([TopicInfo(*item) for item in unfinished_topics(opened)])
 
 
 def _check_leftovers(file: Path, notes: Notes) -> None:

@@ -30,11 +30,19 @@ from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.storage import one_line
 from tudor_dynamics.errors import BagError
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 METADATA_VERSION: Literal[9] = 9
 """Of metadata.yaml, as Jazzy writes it."""
+FAILURES = (OSError, sqlite3.Error)
+"""What a storage raises where the disk takes no more; SQLite has its own way."""
+
+
+def reason(err: Exception) -> str:
+    """Say why something could not be written."""
+    return (err.strerror or str(err)) if isinstance(err, OSError) else one_line(err)
 
 
 def scratch_prefix(path: Path) -> str:
@@ -88,9 +96,8 @@ def write_bag(
             (scratch / path.name).rename(path)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
-    except (OSError, sqlite3.Error) as err:  # SQLite tells of a full disk in its own way
-        cause = getattr(err, 'strerror', None) or err
-        msg = f'{path}: cannot be written ({cause}); check path, rights and disk'
+    except FAILURES as err:
+        msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
         raise BagError(msg) from None
 
 
