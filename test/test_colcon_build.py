@@ -131,7 +131,7 @@ def test_ros2_run(workspace: Path, prefix: Path) -> None:
         assert world.spin(future.done)
         damping, simulated, timeout = future.result().values
         assert damping.double_value == 0.25 and simulated.bool_value
-        assert timeout.double_value == 0.5
+        assert timeout.double_value == 0.1
         assert world.spin(lambda: world.probe.count_publishers('/left/speeds') == 1)
         assert world.probe.count_subscribers('/left/joint_states') == 1
     finally:

@@ -192,6 +192,7 @@ def test_simulator_stays_with_the_clock(world: World, root: Path) -> None:
 def test_reference_refuses_goals(world: World, root: Path) -> None:
     """Goals before the joints are known, of unknown joints, outside, NaN or infinite: counted."""
     node = world.add(ReferenceGeneratorNode, arm=str(root / 'config/tudor.yaml'))
+    node.steady = lambda: 0.0
     output = world.output('joint_trajectory', JointTrajectory)
     world.meet('joint_trajectory', 'joint_states')
 
@@ -202,9 +203,10 @@ def test_reference_refuses_goals(world: World, root: Path) -> None:
         assert world.spin(lambda: node.drops['goal_refused'] == before + 1), (names, places)
     refuse(JOINTS, [1.0, 0.0])
     world.output('joint_states').publish(joint_message(10**18, JOINTS, position=[0.8, 0.0]))
-    assert world.spin(lambda: node.reference is not None)
+    assert world.spin(lambda: node.source.motion is not None)
     refuse(['wrist'], [0.5])
     refuse(JOINTS, [1.0])
     refuse(JOINTS, [9.0, 0.0])
     refuse(JOINTS, [np.inf, 0.0])
-    assert node.reference.remaining < 1e-6 and node.reference.q == pytest.approx([0.8, 0.0])
+    motion = node.source.motion
+    assert motion.remaining < 1e-6 and motion.q == pytest.approx([0.8, 0.0])
