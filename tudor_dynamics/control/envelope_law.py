@@ -41,8 +41,8 @@ what drive and load make of a command."""
 
 
 APPROACH = math.e
-"""Time of the approach over the lag: a place that is approached by v = way / T through a lag is not
-overshot from T = e lag on."""
+"""Time of the approach over the lag: a place that is approached by v = way / T through a lag is
+not overshot from T = e lag on."""
 COMMANDED = 0.93
 """Part of the speed limit that is commanded, for the same reason."""
 

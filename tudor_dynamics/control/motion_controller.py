@@ -36,6 +36,7 @@ from tudor_dynamics.control.encoder_watch import EncoderWatch
 from tudor_dynamics.control.envelope import Envelope
 from tudor_dynamics.control.loop_gains import LoopGains
 from tudor_dynamics.control.reference_gate import ReferenceGate
+from tudor_dynamics.control.takeover import Takeover
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
@@ -120,6 +121,7 @@ class MotionController:
         self.envelope = Envelope(self.limits, self.gains.response_time(0.0))
         self.encoders = EncoderWatch(self.limits)
         self.reference = ReferenceGate(self.joints, self.limits)
+        self._takeover = Takeover(self.planned.acceleration)
         self._to = [self.joints.index(name) for name in self.damper.joints]
         self._from = [self.gauges.index(name) for name in self.damper.gauges]
         self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
@@ -133,8 +135,6 @@ class MotionController:
         self.takeovers = 0
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
-
-    # What is asked from outside
 
     def reset(self) -> None:
         """Leave a fault and begin anew: hold, and fade the damper in."""
@@ -153,8 +153,6 @@ class MotionController:
     def missing(self) -> bool:
         """Whether positions fail to come, and commands are given without them."""
         return self._blind
-
-    # Samples
 
     def step(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray,
@@ -178,8 +176,7 @@ class MotionController:
         Returns
         -------
         ndarray of shape (n_joints,) or None
-            Commanded speeds [rad/s or m/s]; None for a first sample, which does not tell yet how
-            fast the arm is.
+            Commanded speeds [rad/s or m/s]; None until it is known how fast the arm is.
 
         """
         self._at = now
@@ -196,6 +193,8 @@ class MotionController:
         doubts = self.encoders.step(
             dt, q, delay.commanded(self._clock, self.gains.assumed_delay))
         if self._unknown:
+            if not (doubts or self._takeover.step(self._clock, dq, self.gains.assumed_delay)):
+                return None
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(dq) if doubts else dq)
         if doubts and self.state is not State.FAULT:
@@ -248,7 +247,7 @@ class MotionController:
         return self.envelope.step(min(waited, WATCH), self._hold.dq, self._hold.q)
 
     def _slept(self, now: float) -> bool:
-        """Say whether drives have stopped by themselves, for want of commands."""
+        """Say whether drives have stopped by themselves."""
         return now - self._gave > self._patience + ASLEEP
 
     @property
@@ -260,6 +259,7 @@ class MotionController:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
         if self._slept(now) or not self._blind:
             self._unknown = True
+            self._takeover.reset()
         self._q = q.copy()
         self.encoders.reset()
         self.encoders.step(0.0, q, np.zeros_like(q))
