@@ -118,10 +118,10 @@ def test_measured_signals_have_the_steps_of_their_sensors() -> None:
 
 def test_damper_settles_the_paper_move() -> None:
     """
-    At 200 g link 2 rests within 0.35 s after the move with the damper, not in 3 s without.
+    At 200 g link 2 rests within 0.55 s after the move with the damper, not in 3 s without.
 
     Within 10 um/m of its final value (10 ms averages); the joints return to within 0.2 deg, and
-    shoot over by less than 2 deg.
+    shoot over by less than 5 deg (docs/tuning_the_damper.md says what that trades).
     """
     late = []
     for damping in (1.0, 0.0):
@@ -131,10 +131,10 @@ def test_damper_settles_the_paper_move() -> None:
         strain = np.convolve(strain, np.full(20, 0.05), 'same')[:-20]
         late.append(seen.t[:-20][np.abs(strain) > 10.0][-1] - ends)
         assert np.degrees(np.abs(seen.q - seen.q_ref)[seen.t > ends + 2.0]).max() < 0.2
-        assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 2.0
+        assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 5.0
         if damping:
             assert set(loop.status_seconds['joint2']) == {'damping', 'starting'}
-    assert late[0] <= 0.35
+    assert late[0] <= 0.55
     assert late[1] > 3.0
 
 
