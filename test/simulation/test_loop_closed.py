@@ -118,7 +118,7 @@ def test_measured_signals_have_the_steps_of_their_sensors() -> None:
 
 def test_damper_settles_the_paper_move() -> None:
     """
-    At 200 g link 2 rests within 0.55 s after the move with the damper, not in 3 s without.
+    At 200 g link 2 rests within 0.6 s after the move with the damper, not in 3 s without.
 
     Within 10 um/m of its final value (10 ms averages); the joints return to within 0.2 deg, and
     shoot over by less than 5.5 deg (docs/tuning_the_damper.md says what that trades).
@@ -134,7 +134,7 @@ def test_damper_settles_the_paper_move() -> None:
         assert np.degrees((seen.q - seen.q_ref[-1]) * np.sign(HOME)).max() < 5.5
         if damping:
             assert set(loop.status_seconds['joint2']) == {'damping', 'starting'}
-    assert late[0] <= 0.55
+    assert late[0] <= 0.6
     assert late[1] > 3.0
 
 
