@@ -63,7 +63,7 @@ class Arm:
         return self.begin + PERIOD * self.k
 
     def strain(self) -> np.ndarray:
-        """Give the next reading of all gauges: 50 um/m at 2.5 Hz, too little for a swing; noise."""
+        """Give the next reading of all gauges: 50 um/m at 2.5 Hz, no swing yet, and noise."""
         return (300.0 + 50.0 * np.sin(2 * np.pi * 2.5 * 0.002 * self.k)
                 + self.random.normal(0.0, 2.0, len(GAUGES)))
 
