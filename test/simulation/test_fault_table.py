@@ -32,7 +32,7 @@ import numpy as np
 import pytest
 
 from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudor
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.simulation.arm_process import Sample
 from tudor_dynamics.simulation.rig import Rig
@@ -394,3 +394,17 @@ def test_encoder_jumps_as_the_controller_starts() -> None:
     rig.run(1.0)
     assert rig.controller.state is State.FAULT and 'jumped' in rig.controller.cause
     assert not np.any(rig.trace.command)
+
+
+def test_encoder_freezes_before_a_limit() -> None:
+    """An encoder that stops 1 deg before a limit does not let the arm go on through it."""
+    rig = Rig(tudor(), rate=100.0, payload=0.4, delay=0.02)
+    rig.run(0.5)
+    lower = hard_limits(tudor()).lower
+    go(rig, np.array([1.5, lower[1]]))
+    while rig.trace.q[-1][1] > lower[1] + np.radians(1.0):
+        rig.step()
+        assert rig.t < 5.0
+    kept = rig.trace.q[-1].copy()
+    altered(rig, lambda sample: dataclasses.replace(sample, q=kept), 2.0)
+    assert not broken_limits(rig)

@@ -45,6 +45,12 @@ class EncoderWatch:
     limits : Limits
         What the joints never exceed; without a speed limit nothing can be judged but the numbers.
 
+    Attributes
+    ----------
+    owed : ndarray of shape (n_joints,)
+        Way that commands have made while the reading stood still: the joint is so much further if
+        the encoder lies [rad or m].
+
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -53,13 +59,13 @@ class EncoderWatch:
         n = len(self._speed)
         self._last: FloatArray | None = None
         self._same = np.zeros(n, dtype=np.intp)
-        self._owed = np.zeros(n)
+        self.owed = np.zeros(n)
 
     def reset(self) -> None:
         """Take the next reading for a first one."""
         self._last = None
         self._same[:] = 0
-        self._owed[:] = 0.0
+        self.owed[:] = 0.0
 
     def step(self, dt: float, q: FloatArray, commanded: FloatArray) -> list[tuple[int, str]]:
         """
@@ -94,9 +100,9 @@ class EncoderWatch:
                               f'{1e3 * dt:.3g} ms'))
             still = change == 0.0
             self._same = np.where(still, self._same + 1, 0)
-            self._owed = np.where(still, self._owed + dt * commanded, 0.0)
+            self.owed = np.where(still, self.owed + dt * commanded, 0.0)
             frozen = (self._same >= FROZEN_SAMPLES) & (
-                np.abs(self._owed) > self._speed * FROZEN_TIME)
+                np.abs(self.owed) > self._speed * FROZEN_TIME)
             for j in np.flatnonzero(frozen):
                 found.append((int(j), 'it does not move although it is commanded to: encoder '
                               'frozen, brake on, or a driver that does not listen'))

@@ -340,13 +340,14 @@ class MotionController:
         yielding[self._to] = self.damper.step(
             strain[self._from], fresh[self._from], self.envelope.saturated[self._to], moving)
         weight = self.gains.step(dt)
+        place = q + self.encoders.owed
         if self.state is State.FAULT:  # no position can be believed
             added = np.zeros(len(q))
-            q = np.clip(q, self.limits.lower, self.limits.upper)
+            place = np.clip(place, self.limits.lower, self.limits.upper)
         else:
             gain = self.gains.position_gain_in_use(self.period)
             added = gain * (q_ref - q) + weight * yielding
-        command = self.envelope.step(dt, dq_ref + added, q)
+        command = self.envelope.step(dt, dq_ref + added, place)
         self.gains.judge(dt, added, moving > 0.0, bool(self.envelope.saturated.any()))
         for j in np.flatnonzero(self.envelope.cuts):
             self.cuts[self.joints[j]] += 1
