@@ -69,7 +69,6 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         self._faults: dict[int, Status] = {}
         self._cuts: Counter[str] = Counter()
         self._refused: Counter[str] = Counter()
-        self._samples = 0
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
         self._inputs: list[Any] = []
@@ -191,7 +190,6 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             return
         command = controller.step(self.steady(), tick.dt, q, self._strain, self._fresh)
         self._fresh[:] = False
-        self._samples += 1
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
@@ -259,7 +257,6 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             values |= {f'{name}: {key}': str(count) for key, count in sorted(since.items())}
             before.clear()
             before.update(now)
-        self._samples = 0
         return values
 
     def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:

@@ -220,12 +220,9 @@ class ReferenceGeneratorNode(TudorNode):
         if len(self._monitors) > 1:
             return (WARN, f'{len(self._monitors)} nodes publish {COLLISION}: '
                     f'{", ".join(self._monitors)}', values)
-        if self._unwatched and self._heard_before():
+        if self._unwatched and self._monitors:
             return WARN, f'nobody watches for collisions any more: {self._unwatched}', values
         return level, message, values
-
-    def _heard_before(self) -> bool:
-        return bool(self._monitors)
 
 
 def main(args: Sequence[str] | None = None) -> int:
