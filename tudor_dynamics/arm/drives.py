@@ -37,6 +37,9 @@ def _both_directions(value: Any) -> Any:
 PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_both_directions)]
 """Magnitudes for positive and for negative motion; one number stands for both."""
 
+DRIVE_TIMEOUT = 0.1
+"""Time without a command from which on drives stop, where the description does not say [s]."""
+
 
 class MotorSpec(Spec):
     """Motor, gear, encoder and current measurement of one revolute joint."""
@@ -140,6 +143,9 @@ class DamperSpec(Spec):
     """Rate at which the law runs [Hz]."""
     full_delay: Positive = 0.01
     """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
+    drive_timeout: NonNegative = DRIVE_TIMEOUT
+    """Time without a command from which on the drives brake by themselves, as planned motion does:
+    before each position limit there is room left for that [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
 
     @model_validator(mode='after')

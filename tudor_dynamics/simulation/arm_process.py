@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import drive_stop
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
@@ -129,8 +129,8 @@ class ArmProcess:
         self._samples = 0
         initial = arm.spec.simulation.initial
         self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
-        self._braking = planned_limits(arm).acceleration
-        self.command_timeout = 0.1
+        stop = drive_stop(arm)
+        self._braking, self.command_timeout = stop.acceleration, stop.timeout
         self.floor: Floor | None = None
         self.reset()
 
