@@ -91,8 +91,8 @@ def test_says_what_it_cut() -> None:
     assert envelope.cuts[0] == BY_ACCELERATION and not envelope.saturated[0]
     assert envelope.step(0.5, [9.0], [0.0]) == pytest.approx([COMMANDED * 1.5])
     assert envelope.cuts[0] == BY_SPEED and envelope.saturated[0]
-    near = envelope.step(0.5, [1.0], [1.998])
-    assert near == pytest.approx([math.sqrt(2.0 * BRAKING * 10.0 * (0.002 - ROOM * 1.5))])
+    near = envelope.step(0.5, [1.0], [1.99])
+    assert near == pytest.approx([math.sqrt(2.0 * BRAKING * 10.0 * (0.01 - ROOM * 1.5))])
     assert envelope.cuts[0] == BY_POSITION and envelope.saturated[0]
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
@@ -56,3 +57,11 @@ def test_a_bag_that_cannot_be_played(tmp_path: Path, world: World, root: Path) -
     assert process.returncode == 2 and 'no such file' in out and 'Traceback' not in out
     player = world.add(node_class('bag_player'), bag=str(root / BAG), start_offset=1e4, loop=True)
     assert player.exit_code is None and 'is over after 2' in player.fault
+
+
+def test_waiting_is_no_missing_input(world: World, root: Path) -> None:
+    """A player that waits for subscribers says so; it has no input that could be stale."""
+    player = world.add(node_class('bag_player'), bag=str(root / BAG), wait_for_subscribers=1,
+                       topics=['joint_states'])
+    level, message, _ = player.status()
+    assert (level, message) == (DiagnosticStatus.OK, 'waits for subscribers')

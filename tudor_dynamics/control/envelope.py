@@ -28,11 +28,9 @@ from tudor_dynamics.control.envelope_law import (
 
 FloatArray = NDArray[np.float64]
 
-ROOM = 0.0005
+ROOM = 0.002
 """A position limit is kept off by what the speed limit goes in this time, for readings that are
-rounded [s]: 0.06 deg at 120 deg/s."""
-
-
+rounded and joints that stick and slip [s]: 0.24 deg at 120 deg/s."""
 BRAKING = 0.6
 """Part of the acceleration limit with which the arm stops before a position limit: the rest is for
 what drive and load make of a command."""

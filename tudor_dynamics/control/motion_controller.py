@@ -259,7 +259,7 @@ class MotionController:
         return max(self.timeout, 3.0 * self.period)
 
     def _learn_period(self, dt: float) -> None:
-        """Take a time between samples [s]; lost ones are the long ones, so the short count more."""
+        """Take a time between samples [s]; the long ones lack some, so the short count more."""
         share = dt if dt > self.period else QUICK * dt
         self.period += min(share, 1.0) * (dt - self.period)
 
