@@ -136,7 +136,7 @@ class ArmProcess:
 
     @property
     def t(self) -> float:
-        """Simulated time; a sample that could not be computed has its share of it [s]."""
+        """Give the simulated time; a sample that could not be computed has its share of it [s]."""
         return self._samples * self.steps * self.loop.dt
 
     def reset(self) -> None:
