@@ -59,6 +59,10 @@ class MotorSpec(Spec):
     """Current against Coulomb friction [A]."""
     breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
     """Stiction: friction at rest as a multiple of Coulomb friction."""
+    load_friction: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Coulomb friction on top, per torque through the gear: 1/efficiency - 1 of the teeth."""
+    presliding: Annotated[float, Field(ge=0, lt=math.pi)] = 0.0
+    """How far friction gives way like a spring before it slides, seen at the joint [rad]."""
     current_limit: Positive | None = None
     """The drive gives no more, in either direction [A]."""
     stiffness: Positive | None = None
@@ -73,6 +77,10 @@ class MotorSpec(Spec):
     """Shaft that carries the encoder."""
     current_noise: NonNegative = 0.0
     """Standard deviation of the measured current [A]."""
+    current_ripple: NonNegative = 0.0
+    """Amplitude of an error of the measured current that comes once a turn of the motor [A]."""
+    current_ripple_phase: Finite = 0.0
+    """That error is ripple * cos(angle of the motor + phase) [rad]."""
     current_resolution: NonNegative = 0.0
     """Step of the measured current, 0 for none [A]."""
 
