@@ -40,9 +40,9 @@ from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
 def chain(world: World, model: Path) -> JointStateFilterNode:
     """Start filter, predictor and detector, and hear the residuals."""
-    first = world.add(JointStateFilterNode, model=str(model), timeout=5.0)
-    world.add(DynamicsPredictorNode, model=str(model), timeout=5.0)
-    world.add(CollisionDetectorNode, model=str(model), timeout=5.0)
+    first = world.add(JointStateFilterNode, model=str(model), timeout=60.0)
+    world.add(DynamicsPredictorNode, model=str(model), timeout=60.0)
+    world.add(CollisionDetectorNode, model=str(model), timeout=60.0)
     world.listen('strain_residuals')
     world.meet('joint_states', 'link_strains')
     return first
@@ -104,7 +104,7 @@ def test_chain_at_other_rates(rate: float, world: World, model: Path, recording)
 @pytest.mark.parametrize('node', [MonitorNode, JointStateFilterNode])
 def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -> None:
     """Joints that the model does not know: no output, a warning or an error with the cause."""
-    started = world.add(node, model=str(model), timeout=5.0)
+    started = world.add(node, model=str(model), timeout=60.0)
     motions = world.listen('joint_motion', JointTrajectory)
     world.meet('joint_states')
     told = told_by(world, started.get_name())
@@ -128,7 +128,7 @@ def told_by(world: World, node: str) -> Callable[[], list[DiagnosticStatus]]:
 
 def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> None:
     """A motion of joints that the model does not know is named by both."""
-    nodes = [world.add(kind, model=str(model), timeout=5.0)
+    nodes = [world.add(kind, model=str(model), timeout=60.0)
              for kind in (DynamicsPredictorNode, CollisionDetectorNode)]
     heard = world.listen('predicted_strains')
     output = world.output('joint_motion', JointTrajectory)
