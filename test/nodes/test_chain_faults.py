@@ -133,22 +133,31 @@ def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> Non
     heard = world.listen('predicted_strains')
     output = world.output('joint_motion', JointTrajectory)
     world.meet('joint_motion')
-    for k in range(40):
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
         point = JointTrajectoryPoint(positions=floats(np.zeros(2)), velocities=floats(np.zeros(2)),
                                      accelerations=floats(np.zeros(2)))
         message = JointTrajectory(joint_names=['shoulder', 'elbow'], points=[point])
-        message.header.stamp.sec = 1 + k
+        message.header.stamp.sec = 1 + sent
         output.publish(message)
+        sent += 1
         assert world.spin(lambda: all(
-            sum(drops['unknown_names'] for drops in node.counters()) == k + 1  # noqa: B023
-            for node in nodes))
+            sum(drops['unknown_names'] for drops in node.counters()) == sent for node in nodes))
+
+    def named(node: str) -> bool:
+        send()  # what was told before the probe heard is told again
+        return any('unknown_names' in status.message for status in told_by(world, node)())
+    for _ in range(40):
+        send()
     assert not heard
     for node in nodes:
+        assert world.spin(lambda: named(node.get_name()))  # noqa: B023
         told = told_by(world, node.get_name())
-        assert world.spin(lambda: any('unknown_names' in s.message for s in told()))  # noqa: B023
         assert all(s.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR) for s in told()
                    if 'unknown_names' in s.message)
-        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) == 40
+        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) >= 40
 
 
 def test_simulator_takes_no_impossible_command(world: World, root: Path) -> None:
