@@ -59,8 +59,10 @@ A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSI
 active joint; of a joint with an entry in motors it is that of the motor, behind the gear. A force
 acts at the tip in the base frame: a CSV file (columns t, x, y, z), or x=EXPRESSION, y=..., z=...;
 links are bent at the start by what acts at t = 0. Joints in a table of motion follow a quintic
-spline through it; the table covers the whole run with at least six rows. Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt,
-abs, sign, tanh, min, max, step(x), ramp(x, width).
+spline through it; the table covers the whole run with at least six rows.
+
+Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt, abs, sign,
+tanh, min, max, step(x), ramp(x, width).
 
 Beams bend by little: above an elastic rotation of 0.3 rad a warning says so, as deflections are
 then more than 4 % too large (at 0.5 rad 10 %, at 1 rad 35 %).

@@ -52,8 +52,9 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
 
     """
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
-    series: list[Series] = [JointStateSeries('/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints,
-                               run.q, run.dq, run.effort)]
+    series: list[Series] = [JointStateSeries(
+        '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
+        run.effort)]
     topics: dict[str, list[int]] = {}
     for index, gauge in enumerate(arm.gauges):
         topics.setdefault(gauge.topic, []).append(index)
