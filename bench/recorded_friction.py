@@ -40,7 +40,7 @@ NAMES = ('viscous [A s/rad]', 'Coulomb up [A]', 'Coulomb down [A]', 'share of th
 
 
 def columns(table: FloatArray, joint: int, gear: float) -> tuple[FloatArray, FloatArray]:
-    """Give the columns of one joint's current (four of the links, then NAMES), and that current."""
+    """Give the columns of a joint's current, four of the links and NAMES, and that current."""
     def at(name: str) -> FloatArray:
         return table[:, COLUMNS.index(name)]
 
