@@ -60,7 +60,7 @@ def test_reference_torque(root: Path) -> None:
     assert motors['joint2'].joint_torque_constant == pytest.approx(11.3, rel=0.01)
     assert motors['joint2'].reflected_inertia == pytest.approx(0.58, rel=0.01)
     assert motors['joint2'].coulomb == (0.095, 0.079)
-    assert motors['joint2'].load_friction == 0.28
+    assert motors['joint2'].load_friction == 0.29
     assert motors['joint2'].current_ripple == 0.064
     for motor in motors.values():  # gears lose no more than their efficiency allows
         assert motor.load_friction <= 1 / motor.efficiency - 1

@@ -24,6 +24,7 @@ from tudor_dynamics.bags import WrenchSeries
 from tudor_dynamics.bags.cdr import decode
 from tudor_dynamics.bags.cdr_layout import (
     FIELDS, JOINT_STATE, joint_state_layout, wrench_layout, WRENCH_STAMPED)
+from tudor_dynamics.bags.messages import ImuSeries
 from tudor_dynamics.errors import BagError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -156,3 +157,19 @@ def test_series_that_do_not_fit_are_refused(changes, match):
     """Shapes and stamps are checked before anything is written."""
     with pytest.raises(BagError, match=match):
         joint_states(**changes).encode()
+
+
+def test_imu_series_is_what_rosbags_reads():
+    """Quaternion, rates and accelerations come back; covariances are zero: unknown."""
+    stamp = np.array([1_500_000_000, 2_000_000_007])
+    values = np.arange(20.0).reshape(2, 10)
+    raw = ImuSeries('/imu/tip', stamp, values[:, :4], values[:, 4:7], values[:, 7:],
+                    'tip_imu').encode()
+    for k, buffer in enumerate(raw):
+        message = STORE.deserialize_cdr(buffer, 'sensor_msgs/msg/Imu')
+        assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stamp[k]
+        assert message.header.frame_id == 'tip_imu'
+        q, w, a = message.orientation, message.angular_velocity, message.linear_acceleration
+        assert [q.x, q.y, q.z, q.w, w.x, w.y, w.z, a.x, a.y, a.z] == values[k].tolist()
+        assert not message.orientation_covariance.any()
+        assert bytes(STORE.serialize_cdr(message, 'sensor_msgs/msg/Imu'))[:len(buffer)] == buffer

@@ -57,6 +57,10 @@ def test_every_cell(out: Path) -> None:
     assert {key[0] for key in strain} == set(GRAMS)
     # a rigid model of a damped arm; far below, something is wrong with arm, damper or model
     assert all(float(row['fit']) > 80.0 for row in strain.values())
+    # currents as rough as in the paper (training 0.12 to 0.24 A), more so with a load
+    current = [float(row['rmse']) for row in rows if row['output'] == 'effort'
+               and row['model'] == 'analytical' and row['part'] == 'training']
+    assert current == sorted(current) and 0.11 < current[0] and current[-1] < 0.26
     # the model of all payloads has seen 0 and 400 g only
     assert float(strain['200', 'test']['one_model_fit']) > 80.0
     assert strain['0', 'training']['one_model_fit'] == ''

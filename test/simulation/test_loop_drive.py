@@ -89,10 +89,10 @@ def test_coasting_takes_the_time_of_its_energy() -> None:
 def test_current_limit() -> None:
     """No more current than the limit flows, in either direction, and the state says so."""
     row = drive_row(MOTOR, DT, Imperfections())
-    for wanted, given in ((5.0, 2.0), (-5.0, -2.0), (1.0, 1.0)):
+    for wanted, flows in ((5.0, 2.0), (-5.0, -2.0), (1.0, 1.0)):
         state = turn(row, wanted, 1)
-        assert state[dr.CURRENT] == given
-        assert (state[dr.LIMITED] > 0.0) == (wanted != given)
+        assert state[dr.CURRENT] == flows
+        assert (state[dr.LIMITED] > 0.0) == (wanted != flows)
     free = drive_row(MOTOR, DT, Imperfections(current_limit=False))
     assert turn(free, 5.0, 1)[dr.CURRENT] == 5.0
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Where things stand in CDR messages: JointState, WrenchStamped, JointTrajectory of one point.
+Where things stand in CDR messages: JointState, WrenchStamped, Imu, JointTrajectory of one point.
 
 The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment counts from behind
 the encapsulation header of four bytes.
@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
+IMU = 'sensor_msgs/msg/Imu'
 
 HEADER = 4
 """Bytes of the encapsulation header."""
@@ -206,6 +207,37 @@ def wrench_layout(buffer: bytes) -> Layout:
     cursor.skip(8, 4)
     frame_id = cursor.text()
     return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})
+
+
+def imu_layout(buffer: bytes) -> Layout:
+    """
+    Parse the structure of an Imu.
+
+    Parameters
+    ----------
+    buffer : bytes
+        Message with its encapsulation header.
+
+    Returns
+    -------
+    Layout
+        Places of ``orientation`` (x, y, z, w), ``angular_velocity`` [rad/s] and
+        ``linear_acceleration`` [m/s^2]; of their covariances, which lie between, none.
+
+    Raises
+    ------
+    CdrError
+        If the buffer is no Imu.
+
+    """
+    cursor = _Cursor(buffer)
+    cursor.skip(8, 4)
+    frame_id = cursor.text()
+    fields = {}
+    for field, size in (('orientation', 4), ('angular_velocity', 3), ('linear_acceleration', 3)):
+        fields[field] = cursor.skip(8 * size, 8), size
+        cursor.skip(8 * 9, 8)
+    return cursor.finish(frame_id, (), fields)
 
 
 def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Bulk encoding of JointState and WrenchStamped: the inverse of ``cdr``.
+Bulk encoding of JointState, WrenchStamped and Imu: the inverse of ``cdr``.
 
 All messages of a series have one layout. One template is put together by hand, its numbers are
 found by the parser that also reads bags, and the columns are written over copies of it.
@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.cdr_layout import (
-    FIELDS, HEADER, JOINT_STATE, joint_state_layout, Layout, wrench_layout, WRENCH_STAMPED)
+    FIELDS, HEADER, IMU, imu_layout, JOINT_STATE, joint_state_layout, Layout, wrench_layout,
+    WRENCH_STAMPED)
 from tudor_dynamics.errors import BagError
 
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
@@ -143,6 +144,54 @@ class WrenchSeries:
         layout = wrench_layout(bytes(buffer))
         columns = {'wrench': np.hstack([self.force[rows], self.torque[rows]])}
         return _fill(bytes(buffer), layout, self.topic, self.stamp[rows], columns)
+
+
+@dataclass(frozen=True, eq=False)
+class ImuSeries:
+    """
+    Messages of one Imu topic, their covariances unknown (zero).
+
+    Attributes
+    ----------
+    topic : str
+        Full name, e.g. ``/imu/tip``.
+    stamp : ndarray of int64, shape (n,)
+        Header stamps [ns].
+    orientation : ndarray of shape (n, 4)
+        Of the sensor in the base frame, quaternion x, y, z, w.
+    angular_velocity, linear_acceleration : ndarray of shape (n, 3)
+        In the axes of the sensor; at rest the acceleration points upwards [rad/s, m/s^2].
+    frame_id : str
+        Frame of the sensor.
+
+    """
+
+    topic: str
+    stamp: NDArray[np.int64]
+    orientation: FloatArray
+    angular_velocity: FloatArray
+    linear_acceleration: FloatArray
+    frame_id: str = ''
+    msgtype: str = IMU
+
+    def encode(self) -> list[bytes]:
+        """
+        Encode the messages.
+
+        Returns
+        -------
+        list of bytes
+            CDR buffers, little endian.
+
+        """
+        buffer = _header(self.frame_id)
+        _put(buffer, 8, bytes(8 * (4 + 9 + 3 + 9 + 3 + 9)))
+        layout = imu_layout(bytes(buffer))
+        columns = {field: getattr(self, field) for field in layout.fields}
+        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
+
+
+Series = JointStateSeries | WrenchSeries | ImuSeries
 
 
 def _put(buffer: bytearray, alignment: int, content: bytes) -> None:

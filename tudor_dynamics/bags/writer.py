@@ -28,7 +28,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import one_line
 from tudor_dynamics.errors import BagError
@@ -52,7 +52,7 @@ def scratch_prefix(path: Path) -> str:
 
 def write_bag(
     path: str | Path,
-    series: Sequence[JointStateSeries | WrenchSeries],
+    series: Sequence[Series],
     *,
     storage: str = 'mcap',
     custom: Mapping[str, str] | None = None,
@@ -67,7 +67,7 @@ def write_bag(
     ----------
     path : str or Path
         Directory to make; must not exist.
-    series : sequence of JointStateSeries and WrenchSeries
+    series : sequence of JointStateSeries, WrenchSeries and ImuSeries
         Topics.
     storage : {'mcap', 'sqlite3'}
         Storage format.
@@ -102,7 +102,7 @@ def write_bag(
 
 
 def _write(
-    path: Path, series: Sequence[JointStateSeries | WrenchSeries], plugin: StoragePlugin,
+    path: Path, series: Sequence[Series], plugin: StoragePlugin,
     custom: Mapping[str, str],
 ) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)

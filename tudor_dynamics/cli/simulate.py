@@ -31,9 +31,10 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.cli.console import print_json, print_table
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.simulation.animation import animate, check_target
-from tudor_dynamics.simulation.excitation import motion_signal, torque_signal
+from tudor_dynamics.simulation.excitation import force_signal, motion_signal, torque_signal
 from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
 from tudor_dynamics.simulation.modes import modes
+from tudor_dynamics.simulation.motor_links import left_out, with_motors
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.plots import (
@@ -51,10 +52,17 @@ examples:
       --torque '0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))'
   tudor simulate config/elastic_arm.yaml --seconds 3 --dt 0.0005 --out out --hold joint3 \\
       --torque 'joint2=4.6+1.5*sin(9*t)'
+  tudor simulate config/l_shape.yaml --seconds 2 --out pushed --force 'z=2*step(t-0.5)' 'x=-1'
+  tudor simulate config/l_shape.yaml --seconds 2 --out moved --motion motion.csv
 
 A torque is a CSV file (columns t, JOINT, ...), JOINT=EXPRESSION, or an EXPRESSION for the first
-active joint. Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt,
-abs, sign, tanh, min, max, step(x), ramp(x, width).
+active joint; of a joint with an entry in motors it is that of the motor, behind the gear. A force
+acts at the tip in the base frame: a CSV file (columns t, x, y, z), or x=EXPRESSION, y=..., z=...;
+links are bent at the start by what acts at t = 0. Joints in a table of motion follow a quintic
+spline through it; the table covers the whole run with at least six rows.
+
+Expressions know t, + - * / ** %, comparisons, pi, e, sin, cos, tan, exp, log, sqrt, abs, sign,
+tanh, min, max, step(x), ramp(x, width).
 
 Beams bend by little: above an elastic rotation of 0.3 rad a warning says so, as deflections are
 then more than 4 % too large (at 0.5 rad 10 %, at 1 rad 35 %).
@@ -66,6 +74,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('arm', metavar='ARM.yaml', help='arm description with links')
     parser.add_argument('--torque', metavar='T', nargs='+', default=[],
                         help='CSV file, expression in t, or JOINT=EXPRESSION [N m or N]')
+    parser.add_argument('--force', metavar='F', nargs='+', default=[],
+                        help='at the tip: CSV file, or x=, y=, z=EXPRESSION [N], base frame')
     parser.add_argument('--motion', metavar='FILE.csv',
                         help='joints in this table (t, JOINT, ...) follow it [rad or m]')
     parser.add_argument('--hold', metavar='JOINT', nargs='+', default=[],
@@ -119,6 +129,10 @@ def run_with_bar(steps: int, work: Callable[[Callable[[int], None] | None], Run]
         return work(lambda done: progress.advance(task, done))
 
 
+def _runs(args: argparse.Namespace) -> bool:
+    return bool(args.torque or args.force or args.motion is not None)
+
+
 def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
     for name in args.free + args.hold:
         if name not in mechanism.joints:
@@ -133,7 +147,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
         msg = f'--modes counts modes, found {args.modes}'
         raise UsageError(msg)
     if (args.plot or args.animate is None) and args.out is None and (
-            args.plot or args.torque or args.motion) and not args.json:
+            args.plot or _runs(args)) and not args.json:
         msg = 'nothing says where results go: give --out DIR (or --json for figures alone)'
         raise UsageError(msg)
     if args.out is not None and (Path(args.out) / 'bag').exists():
@@ -149,26 +163,28 @@ def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active
     steps = max(int(round(args.seconds / args.dt)), 1)
     every = max(int(round(1.0 / (args.rate * args.dt))), 1)
     t = np.arange(steps + 1) * args.dt
-    motion = None
+    motion, start, rate = None, plant.state.q.copy(), None
     if args.motion is not None:
         motion, moved = motion_signal(Path(args.motion), t, mechanism.joints)
         for joint in moved:
             plant.drive(joint, 'motion')
-        start = plant.state.q.copy()
-        for joint in moved:
             column = mechanism.joints.index(joint)
             start[column] = motion[0][0, column]
-        plant.reset(start, motion[1][0])
+        rate = motion[1][0]
+    force = force_signal(args.force, t) if args.force else None
+    if motion is not None or force is not None:
+        plant.reset(start, rate, external_force=None if force is None else force[0])
     torque = torque_signal(args.torque, t, mechanism.joints, active)
     plant.start_torque(torque[0])
     if args.integrator != 'generalised-alpha':
-        if args.motion is not None:
-            msg = f'--integrator {args.integrator} takes torques only; leave --motion out'
+        if motion is not None or force is not None:
+            msg = (f'--integrator {args.integrator} takes torques only; leave --motion and '
+                   '--force out')
             raise UsageError(msg)
         return run_with_bar(steps, lambda bar: simulate_with_scipy(
             plant, observer, torque, every=every, method=args.integrator, progress=bar))
     return run_with_bar(steps, lambda bar: simulate(
-        plant, observer, torque, every=every, motion=motion, progress=bar))
+        plant, observer, torque, every=every, motion=motion, force=force, progress=bar))
 
 
 def _default_signals(mechanism: Mechanism, arm: Arm) -> list[str]:
@@ -185,9 +201,11 @@ def file_name(signal: str) -> str:
 
 def run(args: argparse.Namespace) -> int:
     """Check the mechanism, then list modes, draw, or simulate."""
-    arm = load_arm(args.arm)
+    described = load_arm(args.arm)
+    arm = with_motors(described)
     mechanism = build_mechanism(arm)
     _check(args, mechanism)
+    _tell_left_out(described)
     # The first call after installation compiles for some twenty seconds.
     with Console(file=sys.stderr).status('preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
@@ -203,7 +221,7 @@ def run(args: argparse.Namespace) -> int:
         plot_configuration(folder / 'initial.png', mechanism, observer.observe().position,
                            f'{arm.name}: initial configuration')
         print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
-    if not args.torque and args.motion is None and (args.plot or args.modes is not None):
+    if not _runs(args) and (args.plot or args.modes is not None):
         _warn_of(largest_rotation(plant), arm)
         return 0
     signals = args.signals or _default_signals(mechanism, arm)
@@ -224,6 +242,14 @@ def run(args: argparse.Namespace) -> int:
     _report(args, result, mechanism, arm)
     _warn_of(float(result.rotation.max()), arm)
     return 0
+
+
+def _tell_left_out(arm: Arm) -> None:
+    parts = left_out(arm)
+    if parts:
+        names = sorted({name for found in parts.values() for name in found})
+        print(f'{arm.name}: left out of the motors of {", ".join(parts)}: {", ".join(names)}; '
+              'tudor record has them', file=sys.stderr)
 
 
 def _report(args: argparse.Namespace, result: Run, mechanism: Mechanism, arm: Arm) -> None:

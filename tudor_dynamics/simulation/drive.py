@@ -16,9 +16,9 @@
 Current-controlled motor with gear: rotor, friction, elastic gear with backlash.
 
 Friction grows with the torque through the gear, gives way before it slides, and may grip more
-firmly at rest. All values are those seen at the joint. The rotor is advanced first, then the link with the torque
-of the gear at the end of the step: the gear's spring is a stiffness of the link's joint, the
-rotor's angle its other end, so that no gear is too stiff for the light end of a beam.
+firmly at rest. All values are those seen at the joint. The rotor is advanced first, then the link
+with the torque of the gear at the end of the step: the gear's spring is a stiffness of the link's
+joint, the rotor's angle its other end, so that no gear is too stiff for the light end of a beam.
 """
 
 from __future__ import annotations

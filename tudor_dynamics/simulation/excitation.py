@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Inputs of a run: torques as an expression in t or a table, checked before anything runs."""
+"""Inputs of a run: torques, forces and motion as expressions in t or tables, checked first."""
 
 from __future__ import annotations
 
@@ -48,6 +48,7 @@ OPERATORS: dict[type, Callable[..., FloatArray]] = {
     ast.Pow: np.power, ast.Mod: np.mod, ast.USub: np.negative, ast.UAdd: np.positive,
     ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal,
 }
+DIRECTIONS = ('x', 'y', 'z')
 CONSTANTS = {'pi': np.pi, 'e': np.e}
 
 
@@ -118,19 +119,19 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
 
 def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """
-    Read a CSV table: time, then one column a joint.
+    Read a CSV table: time, then one column a joint, or a direction.
 
     Parameters
     ----------
     path : Path
         File with a header ``t, JOINT, ...``, or without where the columns are all of ``names``.
     names : tuple of str
-        Joints that may appear.
+        Columns that may appear.
 
     Returns
     -------
     tuple of ndarray and dict of str to ndarray
-        Times [s] and columns by joint.
+        Times [s] and columns by name.
 
     Raises
     ------
@@ -163,7 +164,7 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     unknown = [name for name in columns[1:] if name not in names]
     if unknown or columns[0] not in ('t', 'time') or data.shape[1] != len(columns):
         msg = (f'{path}: found the columns {columns if unknown else data.shape[1]}, expected t '
-               f'and some of the joints {list(names)}')
+               f'and some of {list(names)}')
         raise SimulationError(msg)
     if data.shape[0] < 2:
         msg = f'{path}: at least two rows are needed, found {data.shape[0]}'
@@ -207,15 +208,56 @@ def torque_signal(
     """
     result = np.zeros((t.size, len(joints)))
     for word in words:
-        name, _, text = word.partition('=')
-        if text and name.strip() in joints and not text.startswith('='):
-            result[:, joints.index(name.strip())] = evaluate_expression(text, t)
-        elif word.lower().endswith('.csv') or Path(word).is_file():
-            times, columns = read_table(Path(word), active)
-            for joint, values in columns.items():
-                result[:, joints.index(joint)] = np.interp(t, times, values)
-        else:
+        if not _put_named(result, word, t, joints, active):
             result[:, joints.index(active[0])] = evaluate_expression(word, t)
+    return result
+
+
+def _put_named(
+    result: FloatArray, word: str, t: FloatArray, names: tuple[str, ...],
+    in_tables: tuple[str, ...],
+) -> bool:
+    """Take NAME=EXPRESSION or a table into the columns it names; False for anything else."""
+    name, _, text = word.partition('=')
+    if text and name.strip() in names and not text.startswith('='):
+        result[:, names.index(name.strip())] = evaluate_expression(text, t)
+        return True
+    if word.lower().endswith('.csv') or Path(word).is_file():
+        times, columns = read_table(Path(word), in_tables)
+        for column, values in columns.items():
+            result[:, names.index(column)] = np.interp(t, times, values)
+        return True
+    return False
+
+
+def force_signal(words: list[str], t: FloatArray) -> FloatArray:
+    """
+    Give the force at the tip from what the command line says.
+
+    Parameters
+    ----------
+    words : list of str
+        Each a CSV file with columns t, x, y, z, or x=EXPRESSION, y=..., z=...
+    t : ndarray of shape (n_samples,)
+        Times [s].
+
+    Returns
+    -------
+    ndarray of shape (n_samples, 3)
+        In the base frame [N]; zero where nothing was said.
+
+    Raises
+    ------
+    SimulationError
+        If a word is none of these.
+
+    """
+    result = np.zeros((t.size, len(DIRECTIONS)))
+    for word in words:
+        if not _put_named(result, word, t, DIRECTIONS, DIRECTIONS):
+            msg = (f'{word!r} is no force: give x=EXPRESSION, y=... or z=... [N, base frame], or '
+                   'a CSV file with columns t, x, y, z')
+            raise SimulationError(msg)
     return result
 
 

@@ -21,8 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.messages import ImuSeries, JointStateSeries, Series
 from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.simulation.inertial import InertialSensors
 from tudor_dynamics.simulation.mechanism import Mechanism
 from tudor_dynamics.simulation.run import Run
 
@@ -30,9 +31,9 @@ START_NS = 1_000_000_000
 """Stamp of the first message: 1 s, as 0 means no stamp to many tools [ns]."""
 
 
-def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[JointStateSeries]:
+def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
     """
-    Lay a run out on the topics of joint states and strains.
+    Lay a run out on the topics of joint states, strains and accelerations.
 
     Parameters
     ----------
@@ -45,13 +46,15 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[JointStateSerie
 
     Returns
     -------
-    list of JointStateSeries
-        Joint states, and a topic of strains where the arm has gauges.
+    list of Series
+        Joint states, strains where the arm has gauges, and ``/imu/SENSOR`` for each inertial
+        sensor, with the frame ``SENSOR_imu``.
 
     """
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
-    series = [JointStateSeries('/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints,
-                               run.q, run.dq, run.effort)]
+    series: list[Series] = [JointStateSeries(
+        '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
+        run.effort)]
     topics: dict[str, list[int]] = {}
     for index, gauge in enumerate(arm.gauges):
         topics.setdefault(gauge.topic, []).append(index)
@@ -59,6 +62,10 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[JointStateSerie
         series.append(JointStateSeries(
             '/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
             run.strain[:, chosen], effort=run.gauge_moment[:, chosen]))
+    for index, name in enumerate(InertialSensors(mechanism).names):
+        series.append(ImuSeries(
+            f'/imu/{name}', stamp, run.orientation(index), run.sensor_turning[:, index],
+            run.sensor_acceleration[:, index], f'{name}_imu'))
     return series
 
 
@@ -87,6 +94,6 @@ def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: boo
     """
     run.save(folder / 'run.npz', joints=np.array(mechanism.joints),
              gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
-             tip=np.array(mechanism.tip))
+             tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
     if bag:
         write_bag(folder / 'bag', run_series(run, arm, mechanism))

@@ -25,9 +25,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.files import write_whole
+from tudor_dynamics.simulation.inertial import InertialSensors
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
 
@@ -61,6 +63,10 @@ class Run:
         Kinetic, elastic, gravitational [J].
     rotation : ndarray of shape (n_samples,)
         Largest elastic rotation of a node in its link's frame [rad], see ``LARGEST_ROTATION``.
+    sensor_axes : ndarray of shape (n_samples, n_sensors, 3, 3)
+        Axes of each inertial sensor in the base frame, see ``InertialSensors``.
+    sensor_turning, sensor_acceleration : ndarray of shape (n_samples, n_sensors, 3)
+        What each feels, in its axes: angular velocity [rad/s], acceleration less gravity [m/s^2].
 
     """
 
@@ -79,6 +85,13 @@ class Run:
     gauge_moment: FloatArray
     energy: FloatArray
     rotation: FloatArray
+    sensor_axes: FloatArray
+    sensor_turning: FloatArray
+    sensor_acceleration: FloatArray
+
+    def orientation(self, sensor: int) -> FloatArray:
+        """Give the quaternions x, y, z, w of a sensor in the base frame, shape (n_samples, 4)."""
+        return np.asarray(Rotation.from_matrix(self.sensor_axes[:, sensor]).as_quat())
 
     def save(self, path: Path, **more: NDArray) -> None:
         """
@@ -104,7 +117,9 @@ def largest_rotation(plant: Plant) -> float:
     return float(np.linalg.norm(turned, axis=1).max(initial=0.0))
 
 
-def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
+def _empty(
+    plant: Plant, observer: Observer, sensors: InertialSensors, samples: int,
+) -> Run:
     shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,), 'rotation': ()}
     shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
     shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
@@ -112,11 +127,16 @@ def _empty(plant: Plant, observer: Observer, samples: int) -> Run:
     shapes['reaction'] = (len(plant.mechanism.joints), 6)
     shapes |= dict.fromkeys(('force', 'moment'), (len(observer.sections), 3))
     shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(observer.gauge_names),))
+    shapes['sensor_axes'] = (len(sensors.names), 3, 3)
+    shapes |= dict.fromkeys(('sensor_turning', 'sensor_acceleration'), (len(sensors.names), 3))
     return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
 
 
-def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
-    state, seen, energy = plant.state, observer.observe(), plant.energy()
+def _record(
+    run: Run, row: int, plant: Plant, observer: Observer, sensors: InertialSensors,
+) -> None:
+    state, seen = plant.state, observer.observe()
+    felt, energy = sensors.feel(plant, seen.acceleration), plant.energy()
     run.t[row] = state.t
     run.q[row], run.dq[row], run.ddq[row] = state.q, state.dq, state.ddq
     run.effort[row] = state.effort
@@ -127,11 +147,14 @@ def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
     run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
     run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
     run.rotation[row] = largest_rotation(plant)
+    run.sensor_axes[row], run.sensor_turning[row] = felt.axes, felt.angular_velocity
+    run.sensor_acceleration[row] = felt.specific_force
 
 
 def simulate(
     plant: Plant, observer: Observer, torque: FloatArray, *, every: int = 1,
-    motion: Motion | None = None, progress: Callable[[int], None] | None = None,
+    motion: Motion | None = None, force: FloatArray | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Run:
     """
     Step a plant through given torques from its present state.
@@ -148,6 +171,8 @@ def simulate(
         Steps between two records.
     motion : tuple of 3 ndarray of shape (n_steps + 1, n_joints), optional
         Motion of the joints driven by motion.
+    force : ndarray of shape (n_steps + 1, 3), optional
+        At the tip, in the base frame; the first has acted since ``reset`` [N].
     progress : callable, optional
         Told the number of steps done since its last call, now and then.
 
@@ -163,16 +188,15 @@ def simulate(
 
     """
     steps = torque.shape[0] - 1
-    run = _empty(plant, observer, steps // every + 1)
-    _record(run, 0, plant, observer)
+    sensors = InertialSensors(plant.mechanism)
+    run = _empty(plant, observer, sensors, steps // every + 1)
+    _record(run, 0, plant, observer, sensors)
     told = 0
     for k in range(1, steps + 1):
-        if motion is None:
-            plant.step(torque[k])
-        else:
-            plant.step(torque[k], motion=(motion[0][k], motion[1][k], motion[2][k]))
+        plant.step(torque[k], None if force is None else force[k],
+                   None if motion is None else (motion[0][k], motion[1][k], motion[2][k]))
         if k % every == 0:
-            _record(run, k // every, plant, observer)
+            _record(run, k // every, plant, observer, sensors)
         if progress is not None and (k - told >= 200 or k == steps):
             progress(k - told)
             told = k
@@ -238,11 +262,12 @@ def simulate_with_scipy(
         reached = result.t[-1] if result.t.size else 0.0
         msg = f'{method} gave up at t = {reached:g} s: {result.message}'
         raise SimulationError(msg)
-    run = _empty(plant, observer, wanted.size)
+    sensors = InertialSensors(plant.mechanism)
+    run = _empty(plant, observer, sensors, wanted.size)
     for row, t in enumerate(wanted):
         place, rate = unpack(result.y[:, row])
         plant.set_state(float(t), place, rate, torque[row * every])
-        _record(run, row, plant, observer)
+        _record(run, row, plant, observer, sensors)
         if progress is not None:
             progress(every if row else 0)
     return run
