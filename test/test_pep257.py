@@ -23,7 +23,7 @@ import sys
 
 import pytest
 
-PLACES = ('tudor_dynamics', 'test', 'bench', 'setup.py')
+PLACES = ('tudor_dynamics', 'test', 'bench', 'examples', 'setup.py')
 
 
 @pytest.mark.pep257

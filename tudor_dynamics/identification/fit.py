@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.errors import FitError, TudorWarning
+from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
 from tudor_dynamics.identification.elastic import check_arm, ElasticTrainer, records_of
@@ -38,7 +38,9 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.regressor import (
+    EffortRegressor, Regressor, STRAIN_FORMS, StrainRegressor)
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -82,6 +84,17 @@ class FitSettings:
     elm_seed: int = 0
     random_split: bool = False
     payloads: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse kinds, estimators and forms that there are not."""
+        check_type(self.kinds, (tuple, list), 'kinds', f'some of {MODEL_KINDS}')
+        for name, found, known in (
+                ('kinds', self.kinds, MODEL_KINDS), ('estimator', [self.estimator], ESTIMATORS),
+                ('strain_form', [self.strain_form], STRAIN_FORMS)):
+            unknown = [item for item in found if item not in known]
+            if unknown or not found:
+                msg = f'{name}: found {unknown or "nothing"}, expected {" or ".join(known)}'
+                raise UsageError(msg)
 
 
 @dataclass(frozen=True, eq=False)

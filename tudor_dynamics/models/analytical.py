@@ -94,6 +94,13 @@ class AnalyticalModel:
         self._full: FloatArray | None = None
         self._full_of: tuple[Group, ...] | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs, number of base parameters and conditioning."""
+        state = ', '.join(f'condition {group.estimate.condition:.3g}' for group in self.groups_)
+        return (f'{type(self).__name__}({", ".join(self.channels)}; '
+                f'{sum(len(base.names) for base in self.base_)} base parameters by '
+                f'{self.estimator}, {state or "not fitted"})')
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the outputs."""

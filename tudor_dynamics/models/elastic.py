@@ -131,6 +131,13 @@ class ElasticModel:
             self.columns = effort_columns(arm)
         self._driven: DrivenArm | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs and the physical parameters that were identified."""
+        state = '' if self.coefficients_ is not None else ', not fitted'
+        found = [f'  {parameter.name} = {parameter.value:.4g} {parameter.unit}'
+                 for parameter in self.physical]
+        return '\n'.join([f'ElasticModel({", ".join(self.channels)}{state})', *found])
+
     @property
     def values(self) -> dict[str, float]:
         """Physical parameters by name, SI units."""

@@ -86,6 +86,12 @@ class ExtremeLearningMachine:
         self.clip = clip
         self.output_weights_: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs, size and seed."""
+        state = '' if self.output_weights_ is not None else ', not fitted'
+        return (f'{type(self).__name__}({", ".join(self.channels)}; {self.hidden} hidden neurons, '
+                f'ridge {self.ridge:g}, seed {self.seed}{state})')
+
     def fit(self, motion: FloatArray, output: FloatArray) -> ExtremeLearningMachine:
         """
         Learn from motion and outputs.

@@ -39,7 +39,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import Run, simulate
+from tudor_dynamics.simulation.run import Run, run_plant
 
 FloatArray = NDArray[np.float64]
 
@@ -207,7 +207,7 @@ def run_reference(plant: Plant, reference: dict[str, NDArray]) -> Run:
     times = np.arange((t.size - 1) * every + 1) * plant.dt
     torque = np.zeros((times.size, 2))
     torque[:, 0] = np.interp(times, t, reference['tau'])
-    return simulate(plant, Observer(plant), torque, every=every)
+    return run_plant(plant, Observer(plant), torque, every=every)
 
 
 def agreement(run: Run, plant: Plant, reference: dict[str, NDArray]) -> Agreement:
@@ -262,4 +262,4 @@ def run_paper(elements: int = 2, dt: float = 2.5e-4, seconds: float = 5.0) -> tu
     t: FloatArray = np.arange(int(round(seconds / dt)) + 1) * np.float64(dt)
     torque = tuned_torque(plant, t)
     plant.start_torque(torque[0])
-    return plant, simulate(plant, Observer(plant), torque, every=max(int(round(1e-3 / dt)), 1))
+    return plant, run_plant(plant, Observer(plant), torque, every=max(int(round(1e-3 / dt)), 1))

@@ -21,7 +21,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,6 @@ from tudor_dynamics.simulation.run import Run
 
 FloatArray = NDArray[np.float64]
 
-matplotlib.use('Agg')
 COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
 STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 """Lines that can be told apart in grey, too."""
@@ -137,7 +135,18 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     return np.fft.rfftfreq(len(values), dt), amplitude
 
 
-def _write(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
+    """
+    Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure to be written.
+    path : Path
+        PNG file.
+
+    """
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=110)
     write_whole(path, stream.getvalue())
@@ -147,20 +156,40 @@ def plot_signal(
     path: Path, run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
 ) -> None:
     """
-    Draw a signal over time and over frequency.
+    Draw a signal into a picture.
 
     Parameters
     ----------
     path : Path
-        PNG file.
+        PNG file to write.
+    run, signal, title, highest
+        As in ``draw_signal``.
+
+    """
+    save_figure(draw_signal(run, signal, title=title, highest=highest), path)
+
+
+def draw_signal(
+    run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
+) -> Figure:
+    """
+    Draw a signal over time and over frequency.
+
+    Parameters
+    ----------
     run : Run
-        Times.
+        Run whose times the signal has.
     signal : Signal
-        What to draw.
+        What to draw, see ``pick_signal``.
     title : str, optional
         Other title than that of the signal.
     highest : float
         Highest frequency shown [Hz].
+
+    Returns
+    -------
+    Figure
+        Two axes, time above frequency.
 
     """
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
@@ -180,7 +209,7 @@ def plot_signal(
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
-    _write(figure, path)
+    return figure
 
 
 def body_lines(mechanism: Mechanism) -> list[tuple[list[int], bool]]:
@@ -226,7 +255,7 @@ def plot_configuration(
     axes.text(x, y, z, '  tip', fontsize=8)
     limit_axes(axes, position)
     axes.set_title(title)
-    _write(figure, path)
+    save_figure(figure, path)
 
 
 def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:

@@ -20,13 +20,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 import io
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
@@ -36,6 +36,55 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 LARGEST_ROTATION = 0.3
 """Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]."""
 Integrator = Literal['generalised-alpha', 'radau', 'bdf']
+
+
+class Steps(NamedTuple):
+    """
+    How far a run goes, in steps.
+
+    Attributes
+    ----------
+    count : int
+        Steps of the run.
+    every : int
+        Steps between two records.
+
+    """
+
+    count: int
+    every: int
+
+    @classmethod
+    def of(cls, seconds: float, dt: float, rate: float) -> Steps:
+        """
+        Count them.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of the run [s].
+        dt : float
+            Step [s].
+        rate : float
+            Records per second [Hz].
+
+        Returns
+        -------
+        Steps
+            At least one of each.
+
+        Raises
+        ------
+        UsageError
+            If a number is not positive.
+
+        """
+        for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
+            check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
+            if not 0.0 < value < 1e9:
+                msg = f'{name} must be positive, found {value}'
+                raise UsageError(msg)
+        return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +178,7 @@ def _record(run: Run, row: int, plant: Plant, observer: Observer) -> None:
     run.rotation[row] = largest_rotation(plant)
 
 
-def simulate(
+def run_plant(
     plant: Plant, observer: Observer, torque: FloatArray, *, every: int = 1,
     motion: Motion | None = None, progress: Callable[[int], None] | None = None,
 ) -> Run:
@@ -190,7 +239,7 @@ def simulate_with_scipy(
     Parameters
     ----------
     plant, observer, torque, every, progress
-        As in ``simulate``; joints that are not driven by a torque are held.
+        As in ``run_plant``; joints that are not driven by a torque are held.
     method : {'radau', 'bdf'}
         Solver.
     rtol : float
