@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Simulate, export as arrays and as a bag, and read the bag back: export_a_run.png and a folder."""
+"""Simulate, export as arrays and as a bag, read the bag back: export_a_run.png and a folder."""
 
 import math
 from pathlib import Path

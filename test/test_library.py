@@ -133,7 +133,7 @@ def test_a_start_may_be_given(session: dict[str, Any]) -> None:
 
 
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    'no path': (lambda s: td.load_arm(3), "path is 3 of type int; expected str or Path"),
+    'no path': (lambda s: td.load_arm(3), 'path is 3 of type int; expected str or Path'),
     'no bag': (lambda s: td.read_recording(None, s['arm']), 'path is None'),
     'path of an arm': (lambda s: td.fit('bags/x', 'arm.yaml'), r"load_arm\('arm.yaml'\)"),
     'number of bags': (lambda s: td.fit(3, s['arm']), 'give the path of a bag'),
@@ -152,7 +152,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'output': (lambda s: s['prediction'].plot(output='x'), 'there are effort, strain'),
     'picture': (lambda s: s['prediction'].plot('a.txt'), 'expected a picture'),
     'arm to simulate': (lambda s: td.simulate('arm.yaml'), 'expected Arm'),
-    'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), "driven by a torque are"),
+    'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'driven by a torque are'),
     'text': (lambda s: td.simulate(s['arm'], 'x + 1'), 'not allowed in an expression'),
     'function': (lambda s: td.simulate(s['arm'], lambda t: 'a'), 'the torque of joint2'),
     'infinite': (lambda s: td.simulate(s['arm'], lambda t: math.inf), 'not finite at t = 0 s'),

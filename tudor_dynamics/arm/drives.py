@@ -42,6 +42,7 @@ class MotorSpec(Spec):
     """Motor, gear, encoder and current measurement of one revolute joint."""
 
     joint: Name
+    """Joint that it drives."""
     gear_ratio: Positive
     """Turns of the motor for one turn of the joint."""
     torque_constant: Positive
@@ -49,15 +50,16 @@ class MotorSpec(Spec):
     efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Part of that torque that arrives behind the gear, the same in both directions."""
     rotor_inertia: NonNegative = 0.0
-    """At the motor shaft [kg m^2]."""
+    """Inertia of the rotor, at the motor shaft [kg m^2]."""
     viscous: PerDirection = (0.0, 0.0)
-    """Current against viscous friction, by the speed of the joint [A s/rad]."""
+    """Current against viscous friction, by the speed of the joint; one number, or one for each
+    direction [A s/rad]."""
     coulomb: PerDirection = (0.0, 0.0)
-    """Current against Coulomb friction [A]."""
+    """Current against Coulomb friction; one number, or one for each direction [A]."""
     breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
     """Stiction: friction at rest as a multiple of Coulomb friction."""
     current_limit: Positive | None = None
-    """The drive gives no more, in either direction [A]."""
+    """Largest current of the drive, in either direction [A]."""
     stiffness: Positive | None = None
     """Torsion of the gear, seen at the joint; rigid by default [N m/rad]."""
     damping: NonNegative = 0.0
@@ -96,6 +98,7 @@ class SensorSpec(Spec):
     """How one strain gauge turns a bending moment into a reading."""
 
     gauge: Name
+    """Gauge that it describes."""
     gain: Finite
     """Reading per bending moment [unit of the gauge per N m]."""
     offset: Finite = 0.0
@@ -117,7 +120,9 @@ class DamperJointSpec(Spec):
     """Strain feedback of one joint."""
 
     joint: Name
+    """Joint that yields."""
     gauge: Name
+    """Gauge that it yields to, in um/m or m/m."""
     gain: NonNegative
     """Yielding speed of the joint per mean-free strain [rad/s per m/m]."""
 
@@ -141,6 +146,7 @@ class DamperSpec(Spec):
     full_delay: Positive = 0.01
     """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
+    """Joints with strain feedback, each with its gauge and gain."""
 
     @model_validator(mode='after')
     def _separate_bands(self) -> DamperSpec:

@@ -44,14 +44,14 @@ class Steps(NamedTuple):
 
     Attributes
     ----------
-    count : int
+    total : int
         Steps of the run.
     every : int
         Steps between two records.
 
     """
 
-    count: int
+    total: int
     every: int
 
     @classmethod

@@ -198,8 +198,8 @@ def simulate(
         plant.reset(_places(plant, start))
     for name in hold:
         plant.drive(name, 'hold')
-    values = torque_table(torque, np.arange(steps.count + 1) * dt, mechanism.joints,
-                          arm.active_joints)
+    t = dt * np.arange(steps.total + 1, dtype=np.float64)
+    values = torque_table(torque, t, mechanism.joints, arm.active_joints)
     plant.start_torque(values[0])
     run = run_plant(plant, Observer(plant, arm=arm), values, every=steps.every,
                     progress=progress)
