@@ -48,11 +48,11 @@ class Limits:
     Attributes
     ----------
     lower, upper : ndarray of shape (n_joints,)
-        Positions [rad or m].
+        Smallest and largest positions [rad or m].
     velocity : ndarray of shape (n_joints,)
-        [rad/s or m/s]
+        Largest speed in either direction [rad/s or m/s].
     acceleration : ndarray of shape (n_joints,)
-        [rad/s^2 or m/s^2]
+        Largest acceleration in either direction [rad/s^2 or m/s^2].
     missing : tuple of str
         What is not known, one phrase each.
 

@@ -52,7 +52,7 @@ class Track:
     topic : list of str
         Topic of each message.
     data : list of bytes
-        CDR buffers.
+        Messages as CDR buffers.
 
     """
 
@@ -115,7 +115,7 @@ class LiveWriter:
     path : str or Path
         Directory to make; must not exist.
     storage : {'mcap', 'sqlite3'}
-        Storage format.
+        Format of the storage file.
 
     Raises
     ------

@@ -213,7 +213,7 @@ def scan_mcap(
     Parameters
     ----------
     path : Path
-        MCAP file.
+        MCAP file to walk through.
     topics : collection of str, optional
         Topics to read; all by default.
     with_data : bool

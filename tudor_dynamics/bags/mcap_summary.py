@@ -54,7 +54,7 @@ def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str,
     Parameters
     ----------
     path : Path
-        File.
+        MCAP file to ask.
     unfinished : bool
         The file breaks off anywhere; what is whole before is counted.
 

@@ -113,7 +113,7 @@ class SavedWriter:
     writer : rosbags.rosbag2.Writer
         Writer that was opened.
     storage : {'mcap', 'sqlite3'}
-        Its storage.
+        Format of its storage file.
 
     """
 

@@ -70,9 +70,9 @@ class Unpacker:
         Parameters
         ----------
         data : bytes
-            Compressed.
+            Bytes as they are stored.
         compression : {'', 'zstd', 'lz4'}
-            How.
+            How they were packed; not at all if empty.
         size : int, optional
             Size that it must come to.
 

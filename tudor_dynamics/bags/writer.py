@@ -68,9 +68,9 @@ def write_bag(
     path : str or Path
         Directory to make; must not exist.
     series : sequence of JointStateSeries and WrenchSeries
-        Topics.
+        Topics with all their messages.
     storage : {'mcap', 'sqlite3'}
-        Storage format.
+        Format of the storage file.
     custom : dict of str to str, optional
         Goes into ``custom_data`` of the metadata, such as ``payload`` [kg].
 

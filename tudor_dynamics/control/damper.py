@@ -72,7 +72,7 @@ class DamperSettings:
     Attributes
     ----------
     joint, gauge : str
-        Names.
+        Names of joint and gauge.
     gain : float
         Yielding speed per mean-free strain; negative where strain counts positive for the load
         that the joint holds [rad/s per unit].
@@ -176,7 +176,7 @@ class Damper:
     settings : sequence of DamperSettings
         One a joint.
     dt : float
-        Step [s].
+        Step of the loop [s].
 
     """
 

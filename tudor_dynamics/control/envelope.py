@@ -112,7 +112,7 @@ class Envelope:
         dt : float
             Time since the commands before [s].
         wanted : array of shape (n_joints,)
-            [rad/s]
+            Speeds that are asked for [rad/s].
         q : array of shape (n_joints,)
             Measured positions [rad].
 

@@ -96,7 +96,7 @@ class DelayMeter:
         dt : float
             Time over which the speeds are means [s].
         dq : ndarray of shape (n_joints,)
-            Speeds [rad/s].
+            Measured speeds of the joints [rad/s].
 
         """
         dq = dq / self._scale

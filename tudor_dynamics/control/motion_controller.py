@@ -86,7 +86,7 @@ class MotionController:
     cause : str
         Why, in one sentence.
     reference : ReferenceGate
-        Takes references.
+        Takes references, and refuses impossible ones.
     gains : LoopGains
         Gains asked for and in use, delay of the loop.
     limits : Limits

@@ -58,7 +58,7 @@ class ReactingReference:
     Attributes
     ----------
     q, dq : ndarray of shape (n_joints,)
-        Reference [rad, rad/s].
+        Position and speed of the reference [rad, rad/s].
     reacting : bool
         Whether a collision has taken over; goals wait until ``clear``.
 
@@ -203,7 +203,7 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
     unit_scale : float
         Unit of the gauge per m/m.
     gain : float
-        [rad/s per m/m]
+        Yielding speed per strain, of the damper [rad/s per m/m].
 
     Returns
     -------

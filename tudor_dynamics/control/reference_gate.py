@@ -82,7 +82,7 @@ class ReferenceGate:
         now : float
             Local time [s].
         q, dq : ndarray of shape (n_joints,)
-            [rad, rad/s]
+            Position and speed of the reference [rad, rad/s].
 
         """
         self.refusal = self._impossible(q, dq)

@@ -176,7 +176,7 @@ class ReferenceSource:
         now : float
             Local time [s].
         dt : float
-            Step [s].
+            Time since the step before [s].
 
         Returns
         -------

@@ -41,7 +41,7 @@ class Straight:
     Parameters
     ----------
     names : sequence of str
-        Parameters.
+        Names of the parameters.
     center : ndarray of shape (n_names,)
         Logarithms at which a coordinate that is no logarithm is 1.
 

@@ -78,7 +78,7 @@ class Problem:
     weights : ndarray of shape (n_samples, n_gauges)
         Square roots of the weights: one over the noise of the gauge, less for outliers.
     runs : int
-        Simulations done.
+        Simulations done so far.
 
     """
 
@@ -235,7 +235,7 @@ class Problem:
         Parameters
         ----------
         moments : ndarray of shape (n_samples, n_gauges)
-            [N m]
+            Simulated bending moments [N m].
         x : ndarray of shape (unknowns,)
             Vector that they belong to; its gains are taken while drawn, and the best otherwise.
 

@@ -80,7 +80,7 @@ class Knowledge:
     Attributes
     ----------
     start : dict of str to float
-        Starting values.
+        Starting values by parameter.
     width : dict of str to float
         Standard deviation of their logarithms.
 

@@ -57,7 +57,7 @@ class Identified:
     starts : tuple of (float, float)
         Stiffness factors compared, with the fit each came to [%].
     runs : int
-        Simulations done.
+        Simulations done in all.
 
     """
 

@@ -86,11 +86,11 @@ def excitation_report(arm: Arm, reference: Reference, *, form: str = 'exact') ->
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is to move.
     reference : Reference
         Motion of its active joints.
     form : {'exact', 'paper'}
-        Strain regressor.
+        Where the strain regressor takes the bending moment.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def best_seed(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is to move.
     make : callable
         Makes the motion of a seed.
     seeds : sequence of int

@@ -64,7 +64,7 @@ class FitSettings:
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
     elm_hidden : int
-        Hidden neurons.
+        Number of hidden neurons.
     elm_ridge : float
         Ridge of the output weights.
     elm_seed : int
@@ -138,15 +138,15 @@ class FitResult:
     Attributes
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     preprocessing : PreprocessingSpec
         Filters and rate of training, and of every later evaluation.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
     fitted : tuple of FittedOutput
         One for each output and kind.
     training, test : tuple of BagData
-        Bags.
+        Bags learned from and bags judged by.
     ringing : tuple of Ringing
         Vibrations in the strain, or in the effort where there is no strain.
     warnings : tuple of str
@@ -180,13 +180,13 @@ def new_model(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
     kind : {'analytical', 'elm'}
         Kind of model.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
 
     Returns
     -------
@@ -222,7 +222,7 @@ def fit_models(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     training : sequence of BagData
         Bags to learn from.
     test : sequence of BagData
@@ -232,7 +232,7 @@ def fit_models(
     preprocessing : PreprocessingSpec
         Filters and rate that the bags went through.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
     progress : callable
         Told what is done next.
 

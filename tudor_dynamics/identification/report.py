@@ -70,7 +70,7 @@ def render(result: FitResult, *, date: str | None = None) -> str:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its validation.
     date : str, optional
         Date to stand in the head; without it the same fit gives the same page.
 

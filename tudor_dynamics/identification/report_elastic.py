@@ -127,7 +127,7 @@ def elastic_section(result: FitResult) -> ElasticSection | None:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its elastic models.
 
     Returns
     -------
@@ -196,7 +196,7 @@ def gauge_rows(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm whose units are written.
     found : Identified
         What was found out.
     units : dict of str to str
@@ -222,7 +222,7 @@ def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[Rin
     Parameters
     ----------
     ringdowns : sequence of Ringdown
-        Ring-downs.
+        Ring-downs of all bags.
     units : dict of str to str
         Unit of each gauge.
 
@@ -272,7 +272,7 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
     Parameters
     ----------
     ringdowns : sequence of Ringdown
-        Ring-downs.
+        Ring-downs of all bags.
 
     Returns
     -------

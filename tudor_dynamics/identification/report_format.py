@@ -30,9 +30,9 @@ def number(value: float, digits: int = 3) -> str:
     Parameters
     ----------
     value : float
-        Number.
+        Number to be written.
     digits : int, default=3
-        Significant digits.
+        Significant digits that are kept.
 
     Returns
     -------

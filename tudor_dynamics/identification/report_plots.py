@@ -54,7 +54,7 @@ class Series:
     t : ndarray of shape (n_samples,)
         Time since the start of the bag [s].
     measured : ndarray of shape (n_samples,)
-        Measured output.
+        Measured output of the channel.
     predicted : dict of str to ndarray
         Prediction of each kind of model.
 

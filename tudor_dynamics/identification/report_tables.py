@@ -94,7 +94,7 @@ def overall(fitted: Sequence[FittedOutput]) -> Overall:
     Parameters
     ----------
     fitted : sequence of FittedOutput
-        All models.
+        Models of all outputs.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
     item : FittedOutput
         Model; another kind has no coefficients that mean anything by themselves.
     arm : Arm
-        Arm.
+        Arm whose units are written.
 
     Returns
     -------

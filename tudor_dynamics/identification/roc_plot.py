@@ -62,7 +62,7 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
     Parameters
     ----------
     results : sequence of MethodResult
-        Methods.
+        Results of each method.
     path : Path
         File; its suffix says what kind.
 

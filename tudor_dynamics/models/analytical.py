@@ -113,7 +113,8 @@ class AnalyticalModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         output : ndarray of shape (n_samples, n_channels)
             Measured outputs in their units.
 
@@ -165,7 +166,7 @@ class AnalyticalModel:
         Parameters
         ----------
         blocks : callable
-            Training data.
+            Gives the training data anew at each call.
         triangular : bool, default=False
             Accumulate triangular factors too: slower, but accurate for ill-conditioned motion.
         weights : ndarray of shape (n_kept, n_channels), optional
@@ -230,7 +231,8 @@ class AnalyticalModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
 
         Returns
         -------

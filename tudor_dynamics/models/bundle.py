@@ -57,7 +57,7 @@ class ModelBundle:
     Attributes
     ----------
     arm : Arm
-        Arm.
+        Arm that the models belong to.
     preprocessing : PreprocessingSpec
         Filters and rate.
     models : dict of str to dict of str to model
@@ -254,7 +254,7 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
     Parameters
     ----------
     path : str or Path
-        Directory.
+        Directory of the bundle.
     arm : Arm, optional
         The arm that the bundle must belong to.
 

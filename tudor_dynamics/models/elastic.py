@@ -50,9 +50,9 @@ class PhysicalParameter:
     name : str
         Name, see ``DrivenArm.parameters``.
     value : float
-        Value [unit].
+        Value in the unit below.
     unit : str
-        Unit.
+        Unit of the value.
     standard_error : float
         Standard deviation of the value; NaN where it was not identified [unit].
     shown : bool
@@ -181,7 +181,8 @@ class ElasticModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         dt : ndarray of shape (n_samples,)
             Time since the sample before [s]; the first counts only with ``before``.
         before : ndarray of shape (n_earlier, 1 + n_joints), optional
@@ -232,7 +233,7 @@ class ElasticModel:
         response : Response
             What gauges and gears feel.
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]``.
+            ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
 
         Returns
         -------
@@ -260,9 +261,9 @@ def follow_motion(
     Parameters
     ----------
     driven : DrivenArm
-        Arm.
+        Arm with its parameters.
     q : ndarray of shape (n_samples, n_joints)
-        Positions [rad or m].
+        Measured positions of the active joints [rad or m].
     dt : ndarray of shape (n_samples,)
         Time since the sample before [s].
     before : ndarray of shape (n_earlier, 1 + n_joints), optional

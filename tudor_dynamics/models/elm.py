@@ -62,11 +62,11 @@ class ExtremeLearningMachine:
     input_range_, output_range_ : ndarray of shape (2, n)
         Smallest and largest values in the training data.
     input_weights_ : ndarray of shape (n_inputs, hidden)
-        W_in.
+        W_in of Eq. (16), drawn at random.
     biases_ : ndarray of shape (hidden,)
-        b.
+        b of Eq. (16), drawn at random.
     output_weights_ : ndarray of shape (hidden, n_channels)
-        W_out.
+        W_out of Eq. (17), which is what is learned.
 
     """
 
@@ -99,7 +99,8 @@ class ExtremeLearningMachine:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         output : ndarray of shape (n_samples, n_channels)
             Measured outputs in their units.
 
@@ -175,7 +176,8 @@ class ExtremeLearningMachine:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
 
         Returns
         -------

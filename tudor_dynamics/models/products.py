@@ -39,7 +39,7 @@ def triangle(matrix: FloatArray) -> FloatArray:
     Parameters
     ----------
     matrix : ndarray of shape (n_rows, n_columns)
-        Rows.
+        Rows of output and regressor.
 
     Returns
     -------
@@ -83,9 +83,9 @@ class Products:
         Parameters
         ----------
         rows : ndarray of shape (n_rows, n_parameters)
-            Regressor rows.
+            Rows of the regressor.
         output : ndarray of shape (n_rows,)
-            Measured output.
+            Measured output of these rows.
         weight : ndarray of shape (n_rows,), optional
             Weight of each squared residual.
 
@@ -139,9 +139,9 @@ def squared_residuals(product: Products, parameters: FloatArray) -> float:
     Parameters
     ----------
     product : Products
-        Accumulated products.
+        Products over all samples.
     parameters : ndarray of shape (n_parameters,)
-        Parameters.
+        Parameters to be judged.
 
     Returns
     -------

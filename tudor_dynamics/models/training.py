@@ -36,7 +36,7 @@ class TrainingBlock:
     Attributes
     ----------
     motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     output : ndarray of shape (n_kept, n_channels)
         Measured outputs after decimation.
     decimation : Decimation or None
@@ -72,7 +72,7 @@ def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str,
     Parameters
     ----------
     block : TrainingBlock
-        Training data.
+        Motion with its output.
     n_inputs : int or None
         Columns of the motion; None where the model takes any number.
     channels : tuple of str
@@ -99,7 +99,7 @@ def check_motion(motion: FloatArray, n_inputs: int) -> None:
     Parameters
     ----------
     motion : ndarray of shape (n_samples, n_inputs)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` and what else the model takes, in columns.
     n_inputs : int
         Columns that the model was made for.
 

@@ -36,7 +36,7 @@ class SensorHealth:
     Parameters
     ----------
     names : sequence of str
-        Channels.
+        Names of the channels.
     stuck_time : float
         Time without change, in motion, behind which a channel counts as dead [s].
 

@@ -45,15 +45,15 @@ class Monitor:
     Attributes
     ----------
     filter : StateFilter
-        First stage.
+        First stage: positions to motion.
     predictor : Predictor
-        Second stage.
+        Second stage: motion to expected outputs.
     watch : Watch
-        The rest.
+        Third stage: residuals, thresholds and detector.
     motion : Motion or None
-        Newest motion.
+        Motion of the newest sample; None while a gap is crossed.
     predicted : dict of str to ndarray, or None
-        Newest prediction.
+        Prediction for the newest sample; None while the filters settle.
     wanted : set of str
         Outputs to predict; those that the detector needs by default.
 

@@ -102,7 +102,7 @@ def gallery(fits: Fits) -> Gallery:
     Parameters
     ----------
     fits : Fits
-        Stages.
+        Stages that the figures are made of.
 
     Returns
     -------
@@ -204,11 +204,11 @@ def write_figures(chosen: Gallery, arm: str, out: Path) -> list[str]:
     Parameters
     ----------
     chosen : Gallery
-        Figures.
+        Figures to be written.
     arm : str
         Name of the arm.
     out : Path
-        Directory.
+        Directory for page and pictures.
 
     Returns
     -------

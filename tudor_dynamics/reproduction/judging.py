@@ -63,9 +63,9 @@ def figures(arm: Arm, output: str, measured: FloatArray, predicted: FloatArray) 
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     output : {'effort', 'strain'}
-        Output.
+        Output that is judged.
     measured, predicted : ndarray of shape (n_samples, n_channels)
         Output in its units; for strain, of all gauges.
 

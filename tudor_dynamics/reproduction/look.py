@@ -74,9 +74,9 @@ def new_figure(height: float, rows: int, columns: int = 1, **more: Any) -> tuple
     Parameters
     ----------
     height : float
-        [inch]
+        Height of the figure [inch].
     rows, columns : int
-        Axes.
+        Number of axes each way.
     **more
         As for ``Figure.subplots``.
 
@@ -112,7 +112,7 @@ def save(figure: Figure, out: Path, name: str) -> None:
     figure : Figure
         Figure, made within `style`.
     out : Path
-        Directory.
+        Directory for the picture.
     name : str
         File without suffix.
 

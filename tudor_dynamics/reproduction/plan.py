@@ -45,7 +45,7 @@ class Plan:
     Attributes
     ----------
     arm : str
-        Arm description.
+        Path of the arm description.
     payloads : tuple of float
         Masses at the tip [kg].
     stimuli : int
@@ -59,7 +59,7 @@ class Plan:
     jobs : int
         Processes that record.
     kinds : tuple of str
-        Models.
+        Kinds of models.
     elastic_seconds : float
         Recordings that an elastic model is identified from, at most [s].
 
@@ -100,7 +100,7 @@ class Campaign:
     Attributes
     ----------
     plan : Plan
-        Size.
+        Size of the campaign.
     stages : Stages
         Where they are kept.
     progress : callable

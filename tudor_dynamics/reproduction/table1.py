@@ -104,7 +104,7 @@ class Finding:
     Attributes
     ----------
     text : str
-        The finding.
+        What was found, in words.
     holds, figures : bool and str
         Whether it does here, and the figures that decide.
     paper_holds, paper : bool and str
@@ -186,7 +186,7 @@ def build(fits: Fits, split: str) -> Table1:
     Parameters
     ----------
     fits : Fits
-        Stages.
+        Stages that the table is made of.
     split : {'stimulus', 'random'}
         How training and test are told apart.
 

@@ -49,7 +49,7 @@ class Reference:
     dt : float
         Sample time [s].
     q, dq, ddq : ndarray of shape (n_samples, n_joints)
-        [rad, rad/s, rad/s^2]
+        Positions, speeds and accelerations wanted [rad, rad/s, rad/s^2].
 
     """
 

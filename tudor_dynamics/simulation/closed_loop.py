@@ -244,7 +244,7 @@ class ClosedLoop:
         Parameters
         ----------
         q_ref, dq_ref : array of shape (n_joints,)
-            Reference [rad, rad/s].
+            Position and speed of the reference [rad, rad/s].
 
         Returns
         -------

@@ -116,7 +116,7 @@ def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
     mechanism : Mechanism
         Mechanism of the reduced arm.
     arm : Arm
-        Arm.
+        Arm whose gauges are placed.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def moment_rows(
     mechanism : Mechanism
         Mechanism with its present stiffness.
     gauges : GaugePlaces
-        Gauges.
+        Places of the gauges.
     free : ndarray of int, shape (n_moving,)
         Coordinates that move.
 

@@ -214,7 +214,7 @@ class RigidLinkSystem:
         u, du : ndarray of shape (size,)
             Nodal displacements in the base frame and their rates; zero at the hub.
         torque : ndarray of shape (n_joints,)
-            [N m]
+            Torques of the drives [N m].
         held : ndarray of bool, optional
             Joints that do not move.
 
@@ -273,7 +273,7 @@ class RigidLinkSystem:
         z : ndarray
             Coordinates of the mechanism, displacements in the frames of the links.
         q : ndarray of shape (n_joints,)
-            Joint positions.
+            Positions of the joints [rad].
 
         Returns
         -------

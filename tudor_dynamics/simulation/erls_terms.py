@@ -93,7 +93,7 @@ class Terms:
     jacobian : ndarray of shape (n, n_joints)
         J: nodal velocities of the equivalent rigid links.
     bias : ndarray of shape (n,)
-        J' q'.
+        J' q', the part of the accelerations that rates alone make.
     mass_damping, stiffness_damping : ndarray of shape (n, n)
         alpha M and beta K.
 

@@ -85,7 +85,7 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
     text : str
         Such as ``0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))``.
     t : ndarray
-        Times [s].
+        Times to evaluate at [s].
 
     Returns
     -------
@@ -270,7 +270,7 @@ def torque_signal(
     words : list of str
         Each a CSV file, an expression for the only (or first) active joint, or JOINT=EXPRESSION.
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
     joints, active : tuple of str
         All joints, and those driven by a torque.
 
@@ -310,9 +310,9 @@ def motion_signal(
     path : Path
         CSV file with columns t, JOINT, ... [rad or m].
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
     joints : tuple of str
-        All joints.
+        Names of all joints.
 
     Returns
     -------

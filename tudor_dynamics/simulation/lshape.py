@@ -119,7 +119,7 @@ def tuned_torque(plant: Plant, t: FloatArray) -> FloatArray:
     plant : Plant
         The mechanism of the paper at its start.
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times to evaluate at [s].
 
     Returns
     -------
@@ -165,7 +165,7 @@ class Agreement:
     Attributes
     ----------
     elbow, tip : float
-        Accelerations.
+        Accelerations of elbow and tip.
     moment1, moment2 : float
         Torsion and bending moments in the middle of the links.
     angle : float
@@ -217,7 +217,7 @@ def agreement(run: Run, plant: Plant, reference: dict[str, NDArray]) -> Agreemen
     Parameters
     ----------
     run : Run
-        From ``run_reference``.
+        Run of ``run_reference``.
     plant : Plant
         Plant of the run.
     reference : dict of str to ndarray
@@ -248,7 +248,7 @@ def run_paper(elements: int = 2, dt: float = 2.5e-4, seconds: float = 5.0) -> tu
     elements : int
         Elements a beam.
     dt : float
-        Step [s].
+        Step of the integrator [s].
     seconds : float
         Length of the run [s].
 

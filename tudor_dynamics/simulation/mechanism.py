@@ -57,7 +57,7 @@ class Mechanism:
     initial : ndarray of shape (n,)
         Coordinates before the elastic state is found.
     gravity : ndarray of shape (3,)
-        [m/s^2]
+        Gravity in the base frame [m/s^2].
     points : int
         Number of nodes and rigid bodies.
     tip : int
@@ -123,7 +123,7 @@ class Mechanism:
         Parameters
         ----------
         joint : str
-            Joint.
+            Joint before the node.
         node : int
             Node of its beam; -1 for the last one.
 

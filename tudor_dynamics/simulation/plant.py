@@ -47,7 +47,7 @@ class Plant:
         Tables, see ``build_mechanism``. Changes of them count from the next ``reset`` or
         ``parameters_changed``.
     dt : float
-        Step [s].
+        Step of the integrator [s].
     rho : float
         Damping of the highest frequencies, 0 to 1 (1: none).
     tolerance : float
@@ -165,7 +165,7 @@ class Plant:
         Parameters
         ----------
         joint : str
-            Joint.
+            Name of the joint.
         kind : {'torque', 'motion', 'hold'}
             By its torque, by a motion given with each step, or held where it is.
 
@@ -244,7 +244,7 @@ class Plant:
         Parameters
         ----------
         torque : array of shape (n_joints,)
-            [N m or N]
+            Torque of each joint at the start [N m or N].
 
         """
         self._torque[self._q] = torque
@@ -258,11 +258,11 @@ class Plant:
         Parameters
         ----------
         t : float
-            Time [s].
+            Time of the state [s].
         z, dz : ndarray of shape (n,)
             Coordinates and rates.
         torque : ndarray of shape (n_joints,)
-            [N m or N]
+            Torque of each joint [N m or N].
 
         """
         self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
@@ -358,7 +358,7 @@ class Plant:
         z, dz : ndarray of shape (n,)
             Coordinates and rates.
         torque : ndarray of shape (n_joints,)
-            [N m or N]
+            Torque of each joint [N m or N].
 
         Returns
         -------

@@ -34,7 +34,7 @@ class PlantState:
     Attributes
     ----------
     t : float
-        Time [s].
+        Time of the state [s].
     q, dq, ddq : ndarray of shape (n_joints,)
         All joints of the mechanism [rad or m and their rates].
     effort : ndarray of shape (n_joints,)

@@ -65,9 +65,9 @@ def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: s
     Parameters
     ----------
     run : Run
-        Signals.
+        Run that the signal is taken from.
     mechanism : Mechanism
-        Names.
+        Mechanism with the names of its joints.
     gauges : tuple of str
         Gauges of the run.
     name : str
@@ -119,7 +119,7 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     Parameters
     ----------
     values : ndarray of shape (n_samples, n_curves)
-        Signals.
+        Signals over time, a curve a column.
     dt : float
         Sample time [s].
 
@@ -236,13 +236,13 @@ def plot_configuration(
     Parameters
     ----------
     path : Path
-        PNG file.
+        PNG file to write.
     mechanism : Mechanism
         What is joined to what.
     position : ndarray of shape (points, 3)
         Points in the base frame [m].
     title : str
-        Title.
+        Title of the figure.
 
     """
     figure = Figure(figsize=(6.4, 5.6), layout='constrained')

@@ -37,7 +37,7 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[JointStateSerie
     Parameters
     ----------
     run : Run
-        Signals.
+        Run with its signals.
     arm : Arm
         Names and topics.
     mechanism : Mechanism
@@ -69,9 +69,9 @@ def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: boo
     Parameters
     ----------
     folder : Path
-        Existing folder.
+        Folder that is there already.
     run : Run
-        Signals.
+        Run with its signals.
     arm : Arm
         Names and topics.
     mechanism : Mechanism

@@ -45,7 +45,7 @@ class Trace:
     Attributes
     ----------
     t : list of float
-        Time [s].
+        Time of each record [s].
     q, dq : list of ndarray
         Positions and speeds of the joints, true or measured as the arm's encoders have it.
     command : list of ndarray
@@ -54,7 +54,7 @@ class Trace:
         Commands that left a controller: time [s], a number that changes where it took over an arm
         whose speed was not its own doing, and speeds [rad/s].
     strain : list of ndarray
-        [units of the gauges]
+        Readings of the gauges [units of the gauges].
     q_ref : list of ndarray
         Reference, not a number where there is none [rad].
     state : list of State or None
@@ -106,7 +106,7 @@ class Rig:
     t : float
         Simulated time [s].
     trace : Trace
-        What happened.
+        Record of what happened.
     alter : callable or None
         Changes a sample on its way, or loses it by None.
     frozen : set of str

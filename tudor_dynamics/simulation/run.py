@@ -95,7 +95,7 @@ class Run:
     Attributes
     ----------
     t : ndarray of shape (n_samples,)
-        [s]
+        Times of the records [s].
     q, dq, ddq, effort : ndarray of shape (n_samples, n_joints)
         Joint motion and effort of each drive [rad or m, N m or N].
     position, velocity, acceleration : ndarray of shape (n_samples, points, 3)
@@ -241,9 +241,9 @@ def simulate_with_scipy(
     plant, observer, torque, every, progress
         As in ``run_plant``; joints that are not driven by a torque are held.
     method : {'radau', 'bdf'}
-        Solver.
+        Solver of scipy.
     rtol : float
-        Relative tolerance.
+        Relative tolerance of the solver.
 
     Returns
     -------
