@@ -27,7 +27,15 @@ MAX_MESSAGE = 1500
 
 
 def printable(text: str) -> str:
-    """Replace characters that would steer the terminal, as names in a file may hold them."""
+    """
+    Replace characters that would steer the terminal, as names in a file may hold them.
+
+    Parameters
+    ----------
+    text : str
+        Text with names or values of a file.
+
+    """
     return ''.join(char if char.isprintable() else '?' for char in text)
 
 

@@ -185,7 +185,20 @@ class Arm:
                          for name in self.active_joints], dtype=np.intp)
 
     def is_prismatic(self, joint: str) -> bool:
-        """Say whether a joint moves along its axis instead of about it."""
+        """
+        Say whether a joint moves along its axis instead of about it.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+
+        Returns
+        -------
+        bool
+            False for revolute and continuous joints.
+
+        """
         return is_prismatic(self.full_model, joint)
 
     @cached_property

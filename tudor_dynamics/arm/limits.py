@@ -65,7 +65,15 @@ class Limits:
     missing: tuple[str, ...] = ()
 
     def outside(self, q: FloatArray) -> NDArray[np.bool_]:
-        """Say which positions [rad or m] are beyond a limit."""
+        """
+        Say which positions [rad or m] are beyond a limit.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the joints [rad or m].
+
+        """
         return np.asarray((q < self.lower) | (q > self.upper))
 
 

@@ -46,7 +46,15 @@ def reason(err: Exception) -> str:
 
 
 def scratch_prefix(path: Path) -> str:
-    """Begin of the name of the directory in which a bag is written until it is complete."""
+    """
+    Begin of the name of the directory in which a bag is written until it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        Directory that the bag will have.
+
+    """
     return f'.{path.name}.'
 
 

@@ -91,11 +91,27 @@ class Envelope:
         return np.asarray((self.cuts & SATURATING) > 0)
 
     def set_lag(self, lag: float) -> None:
-        """Take another time from command to motion into use [s]."""
+        """
+        Take another time from command to motion into use [s].
+
+        Parameters
+        ----------
+        lag : float
+            Time from command to motion [s].
+
+        """
         self.rows[:, LAG] = lag
 
     def begin(self, command: ArrayLike) -> None:
-        """Begin anew at the speeds that the joints have [rad/s]."""
+        """
+        Begin anew at the speeds that the joints have [rad/s].
+
+        Parameters
+        ----------
+        command : array of shape (n_joints,)
+            Speeds that the joints have [rad/s].
+
+        """
         self.state[:] = 0.0
         self.state[:, COMMAND] = command
 

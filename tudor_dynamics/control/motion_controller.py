@@ -227,7 +227,15 @@ class MotionController:
         return self._brake(now, 'no positions come')
 
     def stand_still(self, now: float) -> FloatArray | None:
-        """Brake without looking at positions, as `watch` does; None once the joints stand."""
+        """
+        Brake without looking at positions, as `watch` does; None once the joints stand.
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+
+        """
         if self._q is None or not self.envelope.command.any():
             return None
         return self._brake(now, 'told to stand still')

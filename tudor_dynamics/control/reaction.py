@@ -135,7 +135,15 @@ class ReactingReference:
             self._length = 0.0
 
     def step(self, dt: float) -> None:
-        """Advance by a step [s]."""
+        """
+        Advance by a step [s].
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+
+        """
         if not self.reacting:
             self._planner.step(dt)
             self._remember(dt)

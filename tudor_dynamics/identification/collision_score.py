@@ -193,7 +193,19 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
 
 
 def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:
-    """Give the times at which a threshold that much higher would have given an event."""
+    """
+    Give the times at which a threshold that much higher would have given an event.
+
+    Parameters
+    ----------
+    item : Watched
+        Bag with the ratios to its thresholds.
+    factor : float
+        Factor on the threshold.
+    rearm : float
+        Time without an excess before the next event [s].
+
+    """
     times = item.stamp[item.ratio > factor]
     if not len(times):
         return times

@@ -128,7 +128,19 @@ def _conditions(
 
 @dataclass(frozen=True)
 class ChosenSeed:
-    """A seed, the report of its motion, and the worst condition number of each seed tried."""
+    """
+    A seed, the report of its motion, and the worst condition number of each seed tried.
+
+    Attributes
+    ----------
+    seed : int
+        Seed with the best motion.
+    report : ExcitationReport
+        Condition numbers of its motion.
+    tried : dict of int to float
+        Worst condition number of each seed tried.
+
+    """
 
     seed: int
     report: ExcitationReport

@@ -131,7 +131,7 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
     Parameters
     ----------
     bundle : ModelBundle
-        Fitted models.
+        Fitted models of one arm.
     data : sequence of BagData
         Bags, filtered as the models need it.
 
@@ -164,7 +164,7 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
     Parameters
     ----------
     bundle : ModelBundle
-        Fitted models.
+        Fitted models of one arm.
     data : sequence of BagData
         Bags that they predict.
 

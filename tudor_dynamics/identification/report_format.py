@@ -61,6 +61,16 @@ def pretty_unit(unit: str) -> str:
 
 
 def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
-    """Cut a name that would run out of a figure, and leave out what SVG cannot hold."""
+    """
+    Cut a name that would run out of a figure, and leave out what SVG cannot hold.
+
+    Parameters
+    ----------
+    name : str
+        Name of a joint or gauge.
+    longest : int
+        Characters that are kept at most.
+
+    """
     short = name if len(name) <= longest else name[:longest - 3] + '...'
     return ''.join(c if c.isprintable() else '?' for c in short)

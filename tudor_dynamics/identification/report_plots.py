@@ -89,7 +89,17 @@ class Axis:
 
 
 def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Keep the extremes of each stretch of samples, and break the line at gaps."""
+    """
+    Keep the extremes of each stretch of samples, and break the line at gaps.
+
+    Parameters
+    ----------
+    t : ndarray of shape (n_samples,)
+        Times of the samples [s].
+    x : ndarray of shape (n_samples,)
+        Values of the line.
+
+    """
     if len(t) > MAX_POINTS:
         parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
         index = np.unique([k for part in parts

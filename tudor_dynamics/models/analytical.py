@@ -46,7 +46,17 @@ HUBER_PASSES = 20
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Base parameters of a group of channels with their estimate."""
+    """
+    Base parameters of a group of channels with their estimate.
+
+    Attributes
+    ----------
+    base : BaseSet
+        Base parameters of the channels.
+    estimate : Estimate
+        Their values with standard errors.
+
+    """
 
     base: BaseSet
     estimate: Estimate

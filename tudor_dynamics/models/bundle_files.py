@@ -101,7 +101,15 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
 
 
 def sha256(data: bytes) -> str:
-    """Give the SHA-256 of bytes in hexadecimal digits."""
+    """
+    Give the SHA-256 of bytes in hexadecimal digits.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of a file.
+
+    """
     return hashlib.sha256(data).hexdigest()
 
 

@@ -73,7 +73,17 @@ UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
 
 
 def physical_unit(arm: Arm, name: str) -> str:
-    """Give the unit of a physical parameter; gears of prismatic joints count in N/m and m."""
+    """
+    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with its joints.
+    name : str
+        Name of the parameter, such as ``gear(joint2)``.
+
+    """
     kind, _, rest = name.partition('(')
     unit = UNITS[kind]
     if kind in ('gear', 'play', 'tight', 'loose') and arm.is_prismatic(rest.rstrip(')')):
@@ -219,6 +229,11 @@ class ElasticModel:
         ------
         FitError
             Always.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]``, of which nothing is used.
 
         """
         msg = 'the elastic model has a memory: use follow, with the time between samples'

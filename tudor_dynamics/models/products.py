@@ -72,7 +72,17 @@ class Products:
 
     @classmethod
     def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
-        """Start with nothing for ``n_parameters`` columns."""
+        """
+        Start with nothing for ``n_parameters`` columns.
+
+        Parameters
+        ----------
+        n_parameters : int
+            Number of columns of the regressor.
+        triangular : bool
+            Keep a triangular factor in place of the Gram matrix.
+
+        """
         size = n_parameters + 1
         return cls(np.zeros((size, size)), 0, np.zeros((0, size)) if triangular else None)
 

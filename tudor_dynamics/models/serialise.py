@@ -87,7 +87,15 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
 
 
 def plausible(values: Any) -> bool:
-    """Say whether all numbers of a model are finite and far from overflowing anything."""
+    """
+    Say whether all numbers of a model are finite and far from overflowing anything.
+
+    Parameters
+    ----------
+    values : array
+        Numbers of a model, as they were read.
+
+    """
     return bool(np.all(np.abs(values) <= MAX_COEFFICIENT))  # NaN is not
 
 

@@ -53,7 +53,17 @@ Blocks = Callable[[], Iterable[TrainingBlock]]
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
-    """Wrap two arrays as training data of one block, after a check of their shapes."""
+    """
+    Wrap two arrays as training data of one block, after a check of their shapes.
+
+    Parameters
+    ----------
+    motion : ndarray of shape (n_samples, n_inputs)
+        ``[q, dq, ddq]`` and what else the model takes, in columns.
+    output : ndarray of shape (n_samples, n_channels)
+        Measured outputs in their units.
+
+    """
     motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
     if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
         msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '

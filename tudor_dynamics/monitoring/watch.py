@@ -257,7 +257,19 @@ class Watch:
     def add_output(
         self, output: str, motion: Motion, predicted: FloatArray | None,
     ) -> Found:
-        """Take a motion with the prediction of one output into account."""
+        """
+        Take a motion with the prediction of one output into account.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            What was predicted.
+        motion : Motion
+            Motion of the active joints.
+        predicted : ndarray of shape (n_channels,) or None
+            Prediction in its units; None while the filters settle.
+
+        """
         found = Found()
         if output in self.pairing:
             self._judge(output, self.pairing[output].add_motion(motion, predicted), found)

@@ -86,7 +86,23 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Shown:
-    """A figure on the page: as a `Picture`, with its content as data URI."""
+    """
+    A figure on the page: as a `Picture`, with its content as data URI.
+
+    Attributes
+    ----------
+    name : str
+        Name of the picture's file.
+    section : str
+        Section of the page.
+    title : str
+        Title above it.
+    caption : str
+        Text below it.
+    uri : str
+        Its content as data URI.
+
+    """
 
     name: str
     section: str

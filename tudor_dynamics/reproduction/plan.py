@@ -121,7 +121,17 @@ class Campaign:
         ClosedLoop(self.arm)  # says what the description lacks
 
     def described(self, payload: float, *, damped: bool) -> dict[str, Any]:
-        """Give what the recordings of a payload depend on."""
+        """
+        Give what the recordings of a payload depend on.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        damped : bool
+            Whether the damper is on.
+
+        """
         plan = self.plan
         return {'arm': arm_content(self.arm), 'payload': payload, 'damped': damped,
                 'seconds': plan.seconds, 'stimuli': plan.stimuli, 'seed': plan.seed}

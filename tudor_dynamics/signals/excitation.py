@@ -44,7 +44,17 @@ REST = 1.5
 
 @dataclass(frozen=True, eq=False)
 class JointRange:
-    """Range of each joint [rad]."""
+    """
+    Range of each joint [rad].
+
+    Attributes
+    ----------
+    lower : ndarray of shape (n_joints,)
+        Smallest position of each joint [rad].
+    upper : ndarray of shape (n_joints,)
+        Largest position of each joint [rad].
+
+    """
 
     lower: FloatArray
     upper: FloatArray

@@ -250,7 +250,19 @@ class CausalDifferentiator:
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
-        """Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's."""
+        """
+        Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the sample before; 0 begins anew [s].
+        q : ndarray of shape (n_joints,)
+            Positions of the joints [rad or m].
+        measured : ndarray of shape (n_joints,), optional
+            Velocities of the driver [rad/s or m/s].
+
+        """
         n = len(q)
         row = np.empty(3 * n)
         if self._q is None:

@@ -209,6 +209,13 @@ def steps_per_message(dt: float, rate: float) -> int:
     SimulationError
         If the rate does not divide that of the loop.
 
+    Parameters
+    ----------
+    dt : float
+        Step of the loop [s].
+    rate : float
+        Messages per second [Hz].
+
     """
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:

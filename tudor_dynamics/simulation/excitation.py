@@ -190,7 +190,7 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
     value : float, str, callable or array
         Constant, expression in t, function of the time [s], or values at ``t`` [N m or N].
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
     name : str
         Joint, for messages.
 

@@ -103,7 +103,23 @@ def static_torque(plant: Plant) -> float:
 
 def step_torque(first: float, second: float, before: float, after: float, t: FloatArray,
                 ) -> FloatArray:
-    """Give the torque of the test: hold, two steps, hold; changes take 5 ms [N m]."""
+    """
+    Give the torque of the test: hold, two steps, hold; changes take 5 ms [N m].
+
+    Parameters
+    ----------
+    first : float
+        Torque of the first step [N m].
+    second : float
+        Torque of the second step [N m].
+    before : float
+        Torque that holds at the start [N m].
+    after : float
+        Torque that holds at the end [N m].
+    t : ndarray of shape (n_samples,)
+        Times to evaluate at [s].
+
+    """
     times = STEP_AT + STEP_LENGTH * np.array([0.0, 1.0, 2.0])
     nodes = np.column_stack([times, times + 0.005]).ravel()
     levels = [before, first, first, second, second, after]
@@ -181,7 +197,17 @@ class Agreement:
 
 
 def relative_rms(found: NDArray, expected: NDArray) -> float:
-    """Give the RMS of the difference over that of the expected values."""
+    """
+    Give the RMS of the difference over that of the expected values.
+
+    Parameters
+    ----------
+    found : ndarray
+        Values that were found.
+    expected : ndarray
+        Values that were expected, of the same shape.
+
+    """
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 

@@ -41,7 +41,21 @@ AXES = ('x', 'y', 'z')
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit."""
+    """
+    A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit.
+
+    Attributes
+    ----------
+    values : ndarray of shape (n_samples, n_curves)
+        Values over time, a curve a column.
+    labels : tuple of str
+        Label of each curve.
+    title : str
+        Title of the figure.
+    unit : str
+        Unit of the values.
+
+    """
 
     values: FloatArray
     labels: tuple[str, ...]
@@ -50,7 +64,17 @@ class Signal:
 
 
 def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
-    """Give the names that ``pick_signal`` knows."""
+    """
+    Give the names that ``pick_signal`` knows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Mechanism with the names of its joints.
+    gauges : tuple of str
+        Names of the gauges.
+
+    """
     points = ['tip', *mechanism.joints]
     return ([f'{what}:{joint}' for what in ('q', 'dq', 'effort') for joint in mechanism.joints]
             + [f'{what}:{point}' for what in ('position', 'acceleration') for point in points]
@@ -144,7 +168,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     figure : Figure
         Figure to be written.
     path : Path
-        PNG file.
+        PNG file to write.
 
     """
     stream = io.BytesIO()
@@ -259,7 +283,19 @@ def plot_configuration(
 
 
 def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:
-    """Draw beams, rigid connections, nodes and joints into three-dimensional axes."""
+    """
+    Draw beams, rigid connections, nodes and joints into three-dimensional axes.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Axes to draw into.
+    mechanism : Mechanism
+        What is joined to what.
+    position : ndarray of shape (points, 3)
+        Points in the base frame [m].
+
+    """
     plot = getattr(axes, 'plot')
     for points, beam in body_lines(mechanism):
         part = position[points]
@@ -271,7 +307,17 @@ def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> 
 
 
 def limit_axes(axes: object, position: FloatArray) -> None:
-    """Give all axes the same scale, with the base in view."""
+    """
+    Give all axes the same scale, with the base in view.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Axes to be scaled.
+    position : ndarray of shape (..., 3)
+        Points that must be in view, in the base frame [m].
+
+    """
     points = np.vstack([position.reshape(-1, 3), np.zeros(3)])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * float((high - low).max()) + 1e-3

@@ -72,7 +72,15 @@ class Trace:
     state: list[State | None] = field(default_factory=list)
 
     def array(self, name: str) -> FloatArray:
-        """Stack a signal as (samples, channels)."""
+        """
+        Stack a signal as (samples, channels).
+
+        Parameters
+        ----------
+        name : str
+            Name of the signal.
+
+        """
         return np.array(getattr(self, name))
 
 
@@ -146,7 +154,15 @@ class Rig:
         self._stamp = None
 
     def start_source(self, reaction: str = 'retreat') -> None:
-        """Start the source of references, as a process that was not there before."""
+        """
+        Start the source of references, as a process that was not there before.
+
+        Parameters
+        ----------
+        reaction : str
+            What a collision leads to.
+
+        """
         self.source = ReferenceSource(self.arm, reaction=reaction)
 
     def activate(self) -> None:
@@ -156,7 +172,15 @@ class Rig:
         self.active, self._stamp = True, None
 
     def run(self, seconds: float) -> None:
-        """Let time pass [s]."""
+        """
+        Let time pass [s].
+
+        Parameters
+        ----------
+        seconds : float
+            Simulated time that passes [s].
+
+        """
         for _ in range(round(seconds * self.rate)):
             self.step()
 

@@ -64,7 +64,7 @@ class Steps(NamedTuple):
         seconds : float
             Length of the run [s].
         dt : float
-            Step [s].
+            Step of the integrator [s].
         rate : float
             Records per second [Hz].
 

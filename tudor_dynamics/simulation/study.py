@@ -167,7 +167,7 @@ def simulate(
     seconds : float, default=5
         Length of the run [s].
     dt : float, default=0.00025
-        Step [s].
+        Step of the integrator [s].
     rate : float, default=1000
         Records per second [Hz].
     start : mapping of str to float, optional
