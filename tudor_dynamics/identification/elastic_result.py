@@ -72,7 +72,7 @@ class Identified:
 
 def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
     """
-    Give the fit of all channels together, 100 (1 - |e| / |y - mean|) [%].
+    Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
 
     Parameters
     ----------
