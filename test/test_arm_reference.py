@@ -19,12 +19,15 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+import re
 from types import ModuleType
 from typing import Any, get_args
 
 from pydantic import BaseModel
 import pytest
+import yaml
 
+from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.arm.schema import ArmSpec
 
 DIMENSIONLESS = {'gear_ratio', 'efficiency', 'breakaway', 'nu', 'direction', 'height_axis', 'axis'}
@@ -90,3 +93,12 @@ def test_who_reads_a_key_reads_its_part(tool: ModuleType) -> None:
 def test_changing_a_page_by_hand_is_seen(tool: ModuleType) -> None:
     """The comparison sees a single changed default."""
     assert tool.page().replace('`0.02`', '`0.03`') != tool.page()
+
+
+def test_the_arm_of_the_readme_is_one(root: Path) -> None:
+    """The ten lines of the README are a description that is accepted."""
+    text = (root / 'README.md').read_text(encoding='utf-8')
+    found = re.search(r'^```yaml\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+    assert found is not None and len(found[1].splitlines()) <= 10
+    arm = arm_from_dict(yaml.safe_load(found[1]), base=root, source='README.md')
+    assert arm.gauge_names == ('upper_arm', 'forearm')
