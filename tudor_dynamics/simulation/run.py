@@ -82,7 +82,7 @@ class Steps(NamedTuple):
         for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
             check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
             if not 0.0 < value < 1e9:
-                msg = f'{name} must be positive, found {value}'
+                msg = f'{name} (--{name}) must be positive, found {value}'
                 raise UsageError(msg)
         return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
 
