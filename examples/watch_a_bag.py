@@ -33,6 +33,7 @@ def main(out: Path) -> None:
     models = td.fit([bags / 'two_blade_train_1', bags / 'two_blade_train_2'], arm,
                     settings=td.FitSettings(kinds=('analytical',)))
     recording = td.read_recording(bags / 'two_blade_test', arm)
+    assert recording.strain is not None  # others may have efforts alone
     monitor = td.Monitor(models, td.MonitorSettings(methods=('strain',)))
     stamps, residuals, thresholds, events = [], [], [], []
     for stamp, q, strain in zip(recording.stamp.tolist(), recording.q, recording.strain):
@@ -50,9 +51,11 @@ def main(out: Path) -> None:
             figure.subplots(len(arm.gauge_names), sharex=True), arm.gauge_names,
             np.array(residuals).T, np.array(thresholds).T):
         axes.plot(t, value, linewidth=0.8, label='residual')
-        axes.plot(t, bound, t, -bound, color='#c8502d', linewidth=0.8, label='threshold')
+        for side, label in ((bound, 'threshold'), (-bound, None)):
+            axes.plot(t, side, color='#c8502d', linewidth=0.8, label=label)
         axes.set(ylabel=f'{name} [um/m]')
     axes.set(xlabel='time [s]')
+    axes.legend(loc='upper right', frameon=False, ncols=2)
     figure.savefig(out / 'watch_a_bag.png', dpi=110)
 
 

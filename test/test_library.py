@@ -104,6 +104,9 @@ def test_what_a_notebook_shows(session: dict[str, Any], root: Path) -> None:
     assert 'strain analytical: fit' in shown['prediction']
     assert 'largest elastic rotation' in shown['run'] and 'strain:link2_hub' in shown['run']
     assert '1: 3.05' in shown['modes']
+    found = repr(session['prediction'].outputs['strain']['analytical'])
+    assert found.startswith('Validation by') and 'link2_hub 9' in found and len(found) < 200
+    assert 'strain (2001, 4)' in repr(session['run'].run)
     model = session['models'].models['strain']['analytical']
     assert '11 base parameters by wls, condition' in repr(model)
     assert all(len(shown[name].split('\n')) < 12 for name in

@@ -91,6 +91,12 @@ class Validation:
     channels: tuple[str, ...]
     cases: tuple[tuple[OutputModel, BagData], ...] = ()
 
+    def __repr__(self) -> str:
+        """Write how it was done, and the fit of each channel."""
+        channels = ', '.join(f'{name} {item.fit:.1f} %'
+                             for name, item in self.score.channels.items())
+        return f'Validation by {self.method}: fit {self.score.fit:.1f} % ({channels})'
+
 
 def trace(model: OutputModel, data: BagData, output: str) -> Trace:
     """

@@ -129,6 +129,11 @@ class Run:
     energy: FloatArray
     rotation: FloatArray
 
+    def __repr__(self) -> str:
+        """Write the length, and the shape of each array."""
+        shapes = ', '.join(f'{f.name} {getattr(self, f.name).shape}' for f in fields(self))
+        return f'Run of {self.t[-1]:g} s: {shapes}'
+
     def save(self, path: Path, **more: NDArray) -> None:
         """
         Write all arrays to one ``.npz``, whole or not at all.
