@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import free_of_positions, planned_limits
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
 from tudor_dynamics.signals.ringdown import ring_modes, RingMode
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
@@ -119,13 +119,16 @@ def settle(arm: Arm, payload: float, damping: float, move: tuple[float, float]) 
 
 def settling(arm: Arm) -> None:
     """Print settling after moves."""
-    for move in ((45.0, -45.0), (30.0, -30.0), (20.0, 20.0)):
-        print(f'\nmove of {move} deg from stretched out: link 2 within 10 um/m of its final '
-              'value, residual\npeak, joints within 0.2 deg after the end of the reference; '
-              'overshoot')
+    free = free_of_positions(arm)
+    for chosen, move, where in (
+            (free, (45.0, -45.0), "(0, 0), the paper's Figure 2, limits of position lifted"),
+            (arm, (45.0, -45.0), 'as stretched out as the planned range allows'),
+            (free, (30.0, -30.0), '(0, 0)'), (free, (20.0, 20.0), '(0, 0)')):
+        print(f'\nmove of {move} deg from {where}:\nlink 2 within 10 um/m of its final value, '
+              'residual peak, joints within 0.2 deg after the end of\nthe reference; overshoot')
         for payload in PAYLOADS:
-            print(f'  {1000 * payload:3.0f} g   damped {settle(arm, payload, 1.0, move)}'
-                  f'   undamped {settle(arm, payload, 0.0, move)}')
+            print(f'  {1000 * payload:3.0f} g   damped {settle(chosen, payload, 1.0, move)}'
+                  f'   undamped {settle(chosen, payload, 0.0, move)}')
 
 
 QUIET = Imperfections(strain_noise=False, strain_resolution=False, current_noise=False)

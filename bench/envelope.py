@@ -22,51 +22,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import hard_limits, planned_limits
+from tudor_dynamics.arm.limits import drive_stop, DriveStop, hard_limits, Limits
 
 FloatArray = NDArray[np.float64]
 
 SLACK = 0.01
 """What a command may be late on its way [s]; its step may be larger by so much acceleration."""
-TIMEOUT = 0.1
-"""Behind so long a silence the drive brakes: `command_timeout` of arm_simulator [s]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
     """
-    Limits of the active joints.
+    What an arm is held against.
 
     Attributes
     ----------
-    lower, upper, velocity, acceleration : ndarray of shape (n_joints,)
-        What nothing exceeds [rad, rad, rad/s, rad/s^2].
-    braking : ndarray of shape (n_joints,)
-        With which a drive brakes that hears no commands [rad/s^2].
+    limits : Limits
+        What nothing exceeds.
+    stop : DriveStop
+        How a drive brakes that hears no commands.
 
     """
 
-    lower: FloatArray
-    upper: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    braking: FloatArray
+    limits: Limits
+    stop: DriveStop
 
     @classmethod
     def of(cls, arm: Arm) -> Envelope:
-        """Take them from a description, where what is not limited is infinite."""
-        hard = hard_limits(arm)
-        return cls(hard.lower, hard.upper, hard.velocity, hard.acceleration,
-                   planned_limits(arm).acceleration)
+        """Take it from a description."""
+        return cls(hard_limits(arm), drive_stop(arm))
 
     def excursion(self, q: FloatArray) -> float:
         """Give how far positions of shape (n, n_joints) leave their limits, at most [rad]."""
-        beyond = np.maximum(q - self.upper, self.lower - q)
+        beyond = np.maximum(q - self.limits.upper, self.limits.lower - q)
         return float(np.max(beyond, initial=0.0))
 
     def speed(self, command: FloatArray) -> float:
         """Give the largest command of shape (n, n_joints) as a share of its limit."""
-        return float(np.max(np.abs(command) / self.velocity, initial=0.0))
+        return float(np.max(np.abs(command) / self.limits.velocity, initial=0.0))
 
     def steps(
         self, command: FloatArray, arrival: FloatArray, period: float,
@@ -91,11 +84,11 @@ class Envelope:
 
         """
         between = np.diff(arrival)[:, np.newaxis]
-        silent = between > TIMEOUT
-        lost = self.braking * np.maximum(between - TIMEOUT, 0.0)
+        silent = between > self.stop.timeout
+        lost = self.stop.acceleration * np.maximum(between - self.stop.timeout, 0.0)
         before = np.sign(command[:-1]) * np.maximum(np.abs(command[:-1]) - lost, 0.0)
         time = np.where(silent, period, np.maximum(between, period)) + SLACK
-        return np.abs(command[1:] - before), self.acceleration * time
+        return np.abs(command[1:] - before), self.limits.acceleration * time
 
     def step(self, command: FloatArray, arrival: FloatArray, period: float) -> float:
         """Give the largest step as a share of what the acceleration allows."""

@@ -159,12 +159,12 @@ class Track:
 
     @property
     def elapsed(self) -> NDArray[np.int64]:
-        """Times since the filter began, of motions [ns]."""
+        """Give the times since the filter began, of motions [ns]."""
         return np.array(self._elapsed, dtype=np.int64)
 
     @property
     def arrival(self) -> FloatArray:
-        """Times of arrival on the steady clock [s]."""
+        """Give the times of arrival on the steady clock [s]."""
         return np.array(self._arrival)
 
     @property

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from envelope import Envelope, TIMEOUT
+from envelope import Envelope
 from live_nodes import Track
 import numpy as np
 from numpy.typing import NDArray
@@ -303,7 +303,7 @@ def enveloped(observed: Observed) -> list[Line]:
     speed = envelope.speed(command[finite])
     arrival = commands.arrival[finite]
     size, allowed = envelope.steps(command[finite], arrival, observed.period)
-    silent = np.diff(arrival) > TIMEOUT
+    silent = np.diff(arrival) > envelope.stop.timeout
     step, again = (float(np.max((size / allowed)[chosen], initial=0.0))
                    for chosen in (~silent, silent))
     return [Line('positions outside their limits', f'{outside:.2f} deg of {len(q)}', '0 deg',

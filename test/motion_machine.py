@@ -49,7 +49,8 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
 
     The change is that of commands as they leave: one that gets lost is made up for by the next,
     and an arm is taken over at the speed that it has. Where positions are missing, commands come
-    every ``WATCH`` seconds and may step accordingly.
+    every ``WATCH`` seconds and may step accordingly. The period is as the controller learned it:
+    lost samples lengthen it by their share.
     """
     limits, trace = hard_limits(rig.arm), rig.trace
     q = np.array(trace.q[begin:])
@@ -62,7 +63,7 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
         if wrong.any():
             k, j = np.argwhere(wrong)[0]
             found.append(f'{what}: joint {j} at {trace.t[begin + k]:.3f} s: {values[k, j]:.4g}')
-    allowed = limits.acceleration * max(1.0 / rig.rate, WATCH) * (1.0 + 1e-9)
+    allowed = limits.acceleration * max(1.1 / rig.rate, WATCH) * (1.0 + 1e-9)
     for (_, before, last), (t, now, command) in pairwise(trace.sent):
         if before == now and np.any(np.abs(command - last) > allowed):
             found.append(f'acceleration: {command - last} rad/s at {t:.3f} s in one command')

@@ -24,6 +24,8 @@ from typing import Any
 
 import pytest
 
+from patience import PATIENCE
+
 pytest.importorskip('rclpy')
 
 
@@ -40,7 +42,7 @@ def finish(process: subprocess.Popen, number: int) -> str:
     """Send a signal; the exit code must be 0."""
     process.send_signal(number)
     try:
-        out, _ = process.communicate(timeout=60)
+        out, _ = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 0, out

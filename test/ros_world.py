@@ -31,14 +31,13 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 
+from patience import PATIENCE  # noqa: E402
 from tudor_dynamics.arm import load_arm  # noqa: E402
 from tudor_dynamics.bags import read_recording, Recording  # noqa: E402
 from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.messages import floats, nanoseconds, time_message  # noqa: E402
 from tudor_dynamics.nodes.runner import new_executor  # noqa: E402
 
-PATIENCE = 60.0
-"""How long a machine may take for what it does at once when it is not busy [s]."""
 JOINTS, GAUGES = ['joint2', 'joint3'], ['link2_hub', 'link3_hub']
 
 

@@ -25,6 +25,8 @@ import sys
 
 import pytest
 
+from patience import PATIENCE
+
 PACKAGE = 'tudor_dynamics'
 COPIED = ('config', 'resource', PACKAGE)
 
@@ -136,6 +138,6 @@ def test_ros2_run(workspace: Path, prefix: Path) -> None:
         assert world.probe.count_subscribers('/left/joint_states') == 1
     finally:
         process.terminate()
-        said, _ = process.communicate(timeout=20)
+        said, _ = process.communicate(timeout=PATIENCE)
         world.close()
     assert process.returncode == 0, said

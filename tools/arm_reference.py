@@ -63,18 +63,16 @@ READ_BY = {
         'preprocessing.filter', 'preprocessing.acceleration_cutoff', 'preprocessing.output_cutoff',
         'preprocessing.cutoff', 'preprocessing.measured_velocity', 'preprocessing.rate',
         'preprocessing.settle'), 'ME'),
-    'motors': 'ERDG', **dict.fromkeys((
+    'motors': 'ERDG', 'motors[]': 'R', 'motors[].joint': 'ERDG', **dict.fromkeys((
         'motors[].gear_ratio', 'motors[].torque_constant', 'motors[].efficiency',
         'motors[].rotor_inertia', 'motors[].current_limit'), 'RDG'),
     **dict.fromkeys(('motors[].stiffness', 'motors[].damping', 'motors[].backlash'), 'ER'),
-    **dict.fromkeys((
-        'motors[].viscous', 'motors[].coulomb', 'motors[].breakaway', 'motors[].encoder_lines',
-        'motors[].encoder_on', 'motors[].current_noise', 'motors[].current_resolution'), 'R'),
     'sensors': 'R', 'damper': 'RD', 'links': 'ESR', 'links[].hub_inertia': 'SR',
     'links[].viscous_friction': 'SR', 'payload': 'ESR', 'simulation': 'ESR',
     'simulation.initial': 'SR', 'simulation.start': 'S',
 }
-"""Key to its readers; a key that is not named here has those of the part that it stands in."""
+"""Key to its readers; a key that is not named here has those of the part that it stands in, where
+the entries of a list (``motors[]``) may have fewer than the list."""
 UNIT = re.compile(r'\[([^\[\]]+)\]\.?$')
 
 
@@ -109,7 +107,7 @@ class Key:
         """Letters of the commands that read it."""
         name = self.path
         while name not in READ_BY:
-            name = name.rpartition('.')[0].removesuffix('[]') or name.rpartition('[')[0]
+            name = name.removesuffix('[]') if name.endswith('[]') else name.rpartition('.')[0]
         return READ_BY[name]
 
 

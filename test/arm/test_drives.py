@@ -52,14 +52,18 @@ def test_reference_torque(root: Path) -> None:
     The motors of the reference arm can carry it, and are about as strong as identified.
 
     11.3 N m/A at joint 2 come from the ratio of gravity torque and gravity current of the public
-    recordings; 0.58 kg m^2 from their acceleration current less the links' share.
+    recordings; 0.58 kg m^2 from their acceleration current less the links' share. Friction and
+    ripple as fitted to them, see the description.
     """
     arm = load_arm(root / 'config' / 'tudor.yaml')
     motors = {motor.joint: motor for motor in arm.spec.motors}
     assert motors['joint2'].joint_torque_constant == pytest.approx(11.3, rel=0.01)
     assert motors['joint2'].reflected_inertia == pytest.approx(0.58, rel=0.01)
-    assert motors['joint2'].coulomb == (0.196, 0.16)
-    assert motors['joint3'].coulomb == (0.13, 0.13)
+    assert motors['joint2'].coulomb == (0.095, 0.079)
+    assert motors['joint2'].load_friction == 0.28
+    assert motors['joint2'].current_ripple == 0.064
+    for motor in motors.values():  # gears lose no more than their efficiency allows
+        assert motor.load_friction <= 1 / motor.efficiency - 1
     assert arm.spec.damper is not None
     assert [joint.gauge for joint in arm.spec.damper.joints] == ['link2_hub', 'link3_hub']
     assert {sensor.gauge for sensor in arm.spec.sensors} == set(arm.gauge_names)
@@ -84,6 +88,9 @@ def test_drives_are_optional(root: Path, content: Any) -> None:
     ('motors.0.viscous', 'thick', ['motors.0.viscous', 'valid tuple', "'thick'"]),
     ('motors.0.backlash', 3.2, ['motors.0.backlash', 'less than 3.14159', '3.2']),
     ('motors.0.backlash', -0.1, ['motors.0.backlash', 'greater than or equal to 0']),
+    ('motors.0.load_friction', 1.0, ['motors.0.load_friction', 'less than 1', '1.0']),
+    ('motors.0.presliding', -1e-3, ['motors.0.presliding', 'greater than or equal to 0']),
+    ('motors.0.current_ripple', -0.1, ['motors.0.current_ripple', 'greater than or equal to 0']),
     ('motors.0.encoder_lines', 0, ['motors.0.encoder_lines', 'greater than 0']),
     ('motors.0.encoder_lines', 0.5, ['motors.0.encoder_lines', 'valid integer', '0.5']),
     ('motors.0.encoder_on', 'gear', ['motors.0.encoder_on', "'motor' or 'joint'", "'gear'"]),

@@ -39,12 +39,12 @@ def changed(root: Path, **joint2: Any) -> Arm:
 
 
 def test_reference_arm(root: Path) -> None:
-    """The paper's 70 deg/s and 200 deg/s^2 are planned, 105 and 1000 never passed."""
+    """The paper's 70 deg/s and 200 deg/s^2 are planned, 120 and 1000 never passed."""
     arm = load_arm(root / 'config/tudor.yaml')
     hard, planned = hard_limits(arm), planned_limits(arm)
     assert np.degrees(hard.lower) == pytest.approx([13.0, -80.0], abs=1e-4)
     assert np.degrees(hard.upper) == pytest.approx([178.0, 80.0], abs=1e-4)
-    assert np.degrees(hard.velocity) == pytest.approx([105.0, 105.0], abs=1e-4)
+    assert np.degrees(hard.velocity) == pytest.approx([120.0, 120.0], abs=1e-4)
     assert np.degrees(hard.acceleration) == pytest.approx([1000.0, 1000.0], abs=1e-3)
     assert np.degrees(planned.velocity) == pytest.approx([70.0, 70.0], abs=1e-4)
     assert np.degrees(planned.acceleration) == pytest.approx([200.0, 200.0], abs=1e-3)
@@ -58,7 +58,7 @@ def test_urdf_and_motor_fill_what_is_missing(root: Path) -> None:
     arm = changed(root, limits=None, planned=None)
     hard, planned = hard_limits(arm), planned_limits(arm)
     assert np.degrees(hard.lower[0]) == pytest.approx(13.0, abs=1e-4)
-    assert np.degrees(hard.velocity[0]) == pytest.approx(105.0, abs=1e-4)
+    assert np.degrees(hard.velocity[0]) == pytest.approx(120.0, abs=1e-4)
     # 2.5 A x 0.07 N m/A x 230 x 0.7 over 1.1e-5 kg m^2 x 230^2
     assert hard.acceleration[0] == pytest.approx(2.5 * 0.07 * 0.7 / (1.1e-5 * 230), rel=1e-9)
     assert planned.velocity[0] == pytest.approx(2.0 / 3.0 * hard.velocity[0])
@@ -81,7 +81,7 @@ def test_what_is_missing_is_said(root: Path) -> None:
     assert not hard.outside(np.full(len(hard.lower), 1e6)).any()
 
 
-@pytest.mark.parametrize('key, value', [('velocity', 2.0), ('acceleration', 20.0),
+@pytest.mark.parametrize('key, value', [('velocity', 2.2), ('acceleration', 20.0),
                                         ('lower', 0.1), ('upper', 3.2)])
 def test_nothing_is_planned_beyond_the_limits(root: Path, key: str, value: float) -> None:
     """Planned motion beyond a limit is refused with both values."""

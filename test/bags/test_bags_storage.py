@@ -15,6 +15,7 @@
 """Opening bags of every kind, and refusing what is none."""
 
 import hashlib
+import re
 import shutil
 import warnings
 import zlib
@@ -101,11 +102,17 @@ def test_compressed_bags_are_read(tmp_path, plugin, mode):
     np.testing.assert_array_equal(recording.q, joint_states().position)
 
 
-def test_compressed_messages_without_metadata_are_named(tmp_path):
-    """Without metadata nobody knows that messages are compressed: the error says so."""
-    write_packed(tmp_path / 'b', StoragePlugin.MCAP, CompressionMode.MESSAGE, joint_states())
-    with pytest.raises(BagError, match='only with their metadata.yaml'):
-        read_recording(storage_file(tmp_path / 'b'), plain_arm())
+@pytest.mark.parametrize('plugin', StoragePlugin)
+def test_compressed_messages_without_metadata(tmp_path, plugin):
+    """Without metadata, or with damaged ones, compressed messages are known by their begin."""
+    write_packed(tmp_path / 'b', plugin, CompressionMode.MESSAGE, joint_states())
+    alone = read_recording(storage_file(tmp_path / 'b'), plain_arm())
+    np.testing.assert_array_equal(alone.q, joint_states().position)
+    metadata = tmp_path / 'b' / 'metadata.yaml'
+    metadata.write_text(re.sub('version: [0-9]+', 'version: 5.5', metadata.read_text()))
+    with pytest.warns(TudorWarning, match='version 5.5'):
+        damaged = read_recording(tmp_path / 'b', plain_arm())
+    np.testing.assert_array_equal(damaged.q, joint_states().position)
 
 
 def test_zstd_chunks_are_scanned(tmp_path):

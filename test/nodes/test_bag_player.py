@@ -18,11 +18,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from node_processes import launch
+from patience import PATIENCE
 from ros_world import node_class, World
 from tudor_dynamics.bags.live import read_track
 
@@ -52,7 +54,15 @@ def test_it_ends_with_the_bag(executor: str, world: World, root: Path) -> None:
 def test_a_bag_that_cannot_be_played(tmp_path: Path, world: World, root: Path) -> None:
     """With exit_at_end it is exit code 2 and the cause; without, a node that says so."""
     process = launch('bag_player', '-p', f'bag:={tmp_path / "none"}', '-p', 'exit_at_end:=true')
-    out, _ = process.communicate(timeout=90)
+    out, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2 and 'no such file' in out and 'Traceback' not in out
     player = world.add(node_class('bag_player'), bag=str(root / BAG), start_offset=1e4, loop=True)
     assert player.exit_code is None and 'is over after 2' in player.fault
+
+
+def test_waiting_is_no_missing_input(world: World, root: Path) -> None:
+    """A player that waits for subscribers says so; it has no input that could be stale."""
+    player = world.add(node_class('bag_player'), bag=str(root / BAG), wait_for_subscribers=1,
+                       topics=['joint_states'])
+    level, message, _ = player.status()
+    assert (level, message) == (DiagnosticStatus.OK, 'waits for subscribers')

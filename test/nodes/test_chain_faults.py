@@ -40,9 +40,9 @@ from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
 def chain(world: World, model: Path) -> JointStateFilterNode:
     """Start filter, predictor and detector, and hear the residuals."""
-    first = world.add(JointStateFilterNode, model=str(model), timeout=5.0)
-    world.add(DynamicsPredictorNode, model=str(model), timeout=5.0)
-    world.add(CollisionDetectorNode, model=str(model), timeout=5.0)
+    first = world.add(JointStateFilterNode, model=str(model), timeout=60.0)
+    world.add(DynamicsPredictorNode, model=str(model), timeout=60.0)
+    world.add(CollisionDetectorNode, model=str(model), timeout=60.0)
     world.listen('strain_residuals')
     world.meet('joint_states', 'link_strains')
     return first
@@ -104,7 +104,7 @@ def test_chain_at_other_rates(rate: float, world: World, model: Path, recording)
 @pytest.mark.parametrize('node', [MonitorNode, JointStateFilterNode])
 def test_model_of_another_arm(node: Any, world: World, model: Path, recording) -> None:
     """Joints that the model does not know: no output, a warning or an error with the cause."""
-    started = world.add(node, model=str(model), timeout=5.0)
+    started = world.add(node, model=str(model), timeout=60.0)
     motions = world.listen('joint_motion', JointTrajectory)
     world.meet('joint_states')
     told = told_by(world, started.get_name())
@@ -128,27 +128,36 @@ def told_by(world: World, node: str) -> Callable[[], list[DiagnosticStatus]]:
 
 def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> None:
     """A motion of joints that the model does not know is named by both."""
-    nodes = [world.add(kind, model=str(model), timeout=5.0)
+    nodes = [world.add(kind, model=str(model), timeout=60.0)
              for kind in (DynamicsPredictorNode, CollisionDetectorNode)]
     heard = world.listen('predicted_strains')
     output = world.output('joint_motion', JointTrajectory)
     world.meet('joint_motion')
-    for k in range(40):
+    sent = 0
+
+    def send() -> None:
+        nonlocal sent
         point = JointTrajectoryPoint(positions=floats(np.zeros(2)), velocities=floats(np.zeros(2)),
                                      accelerations=floats(np.zeros(2)))
         message = JointTrajectory(joint_names=['shoulder', 'elbow'], points=[point])
-        message.header.stamp.sec = 1 + k
+        message.header.stamp.sec = 1 + sent
         output.publish(message)
+        sent += 1
         assert world.spin(lambda: all(
-            sum(drops['unknown_names'] for drops in node.counters()) == k + 1  # noqa: B023
-            for node in nodes))
+            sum(drops['unknown_names'] for drops in node.counters()) == sent for node in nodes))
+
+    def named(node: str) -> bool:
+        send()  # what was told before the probe heard is told again
+        return any('unknown_names' in status.message for status in told_by(world, node)())
+    for _ in range(40):
+        send()
     assert not heard
     for node in nodes:
+        assert world.spin(lambda: named(node.get_name()))  # noqa: B023
         told = told_by(world, node.get_name())
-        assert world.spin(lambda: any('unknown_names' in s.message for s in told()))  # noqa: B023
         assert all(s.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR) for s in told()
                    if 'unknown_names' in s.message)
-        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) == 40
+        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) >= 40
 
 
 def test_simulator_takes_no_impossible_command(world: World, root: Path) -> None:

@@ -25,6 +25,7 @@ from typing import Any
 
 import pytest
 
+from patience import PATIENCE
 from tudor_dynamics.cli.main import main
 
 pytest.importorskip('rclpy')
@@ -40,7 +41,8 @@ def run(root: Path, model: Path, factor: float) -> dict[str, Any]:
         [sys.executable, str(root / 'bench/closed_loop_topics.py'), '--arm',
          str(root / 'config/tudor.yaml'), '--model', str(model), '--factor', str(factor),
          '--json'],
-        env={**os.environ, 'PYTHONPATH': str(root)}, capture_output=True, text=True, timeout=400)
+        env={**os.environ, 'PYTHONPATH': str(root)}, capture_output=True, text=True,
+        timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 

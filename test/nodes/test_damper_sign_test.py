@@ -26,6 +26,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from patience import PATIENCE  # noqa: E402, I100
 from tudor_dynamics.nodes.damper_sign_test import main  # noqa: E402, I100
 
 
@@ -56,7 +57,7 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
              for node in ('arm_simulator', 'reference_generator', 'oscillation_damper')]
     try:
         test = start('damper_sign_test', '--arm', arm, '--joints', 'joint2', '--step', '5')
-        said, _ = test.communicate(timeout=300)
+        said, _ = test.communicate(timeout=PATIENCE)
         assert test.returncode == 0, said
         assert 'the sign is right' in said and 'the damper is on' in said
     finally:
@@ -64,6 +65,6 @@ def test_the_simulated_arm_is_right(root: Path) -> None:
             node.send_signal(signal.SIGTERM)
         for node in nodes:
             try:
-                node.communicate(timeout=60)
+                node.communicate(timeout=PATIENCE)
             finally:
                 node.kill()

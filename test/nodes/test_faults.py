@@ -35,7 +35,7 @@ SENSORS = ('joint_states', 'motor_currents', 'link_strains')
 
 def start(world: World, model: Path, **more: object) -> MonitorNode:
     """Start a monitor, and hear its residuals."""
-    node = world.add(MonitorNode, model=str(model), methods=['strain'], timeout=5.0, **more)
+    node = world.add(MonitorNode, model=str(model), methods=['strain'], timeout=60.0, **more)
     world.listen('strain_residuals')
     world.listen('collision_event', Header)
     world.listen('collision', Bool, latched())
@@ -250,7 +250,7 @@ def test_restart_is_a_gap_for_others(world: World, model: Path, recording) -> No
     """A filter that is killed and restarted: the predictor goes on behind the settling."""
     from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
     first = world.add(JointStateFilterNode, model=str(model))
-    world.add(DynamicsPredictorNode, model=str(model), timeout=5.0)
+    world.add(DynamicsPredictorNode, model=str(model), timeout=60.0)
     heard = world.listen('predicted_strains')
     world.meet('joint_states')
     feed(world, recording, lambda: first.meter.count, last=100)

@@ -104,7 +104,7 @@ def test_reference_of_a_lift(world: World, gantry: Path) -> None:
 
 def test_damper_of_a_boom(world: World, gantry: Path) -> None:
     """The boom's gauge, in m/m and on its own topic, moves the boom alone."""
-    node = world.add(OscillationDamperNode, arm=str(gantry), timeout=10.0)
+    node = world.add(OscillationDamperNode, arm=str(gantry), timeout=60.0)
     commands = world.listen('velocity_commands', Float64MultiArray)
     world.meet('drive_states', 'boom_strain')
     for k in range(400):

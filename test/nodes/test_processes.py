@@ -30,6 +30,7 @@ from trajectory_msgs.msg import JointTrajectory
 import yaml
 
 from node_processes import finish, launch
+from patience import PATIENCE
 from ros_world import joint_message, JOINTS, node_class, World
 from tudor_dynamics.nodes.interfaces import NODES
 
@@ -66,7 +67,7 @@ def test_filter_process(executor: str, number: int, world: World, root: Path) ->
 def test_wrong_parameter_ends_with_code_2() -> None:
     """A value that no node can take is one line and exit code 2."""
     process = launch('dynamics_predictor', '-p', 'kind:=neural')
-    out, _ = process.communicate(timeout=90)
+    out, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 2
     assert 'kind' in out and 'analytical' in out and 'Traceback' not in out
 

@@ -24,6 +24,7 @@ import time
 
 import pytest
 
+from patience import PATIENCE
 from ros_world import World
 from tudor_dynamics.nodes.outlets import LOOK, Outlets
 from tudor_dynamics.nodes.runner import Halt, spin_for
@@ -52,7 +53,7 @@ def test_a_node_with_too_much_to_do_ends(root: Path) -> None:
         assert process.stdout is not None
         assert process.stdout.readline() == 'running\n'
         process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
+        process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert process.returncode == 0
@@ -67,17 +68,17 @@ def test_the_loop_turns(kind: str) -> None:
         halt = Halt()
         world.probe.create_timer(0.01, lambda: ticks.append(time.monotonic()))
         begin = time.monotonic()
-        while len(ticks) < 20 and time.monotonic() < begin + 30.0:
+        while len(ticks) < 20 and time.monotonic() < begin + PATIENCE:
             spin_for(world.executor, 0.1, halt)
         assert 20 <= len(ticks) <= 100.0 * (time.monotonic() - begin) + 2.0
         if kind == 'single':
             return
         world.probe.create_timer(0.05, halt.ask)
         begin = time.monotonic()
-        spin_for(world.executor, 30.0, halt)
-        assert halt.asked and time.monotonic() - begin < 25.0
-        spin_for(world.executor, 60.0, halt)
-        assert time.monotonic() - begin < 50.0
+        spin_for(world.executor, PATIENCE, halt)
+        assert halt.asked and time.monotonic() - begin < 0.9 * PATIENCE
+        spin_for(world.executor, 2.0 * PATIENCE, halt)
+        assert time.monotonic() - begin < 1.8 * PATIENCE
     finally:
         world.close()
 

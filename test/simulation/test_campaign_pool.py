@@ -23,8 +23,7 @@ import time
 
 import pytest
 
-PATIENCE = 300.0
-"""For a process to be there, or gone, on a busy machine [s]."""
+from patience import PATIENCE
 
 
 def children(pid: int) -> list[int]:

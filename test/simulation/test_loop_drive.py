@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -25,6 +26,7 @@ from tudor_dynamics.arm.drives import MotorSpec
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation import drive as dr
 from tudor_dynamics.simulation.drive import drive_row, Imperfections
+from tudor_dynamics.simulation.sensors import current_reading, drive_sensor_row
 
 DT = 5e-4
 MOTOR = MotorSpec(
@@ -106,10 +108,130 @@ def test_backlash() -> None:
         assert push - row[dr.STIFFNESS] * q == pytest.approx(torque, abs=1e-9)
 
 
+@pytest.mark.parametrize('presliding', [0.0, 1e-3])
+def test_friction_grows_with_the_load(presliding: float) -> None:
+    """A gear that carries 4 N m and loses a quarter: 4 + 1 + 1.6 N m lift, 4 - 1 - 2.4 lower."""
+    motor = MOTOR.model_copy(update={
+        'load_friction': 0.25, 'presliding': presliding, 'breakaway': 1.0})
+    row = drive_row(motor, DT, Imperfections())
+    for current, sense in ((6.5 / 8, 0), (6.7 / 8, 1), (0.7 / 8, 0), (0.5 / 8, -1)):
+        state = np.zeros(dr.STATES)
+        state[dr.GEAR] = 4.0
+        turn(row, 4.0 / 8, 1000, state)
+        before = turn(row, current, 1000, state)[dr.ANGLE]
+        way = turn(row, current, 2000, state)[dr.ANGLE] - before
+        assert (abs(way) < 1e-4) if sense == 0 else (sense * way > 1e-3), current
+
+
+def test_presliding_is_a_spring_that_keeps_its_place() -> None:
+    """Below Coulomb friction the rotor leans on it, comes back, and creeps under no tremor."""
+    motor = MOTOR.model_copy(update={
+        'presliding': 2e-3, 'breakaway': 1.0, 'coulomb': (0.2, 0.2), 'viscous': (1.0, 1.0)})
+    row = drive_row(motor, DT, Imperfections())
+    state = turn(row, 0.1, 4000)
+    assert state[dr.ANGLE] == pytest.approx(1e-3, rel=1e-6)
+    for k in range(40000):
+        dr.rotor_law(row, state, DT, 0.1 + 0.09 * math.sin(0.3 * k))
+    turn(row, 0.1, 4000, state)
+    assert state[dr.ANGLE] == pytest.approx(1e-3, rel=1e-6)
+    turn(row, 0.0, 4000, state)
+    assert state[dr.ANGLE] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_friction_turns_over_twice_the_presliding() -> None:
+    """Behind a reversal it has its full size again after twice the way, not at once."""
+    motor = MOTOR.model_copy(update={'presliding': 2e-3, 'breakaway': 1.0})
+    row, state = drive_row(motor, DT, Imperfections()), np.zeros(dr.STATES)
+    turn(row, 1.0, 1000, state)
+    assert state[dr.BENT] == 1.0
+    while state[dr.SPEED] > 0.0:
+        dr.rotor_law(row, state, DT, -1.0)
+    furthest = state[dr.ANGLE]
+    while state[dr.BENT] > -1.0:
+        dr.rotor_law(row, state, DT, -1.0)
+    assert furthest - state[dr.ANGLE] == pytest.approx(4e-3, abs=abs(2 * DT * state[dr.SPEED]))
+
+
+def test_presliding_breaks_away() -> None:
+    """The bristle of 0.2 A holds up to 0.3 A, and drops to 0.2 A once it slides."""
+    row = drive_row(MOTOR.model_copy(update={'presliding': 1e-3, 'viscous': (2.0, 2.0)}), DT,
+                    Imperfections())
+    held = np.zeros(dr.STATES)
+    for current in np.linspace(0.0, 0.29, 20000):  # slowly, so that it does not overshoot
+        dr.rotor_law(row, held, DT, current)
+    assert held[dr.ANGLE] == pytest.approx(1e-3 * 0.29 / 0.2, rel=1e-2)
+    assert turn(row, 0.31, 20000, held)[dr.SPEED] == pytest.approx((0.31 - 0.2) / 2.0, rel=1e-3)
+    assert turn(row, 0.25, 20000, held)[dr.SPEED] == pytest.approx((0.25 - 0.2) / 2.0, rel=1e-3)
+
+
+@settings(deadline=None)
+@given(inertia=st.floats(1e-7, 1e-3), coulomb=st.floats(0.0, 5.0), viscous=st.floats(0.0, 5.0),
+       load=st.floats(0.0, 0.99), presliding=st.floats(1e-9, 0.1), breakaway=st.floats(1.0, 3.0),
+       speed=st.floats(-10.0, 10.0), angle=st.floats(-0.1, 0.1), carried=st.floats(-20.0, 20.0))
+def test_friction_only_takes_energy(
+    inertia: float, coulomb: float, viscous: float, load: float, presliding: float,
+    breakaway: float, speed: float, angle: float, carried: float,
+) -> None:
+    """Whatever the parameters, at the step of 0.5 ms: rotor and bristle together never gain."""
+    motor = MOTOR.model_copy(update={
+        'rotor_inertia': inertia, 'coulomb': (coulomb, coulomb), 'viscous': (viscous, viscous),
+        'load_friction': load, 'presliding': presliding, 'breakaway': breakaway})
+    row, state = drive_row(motor, DT, Imperfections()), np.zeros(dr.STATES)
+    state[dr.SPEED], state[dr.GEAR] = speed, carried
+    grip = row[dr.COULOMB] + row[dr.LOADED] * abs(carried)
+    # the current carries the load, so that only friction acts
+    current = carried / row[dr.TORQUE]
+    row[dr.LIMIT] = math.inf
+
+    def energy() -> float:
+        return float(0.5 * row[dr.INERTIA] * state[dr.SPEED] ** 2
+                     + 0.5 * grip * presliding * state[dr.BENT] ** 2)
+
+    before = energy()
+    for _ in range(200):
+        dr.rotor_law(row, state, DT, current)
+        assert energy() <= before * (1.0 + 1e-9) + 1e-15
+        before = energy()
+    assert abs(state[dr.BENT]) <= breakaway
+
+
+@settings(deadline=None, max_examples=50)
+@given(inertia=st.floats(1e-7, 1e-3), coulomb=st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 5.0)),
+       load=st.floats(0.0, 0.99), presliding=st.sampled_from([0.0, 1e-9, 1e-4, 1e-2]),
+       stiffness=st.floats(1.0, 1e6), speed=st.floats(-10.0, 10.0))
+def test_rotor_on_its_gear_comes_to_rest(
+    inertia: float, coulomb: tuple[float, float], load: float, presliding: float,
+    stiffness: float, speed: float,
+) -> None:
+    """On a held link a rotor swings out: never faster than it began."""
+    motor = MOTOR.model_copy(update={
+        'rotor_inertia': inertia, 'coulomb': coulomb, 'load_friction': load,
+        'presliding': presliding, 'stiffness': stiffness, 'damping': 0.0, 'breakaway': 1.0})
+    row, state = drive_row(motor, DT, Imperfections()), np.zeros(dr.STATES)
+    state[dr.SPEED] = speed
+    for _ in range(2000):
+        state[dr.GEAR] = dr.gear_push(row, state, DT, 0.0, 0.0)
+        dr.rotor_law(row, state, DT, 0.0)
+        assert abs(state[dr.SPEED]) <= 1.2 * abs(speed) + 1e-9
+    assert np.isfinite(state).all()
+
+
+def test_reading_of_the_current() -> None:
+    """The ripple is a cosine of the motor's angle, in time with it, whatever the current."""
+    motor = MOTOR.model_copy(update={'current_ripple': 0.2, 'current_ripple_phase': 0.5})
+    row = drive_sensor_row(motor, Imperfections())
+    for rotor, current in ((0.0, 0.0), (0.013, 1.0), (-2.0, -0.7)):
+        assert current_reading(row, current, rotor, 0.0) == pytest.approx(
+            current + 0.2 * math.cos(100 * rotor + 0.5), abs=1e-12)
+    plain = drive_sensor_row(motor, Imperfections(current_ripple=False))
+    assert current_reading(plain, 0.3, 0.013, 0.0) == 0.3
+
+
 def test_each_imperfection_has_its_switch() -> None:
     """Switching all off leaves a rotor on a nearly rigid gear."""
     row = drive_row(MOTOR, DT, Imperfections.none())
     assert not row[dr.COULOMB:dr.COULOMB + 2].any() and not row[dr.VISCOUS:dr.VISCOUS + 2].any()
+    assert row[dr.LOADED] == row[dr.PRESLIDING] == 0.0
     assert row[dr.PLAY] == 0.0 and row[dr.LIMIT] == math.inf
     assert row[dr.STIFFNESS] == pytest.approx(0.1 * (0.5 / DT) ** 2)
     for name in ('friction', 'backlash', 'gear_compliance', 'current_limit'):

@@ -37,6 +37,9 @@ def _both_directions(value: Any) -> Any:
 PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_both_directions)]
 """Magnitudes for positive and for negative motion; one number stands for both."""
 
+DRIVE_TIMEOUT = 0.1
+"""Time without a command from which on drives stop, where the description does not say [s]."""
+
 
 class MotorSpec(Spec):
     """Motor, gear, encoder and current measurement of one revolute joint."""
@@ -58,6 +61,10 @@ class MotorSpec(Spec):
     """Current against Coulomb friction; one number, or one for each direction [A]."""
     breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
     """Stiction: friction at rest as a multiple of Coulomb friction."""
+    load_friction: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Coulomb friction on top, per torque through the gear: 1/efficiency - 1 of the teeth."""
+    presliding: Annotated[float, Field(ge=0, lt=math.pi)] = 0.0
+    """How far friction gives way like a spring before it slides, seen at the joint [rad]."""
     current_limit: Positive | None = None
     """Largest current of the drive, in either direction [A]."""
     stiffness: Positive | None = None
@@ -72,6 +79,10 @@ class MotorSpec(Spec):
     """Shaft that carries the encoder."""
     current_noise: NonNegative = 0.0
     """Standard deviation of the measured current [A]."""
+    current_ripple: NonNegative = 0.0
+    """Amplitude of an error of the measured current that comes once a turn of the motor [A]."""
+    current_ripple_phase: Finite = 0.0
+    """That error is ripple * cos(angle of the motor + phase) [rad]."""
     current_resolution: NonNegative = 0.0
     """Step of the measured current, 0 for none [A]."""
 
@@ -145,6 +156,9 @@ class DamperSpec(Spec):
     """Rate at which the law runs [Hz]."""
     full_delay: Positive = 0.01
     """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
+    drive_timeout: NonNegative = DRIVE_TIMEOUT
+    """Time without a command from which on the drives brake by themselves, as planned motion does:
+    before each position limit there is room left for that [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
     """Joints with strain feedback, each with its gauge and gain."""
 

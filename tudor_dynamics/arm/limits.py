@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.drives import DRIVE_TIMEOUT
 from tudor_dynamics.arm.schema import JointSpec, LimitSpec, PlannedSpec
 
 FloatArray = NDArray[np.float64]
@@ -75,6 +76,24 @@ class Limits:
 
         """
         return np.asarray((q < self.lower) | (q > self.upper))
+
+
+@dataclass(frozen=True, eq=False)
+class DriveStop:
+    """
+    How drives stop by themselves where no command comes.
+
+    Attributes
+    ----------
+    timeout : float
+        Time without a command from which on they do [s].
+    acceleration : ndarray of shape (n_joints,)
+        With which they brake [rad/s^2 or m/s^2].
+
+    """
+
+    timeout: float
+    acceleration: FloatArray
 
 
 def unlimited(joints: int) -> Limits:
@@ -165,3 +184,48 @@ def planned_limits(arm: Arm) -> Limits:
                                            hard.upper - hard.lower, 0.0))
     return Limits(chosen('lower', hard.lower + room), chosen('upper', hard.upper - room),
                   velocity, acceleration, hard.missing)
+
+
+def drive_stop(arm: Arm) -> DriveStop:
+    """
+    Give how the drives of an arm stop by themselves.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description; ``damper.drive_timeout``, and braking as planned motion does.
+
+    Returns
+    -------
+    DriveStop
+        Of the active joints.
+
+    """
+    damper = arm.spec.damper
+    return DriveStop(DRIVE_TIMEOUT if damper is None else damper.drive_timeout,
+                     planned_limits(arm).acceleration)
+
+
+def free_of_positions(arm: Arm) -> Arm:
+    """
+    Take the limits of position away from an arm, for motions that begin or end beyond them.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description; it stays as it is.
+
+    Returns
+    -------
+    Arm
+        The same arm, whose speeds and accelerations alone are limited.
+
+    """
+    none = {'lower': None, 'upper': None}
+    joints = tuple(joint.model_copy(update={
+        key: value.model_copy(update=none)
+        for key, value in (('limits', joint.limits), ('planned', joint.planned))
+        if value is not None}) for joint in arm.spec.joints)
+    model = arm.full_model.copy()
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -np.inf, np.inf
+    return Arm(arm.spec.model_copy(update={'joints': joints}), model, arm.source, arm.urdf)

@@ -39,7 +39,6 @@ FIELDS = ('position', 'velocity', 'effort')
 POINT_FIELDS = ('positions', 'velocities', 'accelerations', 'effort')
 MAX_NAMES = 1000
 """Names in a message; a hundred joints are described at most."""
-ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 
 
 class CdrError(ValueError):
@@ -84,9 +83,7 @@ class _Cursor:
 
     def __init__(self, buffer: bytes) -> None:
         if len(buffer) < HEADER or bytes(buffer[:2]) not in (b'\x00\x00', b'\x00\x01'):
-            hint = (' (compressed messages are read only with their metadata.yaml)'
-                    if buffer[:4] == ZSTD_MAGIC else '')
-            raise CdrError(f'no plain CDR encapsulation{hint}')
+            raise CdrError('no plain CDR encapsulation')
         self.buffer = buffer
         self.order = '<' if buffer[1] else '>'
         self.position = HEADER

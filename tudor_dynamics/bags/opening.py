@@ -39,7 +39,7 @@ MAX_NAME = 255
 """Characters in the name of a topic or type, as in DDS."""
 
 
-def _topics(file: Path, compression: str, unfinished: set[Path]) -> list[TopicInfo]:
+def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[TopicInfo]:
     """Give the topics of a file, which becomes one of the unfinished if it breaks off."""
     with storage_file(file, compression) as opened:
         read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
@@ -90,7 +90,7 @@ def _storage_name(files: Collection[Path]) -> str:
 def _open_files(
     path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
 ) -> Bag:
-    compression = '' if metadata is None else metadata.compression
+    compression = None if metadata is None else metadata.compression
     unfinished: set[Path] = set()
     for file in files:
         _check_leftovers(file, notes)
@@ -98,7 +98,8 @@ def _open_files(
     for file in sorted(unfinished):
         notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
     if metadata is None:
-        return Bag(path, _storage_name(files), files, topics, unfinished=frozenset(unfinished))
+        return Bag(path, _storage_name(files), files, topics, compression,
+                   unfinished=frozenset(unfinished))
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
     return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.bags.mcap_scan import scan_mcap
 from tudor_dynamics.bags.mcap_summary import mcap_channels
 from tudor_dynamics.bags.sqlite_scan import scan_sqlite
-from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker
+from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker, ZSTD_MAGIC
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
 
@@ -101,8 +101,9 @@ class Bag:
         Storage files in their order.
     topics : dict of str to TopicInfo
         What the bag announces.
-    compression : {'', 'file', 'message'}
-        What rosbag2 has compressed, beside chunks.
+    compression : {'', 'file', 'message', None}
+        What rosbag2 has compressed, beside chunks; None where no metadata tell, so that each
+        message has to be looked at.
     custom : dict of str to str
         What whoever recorded wrote into ``custom_data`` of the metadata.
     unfinished : frozenset of Path
@@ -114,7 +115,7 @@ class Bag:
     storage: str
     files: tuple[Path, ...]
     topics: Mapping[str, TopicInfo]
-    compression: str = ''
+    compression: str | None = ''
     custom: Mapping[str, str] = field(default_factory=dict)
     unfinished: frozenset[Path] = frozenset()
 
@@ -151,7 +152,7 @@ class Bag:
         data: dict[str, list[bytes]] = {name: [] for name in topics}
         for file in self.files:
             with storage_file(file, self.compression) as opened:
-                _read_file(opened, times, data, with_data, packed=self.compression == 'message',
+                _read_file(opened, times, data, with_data, self.compression,
                            unfinished=file in self.unfinished)
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
 
@@ -193,7 +194,7 @@ def one_line(err: BaseException) -> str:
 
 
 @contextmanager
-def storage_file(file: Path, compression: str = '') -> Iterator[Path]:
+def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
     """
     Give a storage file as it can be read; what goes wrong with it becomes a BagError.
 
@@ -201,7 +202,7 @@ def storage_file(file: Path, compression: str = '') -> Iterator[Path]:
     ----------
     file : Path
         File of the bag.
-    compression : {'', 'file', 'message'}
+    compression : {'', 'file', 'message', None}
         Of the bag.
 
     Yields
@@ -233,8 +234,8 @@ def _read_file(
     times: dict[str, list[int]],
     data: dict[str, list[bytes]],
     with_data: bool,
+    compression: str | None,
     *,
-    packed: bool,
     unfinished: bool,
 ) -> None:
     before = {name: len(messages) for name, messages in data.items()}
@@ -246,8 +247,11 @@ def _read_file(
             data[name] += found.data
     else:
         scan_sqlite(file, times, data, with_data=with_data)
-    if packed:
-        unpacker = Unpacker(file.stat().st_size)
-        for name, messages in data.items():
-            messages[before[name]:] = [unpacker.unpack(message, 'zstd')
-                                       for message in messages[before[name]:]]
+    if compression not in ('message', None):
+        return
+    unpacker = Unpacker(file.stat().st_size)
+    for name, messages in data.items():  # no CDR begins like a compressed message
+        messages[before[name]:] = [
+            unpacker.unpack(message, 'zstd')
+            if compression == 'message' or message[:4] == ZSTD_MAGIC else message
+            for message in messages[before[name]:]]

@@ -29,6 +29,8 @@ from typing import Any
 
 from tudor_dynamics.files import open_regular
 
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+"""What a zstd frame begins with (RFC 8878, 3.1.1)."""
 MAX_RATIO = 64
 """Times its own size that a compressed file may unpack to ..."""
 FREE_BYTES = 64 << 20

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.drives import DamperSpec, MotorSpec
-from tudor_dynamics.arm.limits import Limits, unlimited
+from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control.envelope import Envelope
 from tudor_dynamics.errors import ArmError
@@ -231,14 +231,16 @@ class Cascade:
         What nothing exceeds; none by default.
     lag : float
         From a commanded speed to the motion, see ``velocity_lag`` [s].
+    stop : DriveStop, optional
+        How the drives stop by themselves, see `Envelope`.
 
     """
 
     def __init__(self, gains: list[JointGains], dt: float, limits: Limits | None = None,
-                 lag: float = 0.0) -> None:
+                 lag: float = 0.0, stop: DriveStop | None = None) -> None:
         self.gains = np.array([item.row for item in gains]).reshape(-1, GAINS)
         self.state = np.zeros((len(gains), STATES))
-        self.envelope = Envelope(limits or unlimited(len(gains)), lag + 2.0 * dt)
+        self.envelope = Envelope(limits or unlimited(len(gains)), lag + 2.0 * dt, stop)
         self.dt = dt
 
     def reset(self, current: ArrayLike = 0.0) -> None:

@@ -205,7 +205,7 @@ class Damper:
 
     @property
     def status(self) -> tuple[Status, ...]:
-        """What each joint's damper does."""
+        """Say what each joint's damper does."""
         return tuple(Status(int(value)) for value in self.state[:, STATUS])
 
     def report(self) -> list[str]:

@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 FROZEN_TIME = 0.015
 """A reading that stands still is frozen where the joint should have gone on for so long at its
-speed limit [s]: 1.6 deg at 105 deg/s."""
+speed limit [s]: 1.8 deg at 120 deg/s."""
 FROZEN_SAMPLES = 3
 """Readings that must be the same: slow joints give the same count twice."""
 JUMP_SPEED = 3.0

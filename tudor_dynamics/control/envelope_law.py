@@ -26,8 +26,9 @@ from tudor_dynamics.compiled import compiled
 LOWER, UPPER = 0, 1  # position [rad]
 SPEED = 2  # [rad/s]
 ACCELERATION = 3  # [rad/s^2]
-LAG = 4  # from a command until the joint moves so [s]
-ROW = 5
+BRAKE = 4  # with which the joint stops before a position limit [rad/s^2]
+TIME = 5  # for which it goes on as fast before that [s]
+ROW = 6
 # Columns of the state of one joint.
 COMMAND = 0  # last command [rad/s]
 CUT = 1  # what cut the last command: sum of the following
@@ -35,20 +36,12 @@ STATES = 2
 BY_SPEED, BY_POSITION, BY_ACCELERATION = 1, 2, 4
 SATURATING = BY_SPEED + BY_POSITION  # a command that only takes longer is none the less obeyed
 
-BRAKING = 0.6
-"""Part of the acceleration limit with which the arm stops before a position limit: the rest is for
-what drive and load make of a command."""
-
-
-APPROACH = math.e
-"""Time of the approach over the lag: a place that is approached by v = way / T through a lag is
-not overshot from T = e lag on."""
 COMMANDED = 0.93
-"""Part of the speed limit that is commanded, for the same reason."""
+"""Part of the speed limit that is commanded: the rest is for what drive and load make of it."""
 
 
 @compiled
-def approach_speed(way: float, acceleration: float, lag: float) -> float:
+def approach_speed(way: float, acceleration: float, time: float) -> float:
     """
     Give the fastest speed towards a position limit from which the joint still stops before it.
 
@@ -58,20 +51,20 @@ def approach_speed(way: float, acceleration: float, lag: float) -> float:
         Left to the limit [rad]; below 0 beyond it.
     acceleration : float
         With which the joint brakes [rad/s^2].
-    lag : float
-        Time for which it goes on as fast before [s].
+    time : float
+        For which it goes on as fast before [s].
 
     Returns
     -------
     float
-        v with v lag + v^2 / (2 a) = way, so v <= sqrt(2 a way); 0 beyond the limit [rad/s].
+        v with v time + v^2 / (2 a) = way, so v <= sqrt(2 a way); 0 beyond the limit [rad/s].
 
     """
     if way <= 0.0:
         return 0.0
     if math.isinf(way) or math.isinf(acceleration):
-        return math.inf if lag == 0.0 else way / lag
-    reach = acceleration * lag
+        return math.inf if time == 0.0 else way / time
+    reach = acceleration * time
     return math.sqrt(reach * reach + 2.0 * acceleration * way) - reach
 
 
@@ -102,10 +95,8 @@ def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: floa
     cut = 0
     if speed != wanted:
         cut += BY_SPEED
-    brake = BRAKING * row[ACCELERATION]
-    time = APPROACH * row[LAG]
-    bounded = min(max(speed, -approach_speed(q - row[LOWER], brake, time)),
-                  approach_speed(row[UPPER] - q, brake, time))
+    bounded = min(max(speed, -approach_speed(q - row[LOWER], row[BRAKE], row[TIME])),
+                  approach_speed(row[UPPER] - q, row[BRAKE], row[TIME]))
     if bounded != speed:
         cut += BY_POSITION
     speed = bounded

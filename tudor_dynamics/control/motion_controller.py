@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.limits import drive_stop, hard_limits
 from tudor_dynamics.control.damper import arm_damping, Damper
 from tudor_dynamics.control.damper_law import moving_share
 from tudor_dynamics.control.encoder_watch import EncoderWatch
@@ -52,6 +52,9 @@ WATCH = 0.01
 """Period at which `MotionController.watch` wants to be called [s]."""
 ASLEEP = 0.1
 """Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
+
+QUICK = 10.0
+"""So much sooner a shorter period is learned than a longer one."""
 
 
 class State(IntEnum):
@@ -118,7 +121,7 @@ class MotionController:
         self.damper = Damper([item for item in arm_damping(arm) if item.joint in self.joints],
                              1.0 / arm.spec.damper.rate)
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
-        self.envelope = Envelope(self.limits, self.gains.response_time(0.0))
+        self.envelope = Envelope(self.limits, self.gains.response_time(0.0), drive_stop(arm))
         self.encoders = EncoderWatch(self.limits)
         self.reference = ReferenceGate(self.joints, self.limits)
         self._takeover = Takeover(self.planned.acceleration)
@@ -186,7 +189,7 @@ class MotionController:
             self._take_first(now, q)
             return None
         dq = (q - self._q) / dt
-        self.period += min(dt, 1.0) * (dt - self.period)
+        self._learn_period(dt)
         self._q = q.copy()
         self._clock += dt  # stamps alone: a simulated arm may be slower than this machine
         delay = self.gains.delay
@@ -262,6 +265,11 @@ class MotionController:
     def _patience(self) -> float:
         """Longest time between samples that is no interruption [s]."""
         return max(self.timeout, 3.0 * self.period)
+
+    def _learn_period(self, dt: float) -> None:
+        """Take a time between samples [s]; the long ones lack some, so the short count more."""
+        share = dt if dt > self.period else QUICK * dt
+        self.period += min(share, 1.0) * (dt - self.period)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
@@ -355,7 +363,8 @@ class MotionController:
         else:
             gain = self.gains.position_gain_in_use(self.period)
             added = gain * (q_ref - q) + weight * yielding
-        command = self.envelope.step(dt, dq_ref + added, place)
+        # What a lost sample left out is not made up for in one command.
+        command = self.envelope.step(min(dt, self.period), dq_ref + added, place)
         self.gains.judge(dt, added, moving > 0.0, bool(self.envelope.saturated.any()))
         for j in np.flatnonzero(self.envelope.cuts):
             self.cuts[self.joints[j]] += 1

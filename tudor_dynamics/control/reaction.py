@@ -90,12 +90,12 @@ class ReactingReference:
 
     @property
     def q(self) -> FloatArray:
-        """Reference positions [rad]."""
+        """Give the reference positions [rad]."""
         return self._planner.q
 
     @property
     def dq(self) -> FloatArray:
-        """Reference speeds [rad/s]."""
+        """Give the reference speeds [rad/s]."""
         return self._planner.dq
 
     @property

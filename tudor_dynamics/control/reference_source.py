@@ -98,7 +98,7 @@ class ReferenceSource:
 
     @property
     def q(self) -> FloatArray | None:
-        """Reference positions [rad]."""
+        """Give the reference positions [rad]."""
         return None if self.motion is None else self.motion.q
 
     @property

@@ -28,7 +28,7 @@ WINDOW = 0.4
 SETTLING = 0.6
 """After the reference has come to rest [s]."""
 LOUD = 0.04
-"""Part of the speed limit below which a swing is of no concern: 4 deg/s at 105 deg/s."""
+"""Part of the speed limit below which a swing is of no concern: 4.5 deg/s at 120 deg/s."""
 LASTING = 4
 """Windows in a row without decay."""
 DECAY = 0.85

@@ -122,7 +122,7 @@ class BagData:
 
     @property
     def samples(self) -> int:
-        """Number of samples used, after decimation."""
+        """Give the number of samples used, after decimation."""
         return sum(stretch.n_kept for stretch in self.stretches)
 
 

@@ -95,7 +95,7 @@ class ExcessStage:
 
     @property
     def rates(self) -> Rates:
-        """False alarms allowed; may be changed at any time."""
+        """Give the false alarms allowed; may be changed at any time."""
         return self._rates
 
     @rates.setter

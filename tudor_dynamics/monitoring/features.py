@@ -55,7 +55,7 @@ class MotionFeatures:
 
     @property
     def size(self) -> int:
-        """Number of columns."""
+        """Give the number of columns."""
         return 1 + 4 * self.n_joints
 
     def step(self, stamp: int, row: FloatArray) -> FloatArray:

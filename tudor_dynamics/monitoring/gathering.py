@@ -54,7 +54,7 @@ class Gathering:
 
     @property
     def drops(self) -> list[Counter[str]]:
-        """Readings left out, by cause; of a single topic the pairing with the motion counts."""
+        """Give the readings left out, by cause; one topic's pairing with the motion counts."""
         return [self._gate.drops, *(stage.drops for stage in self._stages)]
 
     def add(

@@ -75,7 +75,7 @@ class Pairing:
 
     @property
     def waiting(self) -> int:
-        """Number of motions that wait for a measurement."""
+        """Give the number of motions that wait for a measurement."""
         return len(self._motions)
 
     def reset(self) -> None:

@@ -126,7 +126,7 @@ class MethodThresholds:
 
     @property
     def n_joints(self) -> int:
-        """Number of active joints of the arm."""
+        """Give the number of active joints of the arm."""
         return (self.profile.shape[1] - 1) // 4
 
     def ratios(self, per_hour: float) -> FloatArray:

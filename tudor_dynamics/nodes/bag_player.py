@@ -165,7 +165,9 @@ class BagPlayerNode(EndingNode):
             values['skipped'] = ', '.join(self._skipped)
         if self.finished and not self.fault:
             return OK, 'at the end', values
-        if self.track is not None:
+        if self.track is not None and not self.fault:  # it has no input that could be missing
+            waits = self.meter.count == 0
+            level, message = OK, 'waits for subscribers' if waits else 'plays'
             values['messages in the bag'] = str(len(self.track.data))
         return level, message, values
 

@@ -232,10 +232,14 @@ class TudorNode(Node):
             kind, topic, latched() if latch else strong(),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
+    def publishing(self, topic: str) -> list[str]:
+        """Name the nodes that publish on a topic, given by its whole name."""
+        return [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                for info in self.get_publishers_info_by_topic(topic)]
+
     def rivals(self, publisher: Publisher) -> list[str]:
         """Name the other nodes that publish on the topic of a publisher of this node."""
-        names = [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
-                 for info in self.get_publishers_info_by_topic(publisher.topic_name)]
+        names = self.publishing(publisher.topic_name)
         if self.get_fully_qualified_name() in names:
             names.remove(self.get_fully_qualified_name())
         return sorted(names)

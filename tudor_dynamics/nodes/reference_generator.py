@@ -166,9 +166,7 @@ class ReferenceGeneratorNode(TudorNode):
     def _look(self) -> None:
         """See who publishes collisions, and whether they are alive."""
         assert self.source is not None
-        self._monitors = [
-            f'{item.node_namespace.rstrip("/")}/{item.node_name}'
-            for item in self.get_publishers_info_by_topic(self.resolve_topic_name(COLLISION))]
+        self._monitors = self.publishing(self.resolve_topic_name(COLLISION))
         now = self.steady()
         heard = [self._heard.get(name) for name in self._monitors]
         alive = [item for item in heard if item is not None and now - item[0] < ALIVE]

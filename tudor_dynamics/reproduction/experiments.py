@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import free_of_positions
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 EXPERIMENT = (*RECORDING, 'reproduction/experiments.py')
 """Parts of the package that these depend on."""
 MOVE = (45.0, -45.0)
-"""Move that shows the damping, from stretched out and as horizontal as the range allows [deg]."""
+"""Move that shows the damping, from stretched out and horizontal [deg]."""
 MOVE_AT = 1.0
 MOVE_SECONDS = 9.0
 JOINT = 1e-6
@@ -66,13 +66,13 @@ def damping_move(campaign: Campaign, payload: float) -> Result:
     def make() -> Result:
         arrays: dict[str, FloatArray] = {}
         for name, damping in (('damped', 1.0), ('undamped', 0.0)):
-            loop = ClosedLoop(campaign.carrying(payload), damping=damping, seed=1)
+            # The paper's move begins below the range of its stimuli.
+            loop = ClosedLoop(free_of_positions(campaign.carrying(payload)), damping=damping,
+                              seed=1)
             n = len(campaign.arm.active_joints)
-            planned = planned_limits(campaign.arm)
-            start = np.clip(np.zeros(n), planned.lower, planned.upper)
+            start = np.zeros(n)
             loop.reset(start)
-            targets = [start[i:i + 1] + np.radians(MOVE[i] if i < len(MOVE) else 0.0)
-                       for i in range(n)]
+            targets = [np.radians([MOVE[i] if i < len(MOVE) else 0.0]) for i in range(n)]
             reference = follow_targets(start, [np.array([MOVE_AT])] * n, targets,
                                        motion_limits(campaign.arm), loop.dt,
                                        int(MOVE_SECONDS / loop.dt))

@@ -146,7 +146,8 @@ def gallery(fits: Fits) -> Gallery:
                 f'Both joints move at once, from (0, 0) to ({experiments.MOVE[0]:g}, '
                 f'{experiments.MOVE[1]:g}) deg, with and without strain feedback; shaded: the '
                 'reference moves. The joint yields to the link for a moment, which is what '
-                'damps it.', lambda: malzahn.damping(arm, moves)),
+                'damps it. The move begins below the limits of position, which are lifted '
+                'for it.', lambda: malzahn.damping(arm, moves)),
         Picture('malzahn_5_stimuli', MALZAHN, 'Figure 5: responses to two stimuli',
                 f'Angle, velocity and acceleration of {arm.active_joints[0]} during two APRBS '
                 f'stimuli with {weight}, filtered as the models are given them.',

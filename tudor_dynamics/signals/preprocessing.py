@@ -141,7 +141,7 @@ class Stretch:
 
     @property
     def n_kept(self) -> int:
-        """Number of samples after decimation."""
+        """Give the number of samples after decimation."""
         return len(self.decimation.keep)
 
     def blocks(self) -> Iterator[Block]:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.arm.limits import drive_stop
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.drive import Imperfections
@@ -129,14 +129,14 @@ class ArmProcess:
         self._samples = 0
         initial = arm.spec.simulation.initial
         self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
-        self._braking = planned_limits(arm).acceleration
-        self.command_timeout = 0.1
+        stop = drive_stop(arm)
+        self._braking, self.command_timeout = stop.acceleration, stop.timeout
         self.floor: Floor | None = None
         self.reset()
 
     @property
     def t(self) -> float:
-        """Simulated time; a sample that could not be computed has its share of it [s]."""
+        """Give the simulated time; a sample that could not be computed has its share of it [s]."""
         return self._samples * self.steps * self.loop.dt
 
     def reset(self) -> None:

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.limits import drive_stop, hard_limits
 from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN, velocity_lag
 from tudor_dynamics.control.damper import arm_damping, Damper, Status
 from tudor_dynamics.errors import SimulationError
@@ -101,7 +101,7 @@ class ClosedLoop:
         observer = Observer(self.plant, [], arm)
         # Without the position loop it is a robot that takes speeds: who commands bounds them.
         self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
-                               velocity_lag(arm.spec.damper))
+                               velocity_lag(arm.spec.damper), drive_stop(arm))
         if not position_loop:
             self.cascade.gains[:, POSITION_GAIN] = 0.0
         settings = [item for item in arm_damping(arm, share=damping)

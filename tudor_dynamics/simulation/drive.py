@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Current-controlled motor with gear: rotor, friction with stiction, elastic gear with backlash.
+Current-controlled motor with gear: rotor, friction, elastic gear with backlash.
 
-All values are those seen at the joint. The rotor is advanced first, then the link with the torque
+Friction grows with the torque through the gear, gives way before it slides, and may grip more
+firmly at rest. All values are those seen at the joint. The rotor is advanced first, then the link with the torque
 of the gear at the end of the step: the gear's spring is a stiffness of the link's joint, the
 rotor's angle its other end, so that no gear is too stiff for the light end of a beam.
 """
@@ -44,10 +45,12 @@ LIMIT = 7  # of the current [A]
 STIFFNESS = 8  # of the gear [N m/rad]
 DAMPING = 9  # of the gear [N m s/rad]
 PLAY = 10  # half of the backlash [rad]
-PARAMETERS = 11
-# Columns of the state of one joint.
-ANGLE, SPEED, CURRENT, GEAR, LIMITED = range(5)
-STATES = 5
+LOADED = 11  # friction per torque through the gear
+PRESLIDING = 12  # how far friction gives way before it slides [rad]
+PARAMETERS = 13
+# Columns of the state of one joint; bent is how far friction has given way, over PRESLIDING.
+ANGLE, SPEED, CURRENT, GEAR, LIMITED, BENT = range(6)
+STATES = 6
 
 RIGID = 0.5
 """Angle of the fastest allowed swing of the rotor on its gear per step [rad]."""
@@ -58,24 +61,53 @@ def rotor_law(drive: NDArray, state: NDArray, dt: float, current: float) -> None
     """
     Advance the rotor of one joint by a step [s] under a wanted current [A].
 
-    Friction is implicit: it takes the speed to zero where it can, and holds it there.
+    Friction is implicit: it takes the speed to zero where it can, and holds it there, or with
+    presliding it is an elastic bristle that yields at the grip of Coulomb friction (Dupont et
+    al., "Single state elastoplastic friction models", IEEE TAC 47(5), 2002, with a sharp
+    transition): elastic for good below it, so a load that trembles makes nothing creep.
     """
     limited = min(max(current, -drive[LIMIT]), drive[LIMIT])
     state[LIMITED] = 1.0 if limited != current else 0.0
     state[CURRENT] = limited
-    push = drive[TORQUE] * limited - state[GEAR]
-    free = state[SPEED] + dt / drive[INERTIA] * push
+    per = dt / drive[INERTIA]
+    free = state[SPEED] + per * (drive[TORQUE] * limited - state[GEAR])
+    if drive[PRESLIDING] > 0.0 and bristle_holds(drive, state, dt, free):
+        return
     side = 0 if free >= 0.0 else 1
-    grip = drive[COULOMB + side]
-    if state[SPEED] == 0.0:
-        grip *= drive[BREAKAWAY]
-    if abs(free) <= dt / drive[INERTIA] * grip:
+    grip = drive[COULOMB + side] + drive[LOADED] * abs(state[GEAR])
+    hold = grip
+    if state[SPEED] == 0.0 and drive[PRESLIDING] <= 0.0:
+        hold *= drive[BREAKAWAY]
+    if abs(free) <= per * hold:
         state[SPEED] = 0.0
         return
-    lost = dt / drive[INERTIA] * drive[COULOMB + side]
-    slower = max(abs(free) - lost, 0.0) / (1.0 + dt / drive[INERTIA] * drive[VISCOUS + side])
+    slower = max(abs(free) - per * grip, 0.0) / (1.0 + per * drive[VISCOUS + side])
     state[SPEED] = slower if free > 0.0 else -slower
     state[ANGLE] += dt * state[SPEED]
+
+
+@compiled
+def bristle_holds(drive: NDArray, state: NDArray, dt: float, free: float) -> bool:
+    """
+    Advance a rotor whose friction gives way but does not slide; False where it slides.
+
+    Then the bristle is bent to its end in the direction of motion, ``state[BENT]`` is 1 or -1.
+    """
+    bent = state[BENT]
+    side = 0 if bent > 0.0 or (bent == 0.0 and free >= 0.0) else 1
+    grip = drive[COULOMB + side] + drive[LOADED] * abs(state[GEAR])
+    per, most = dt / drive[INERTIA], drive[BREAKAWAY]
+    if abs(bent) == 1.0 and bent * state[SPEED] > 0.0:
+        most = 1.0  # it slides already
+    speed = (free - per * grip * bent) / (
+        1.0 + per * (drive[VISCOUS + side] + dt * grip / drive[PRESLIDING]))
+    further = bent + dt * speed / drive[PRESLIDING]
+    if abs(further) > most:
+        state[BENT] = 1.0 if further > 0.0 else -1.0
+        return False
+    state[BENT], state[SPEED] = further, speed
+    state[ANGLE] += dt * speed
+    return True
 
 
 @compiled
@@ -103,8 +135,8 @@ class Imperfections:
     ----------
     friction, backlash, gear_compliance, current_limit : bool
         Of the drives.
-    encoder, current_noise, current_resolution : bool
-        Of their measurement: encoder counts, noise and resolution of the current.
+    encoder, current_noise, current_ripple, current_resolution : bool
+        Of their measurement: encoder counts; noise, ripple and resolution of the current.
     strain_noise, strain_offset, strain_resolution : bool
         Of the gauges.
 
@@ -116,6 +148,7 @@ class Imperfections:
     current_limit: bool = True
     encoder: bool = True
     current_noise: bool = True
+    current_ripple: bool = True
     current_resolution: bool = True
     strain_noise: bool = True
     strain_offset: bool = True
@@ -172,4 +205,5 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
         torque, inertia, *(friction * torque * value for value in motor.viscous),
         *(friction * torque * value for value in motor.coulomb), motor.breakaway,
         math.inf if limit is None else limit, stiffness, damping,
-        0.5 * motor.backlash if chosen.backlash else 0.0])
+        0.5 * motor.backlash if chosen.backlash else 0.0,
+        friction * motor.load_friction, friction * motor.presliding])

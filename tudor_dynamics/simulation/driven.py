@@ -127,7 +127,7 @@ class DrivenArm:
 
     @property
     def size(self) -> int:
-        """Number of coordinates that move."""
+        """Give the number of coordinates that move."""
         return int(self._free.size)
 
     def set_parameters(self, changes: Mapping[str, float]) -> None:

@@ -117,9 +117,8 @@ def sense(
         quotient = (angle - sensors.angle[j]) / dt
         sensors.speed[j] += sensors.velocity_share * (quotient - sensors.speed[j])
         sensors.angle[j] = angle
-        sensors.current[j] = sn.stepped(
-            sensors.drive_state[j, dr.CURRENT] + row[sn.CURRENT_NOISE] * noise[j],
-            row[sn.CURRENT_STEP])
+        sensors.current[j] = sn.current_reading(
+            row, sensors.drive_state[j, dr.CURRENT], sensors.drive_state[j, dr.ANGLE], noise[j])
     for g in range(sensors.gauge.shape[0]):
         if sensors.fault[g] == NO_FAULT:
             sensors.strain[g] = sn.gauge_reading(

@@ -84,7 +84,7 @@ class Mechanism:
 
     @property
     def size(self) -> int:
-        """Number of coordinates."""
+        """Give the number of coordinates."""
         return int(self.coordinate.shape[0])
 
     @property

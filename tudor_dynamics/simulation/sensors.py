@@ -35,8 +35,8 @@ from tudor_dynamics.simulation.outputs import Observer
 FloatArray = NDArray[np.float64]
 
 # Columns of the parameters of one encoder and current measurement.
-COUNT, AT_MOTOR, CURRENT_NOISE, CURRENT_STEP = range(4)
-DRIVE_SENSOR = 4
+COUNT, AT_MOTOR, CURRENT_NOISE, CURRENT_STEP, RIPPLE, TURNS, PHASE = range(7)
+DRIVE_SENSOR = 7
 # Columns of the parameters of one gauge.
 PER_MOMENT, PER_RATE, COLUMN, OFFSET, NOISE, RESOLUTION = range(6)
 GAUGE = 6
@@ -54,6 +54,15 @@ def encoder_reading(sensor: NDArray, rotor: float, joint: float) -> float:
     value = rotor if sensor[AT_MOTOR] > 0.0 else joint
     count = sensor[COUNT]
     return value if count <= 0.0 else count * math.floor(value / count)
+
+
+@compiled
+def current_reading(sensor: NDArray, current: float, rotor: float, noise: float) -> float:
+    """Give the measured current [A], the rotor's angle being that seen at the joint [rad]."""
+    value = current + sensor[CURRENT_NOISE] * noise
+    if sensor[RIPPLE] > 0.0:
+        value += sensor[RIPPLE] * math.cos(sensor[TURNS] * rotor + sensor[PHASE])
+    return stepped(value, sensor[CURRENT_STEP])
 
 
 @compiled
@@ -78,14 +87,16 @@ def drive_sensor_row(motor: MotorSpec, chosen: Imperfections) -> FloatArray:
     Returns
     -------
     ndarray of shape (DRIVE_SENSOR,)
-        [rad, 0 or 1, A, A]
+        [rad, 0 or 1, A, A, A, 1, rad]
 
     """
     return np.array([
         motor.encoder_resolution if chosen.encoder else 0.0,
         1.0 if motor.encoder_on == 'motor' else 0.0,
         motor.current_noise if chosen.current_noise else 0.0,
-        motor.current_resolution if chosen.current_resolution else 0.0])
+        motor.current_resolution if chosen.current_resolution else 0.0,
+        motor.current_ripple if chosen.current_ripple else 0.0, motor.gear_ratio,
+        motor.current_ripple_phase])
 
 
 def gauge_rows(arm: Arm, observer: Observer, chosen: Imperfections) -> FloatArray:
