@@ -1,8 +1,8 @@
-# make venv | demo | test | bench | lint | clean: each does its own set-up.
+# make venv | demo | test | bench | docs | lint | clean: each does its own set-up.
 SHELL := /bin/bash
 .SHELLFLAGS := -eo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test bench lint clean
+.PHONY: help venv demo test bench docs lint clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -33,6 +33,7 @@ help:
 	@echo 'make demo   learn and check a model from the recordings in bags/'
 	@echo 'make test   all tests and style gates (PYTEST_ARGS="-k NAME", WORKERS=N)'
 	@echo 'make bench  measure speed and memory'
+	@echo 'make docs   reference of the library as pages in build/docs'
 	@echo 'make lint   style gates alone'
 	@echo 'make clean  remove all that the others made'
 
@@ -63,9 +64,16 @@ bench: venv
 	@$(if $(BENCHES),,echo 'no script in bench/' >&2; exit 1;) $(ROS) \
 	for script in $(BENCHES); do echo "== $$script"; $(BIN)/python $$script; done
 
+# Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
+docs: venv
+	@$(BIN)/python -c 'import sphinx, numpydoc' 2>/dev/null \
+	  || $(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@$(ROS) $(BIN)/python -m sphinx -q -W --keep-going -b html docs/api build/docs
+	@echo "open in a browser: file://$(abspath build/docs)/index.html"
+
 lint: venv
 	@$(ROS) $(BIN)/python -m pytest -q -m linter
 
 clean:
-	rm -rf $(VENV) $(DEMO_OUT) build install log *.egg-info .pytest_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) $(DEMO_OUT) build docs/api/generated install log *.egg-info .pytest_cache .mypy_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -12,6 +12,68 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Dynamics of lightweight and elastic robot arms, learned from rosbags."""
+
+"""
+Dynamics of lightweight and elastic robot arms, learned from rosbags.
+
+The names below are the library, for scripts and notebooks: ``import tudor_dynamics as td``. Each
+is imported where it is first used, so that the import itself takes no time.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tudor_dynamics.arm.description import Arm, load_arm
+    from tudor_dynamics.bags.reader import read_recording
+    from tudor_dynamics.bags.recording import Recording
+    from tudor_dynamics.errors import TudorError
+    from tudor_dynamics.identification.fit import FitSettings
+    from tudor_dynamics.identification.from_bags import fit
+    from tudor_dynamics.identification.prediction import predict
+    from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+    from tudor_dynamics.monitoring.monitor import Monitor
+    from tudor_dynamics.monitoring.watch import MonitorSettings
+    from tudor_dynamics.simulation.mechanism import build_mechanism
+    from tudor_dynamics.simulation.modes import modes
+    from tudor_dynamics.simulation.plant import Plant
+    from tudor_dynamics.simulation.study import simulate
 
 __version__ = '0.1.0'
+__all__ = [
+    'Arm', 'FitSettings', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant', 'Recording',
+    'TudorError', 'build_mechanism', 'fit', 'load_arm', 'load_bundle', 'modes', 'predict',
+    'read_recording', 'save_bundle', 'simulate',
+]
+
+# The same as above, for the interpreter; test/test_library.py compares them.
+_HOMES = {
+    'tudor_dynamics.arm.description': ('Arm', 'load_arm'),
+    'tudor_dynamics.bags.reader': ('read_recording',),
+    'tudor_dynamics.bags.recording': ('Recording',),
+    'tudor_dynamics.errors': ('TudorError',),
+    'tudor_dynamics.identification.fit': ('FitSettings',),
+    'tudor_dynamics.identification.from_bags': ('fit',),
+    'tudor_dynamics.identification.prediction': ('predict',),
+    'tudor_dynamics.models.bundle': ('ModelBundle', 'load_bundle', 'save_bundle'),
+    'tudor_dynamics.monitoring.monitor': ('Monitor',),
+    'tudor_dynamics.monitoring.watch': ('MonitorSettings',),
+    'tudor_dynamics.simulation.mechanism': ('build_mechanism',),
+    'tudor_dynamics.simulation.modes': ('modes',),
+    'tudor_dynamics.simulation.plant': ('Plant',),
+    'tudor_dynamics.simulation.study': ('simulate',),
+}
+
+
+def __getattr__(name: str) -> object:
+    """Import a name of the library where it is first used (PEP 562)."""
+    for module, names in _HOMES.items():
+        if name in names:
+            value = globals()[name] = getattr(importlib.import_module(module), name)
+            return value
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    """List what is there, imported or not."""
+    return sorted({*globals(), *__all__})

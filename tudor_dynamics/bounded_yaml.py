@@ -67,7 +67,7 @@ def load_yaml(text: str | bytes) -> Any:
     Parameters
     ----------
     text : str or bytes
-        Text.
+        Text of a YAML file.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def open_regular(path: Path) -> BinaryIO:
     Parameters
     ----------
     path : Path
-        File.
+        File to open.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def read_bounded(path: Path, limit: int) -> bytes:
     Parameters
     ----------
     path : Path
-        File.
+        File to read.
     limit : int
         Largest size [bytes].
 
@@ -106,7 +106,7 @@ def write_whole(path: Path, data: bytes) -> None:
     path : Path
         File; one that is there is replaced. Its directory is made.
     data : bytes
-        Content.
+        Content of the file.
 
     Raises
     ------

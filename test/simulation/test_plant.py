@@ -28,7 +28,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import simulate, simulate_with_scipy
+from tudor_dynamics.simulation.run import run_plant, simulate_with_scipy
 
 
 @pytest.fixture(scope='module')
@@ -72,7 +72,7 @@ def test_energy_is_conserved(contents, name):
 def test_radau_and_generalised_alpha_agree(contents):
     """Two integrators, one motion: torque on a damped spatial arm."""
     runs = []
-    for solver in (simulate, simulate_with_scipy):
+    for solver in (run_plant, simulate_with_scipy):
         plant = plant_of(contents['single_flexible_link'], 2.5e-4)
         t = np.arange(801) * 2.5e-4
         torque = np.zeros((t.size, 2))

@@ -33,7 +33,7 @@ from tudor_dynamics.arm.kinematics import (
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
-from tudor_dynamics.errors import ArmError
+from tudor_dynamics.errors import ArmError, check_type
 from tudor_dynamics.files import read_bounded
 
 MAX_YAML_BYTES = 2_000_000
@@ -96,6 +96,16 @@ class Arm:
     full_model: pin.Model
     source: str = field(default='')
     urdf: str | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        """Write joints with their efforts, and gauges with their places, one line each."""
+        held = ''.join(f', {name} held at {place:g}' for name, place in self.held_joints.items())
+        return '\n'.join([
+            f'Arm {self.name!r} of {self.source}: {len(self.active_joints)} active joints{held}',
+            *(f'  joint {joint.name}: effort [{joint.effort.unit}] on {joint.effort.topic}, '
+              f'friction {", ".join(joint.friction)}' for joint in self.joints),
+            *(f'  gauge {gauge.name}: strain [{gauge.unit}] on {gauge.topic}, {gauge.distance:g} '
+              f'm behind {gauge.joint}' for gauge in self.gauges)])
 
     @property
     def name(self) -> str:
@@ -175,7 +185,20 @@ class Arm:
                          for name in self.active_joints], dtype=np.intp)
 
     def is_prismatic(self, joint: str) -> bool:
-        """Say whether a joint moves along its axis instead of about it."""
+        """
+        Say whether a joint moves along its axis instead of about it.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+
+        Returns
+        -------
+        bool
+            False for revolute and continuous joints.
+
+        """
         return is_prismatic(self.full_model, joint)
 
     @cached_property
@@ -298,6 +321,7 @@ def load_arm(path: str | Path) -> Arm:
         If the file cannot be read or is wrong; the message names file, key and expectation.
 
     """
+    check_type(path, (str, Path), 'path', 'the path of a YAML file')
     path = Path(path)
     try:
         text = read_bounded(path, MAX_YAML_BYTES).decode()

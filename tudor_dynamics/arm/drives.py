@@ -45,6 +45,7 @@ class MotorSpec(Spec):
     """Motor, gear, encoder and current measurement of one revolute joint."""
 
     joint: Name
+    """Joint that it drives."""
     gear_ratio: Positive
     """Turns of the motor for one turn of the joint."""
     torque_constant: Positive
@@ -52,11 +53,12 @@ class MotorSpec(Spec):
     efficiency: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Part of that torque that arrives behind the gear, the same in both directions."""
     rotor_inertia: NonNegative = 0.0
-    """At the motor shaft [kg m^2]."""
+    """Inertia of the rotor, at the motor shaft [kg m^2]."""
     viscous: PerDirection = (0.0, 0.0)
-    """Current against viscous friction, by the speed of the joint [A s/rad]."""
+    """Current against viscous friction, by the speed of the joint; one number, or one for each
+    direction [A s/rad]."""
     coulomb: PerDirection = (0.0, 0.0)
-    """Current against Coulomb friction [A]."""
+    """Current against Coulomb friction; one number, or one for each direction [A]."""
     breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
     """Stiction: friction at rest as a multiple of Coulomb friction."""
     load_friction: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -64,7 +66,7 @@ class MotorSpec(Spec):
     presliding: Annotated[float, Field(ge=0, lt=math.pi)] = 0.0
     """How far friction gives way like a spring before it slides, seen at the joint [rad]."""
     current_limit: Positive | None = None
-    """The drive gives no more, in either direction [A]."""
+    """Largest current of the drive, in either direction [A]."""
     stiffness: Positive | None = None
     """Torsion of the gear, seen at the joint; rigid by default [N m/rad]."""
     damping: NonNegative = 0.0
@@ -107,6 +109,7 @@ class SensorSpec(Spec):
     """How one strain gauge turns a bending moment into a reading."""
 
     gauge: Name
+    """Gauge that it describes."""
     gain: Finite
     """Reading per bending moment [unit of the gauge per N m]."""
     offset: Finite = 0.0
@@ -128,7 +131,9 @@ class DamperJointSpec(Spec):
     """Strain feedback of one joint."""
 
     joint: Name
+    """Joint that yields."""
     gauge: Name
+    """Gauge that it yields to, in um/m or m/m."""
     gain: NonNegative
     """Yielding speed of the joint per mean-free strain [rad/s per m/m]."""
 
@@ -155,6 +160,7 @@ class DamperSpec(Spec):
     """Time without a command from which on the drives brake by themselves, as planned motion does:
     before each position limit there is room left for that [s]."""
     joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
+    """Joints with strain feedback, each with its gauge and gain."""
 
     @model_validator(mode='after')
     def _separate_bands(self) -> DamperSpec:

@@ -30,6 +30,11 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class Spec(BaseModel):
-    """Base of all parts of the description: immutable, no unknown keys."""
+    """
+    Base of all parts of the description: immutable, no unknown keys.
 
-    model_config = ConfigDict(extra='forbid', frozen=True)
+    The string behind a key describes it, with its unit in brackets at the end of the first
+    paragraph; ``docs/arm_yaml.md`` is made of these strings.
+    """
+
+    model_config = ConfigDict(extra='forbid', frozen=True, use_attribute_docstrings=True)

@@ -87,9 +87,9 @@ def model_from_dh(
     rows : sequence of (a [m], alpha [rad], d [m], theta_offset [rad])
         One row a joint, base first.
     names : sequence of str
-        Joint names.
+        Names of the joints, one a row, base first.
     types : sequence of {'revolute', 'continuous', 'prismatic'}
-        Joint types.
+        How each joint moves, in the same order.
     convention : {'standard', 'modified'}
         Of the rows; modified ones may have one more than joints, for a flange.
 

@@ -49,11 +49,11 @@ class Limits:
     Attributes
     ----------
     lower, upper : ndarray of shape (n_joints,)
-        Positions [rad or m].
+        Smallest and largest positions [rad or m].
     velocity : ndarray of shape (n_joints,)
-        [rad/s or m/s]
+        Largest speed in either direction [rad/s or m/s].
     acceleration : ndarray of shape (n_joints,)
-        [rad/s^2 or m/s^2]
+        Largest acceleration in either direction [rad/s^2 or m/s^2].
     missing : tuple of str
         What is not known, one phrase each.
 
@@ -66,7 +66,15 @@ class Limits:
     missing: tuple[str, ...] = ()
 
     def outside(self, q: FloatArray) -> NDArray[np.bool_]:
-        """Say which positions [rad or m] are beyond a limit."""
+        """
+        Say which positions [rad or m] are beyond a limit.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the joints [rad or m].
+
+        """
         return np.asarray((q < self.lower) | (q > self.upper))
 
 

@@ -34,6 +34,7 @@ class SectionSpec(Spec):
     """Cross-section of a beam; give what the shape needs and nothing else."""
 
     shape: Literal['rectangle', 'tube', 'general']
+    """Which of the values below are needed."""
     height: Positive | None = None
     """Rectangle: extent along the height axis, which is the bending direction [m]."""
     width: Positive | None = None
@@ -41,15 +42,15 @@ class SectionSpec(Spec):
     outer: Positive | None = None
     """Tube: outer diameter [m]."""
     inner: NonNegative | None = None
-    """Tube: inner diameter [m], 0 for a solid shaft."""
+    """Tube: inner diameter, 0 for a solid shaft [m]."""
     area: Positive | None = None
-    """General: [m^2]."""
+    """General: area of the section [m^2]."""
     Iz: Positive | None = None
     """General: second moment for bending along the height axis [m^4]."""
     Iy: Positive | None = None
     """General: second moment for bending across [m^4]."""
     J: Positive | None = None
-    """Torsion constant [m^4]; needed for a general section, else computed."""
+    """Torsion constant; needed for a general section, else computed [m^4]."""
     surface: Positive | None = None
     """General: distance of the gauges from the neutral line, along the height axis [m]."""
 
@@ -78,11 +79,11 @@ class MaterialSpec(Spec):
     E: Positive
     """Young's modulus [Pa]."""
     rho: Positive
-    """Density [kg/m^3]."""
+    """Density of the material [kg/m^3]."""
     G: Positive | None = None
-    """Shear modulus [Pa]."""
+    """Shear modulus, in the place of nu [Pa]."""
     nu: Annotated[float, Field(gt=-1, le=0.5)] | None = None
-    """Poisson's ratio."""
+    """Poisson's ratio, in the place of G."""
 
     @model_validator(mode='after')
     def _one_of(self) -> MaterialSpec:
@@ -95,11 +96,12 @@ class InertiaPart(Spec):
     """Mass, centre and inertia of a rigid part, in the axes of the frame it is fixed to."""
 
     mass: NonNegative
-    """[kg]"""
+    """Mass of the part [kg]."""
     center: Vector3 = (0.0, 0.0, 0.0)
-    """Centre of mass [m]."""
+    """Centre of mass, in the axes of the frame that the part is fixed to [m]."""
     inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] | NonNegative = 0.0
-    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre, or one number for a cube [kg m^2]."""
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, or one number for a cube
+    [kg m^2]."""
 
     @model_validator(mode='after')
     def _physical(self) -> InertiaPart:
@@ -126,8 +128,11 @@ class BeamSpec(Spec):
     """One straight flexible beam."""
 
     section: SectionSpec
+    """Cross-section, the same all along."""
     material: MaterialSpec
+    """What it is made of."""
     elements: Annotated[int, Field(ge=1, le=60)] = 2
+    """Beam elements it is divided into; two are enough for the lowest modes."""
     start: Vector3 = (0.0, 0.0, 0.0)
     """Where the beam is clamped, in the joint frame: the rigid offset of the hub [m]."""
     end: Vector3 | None = None
@@ -139,7 +144,7 @@ class BeamSpec(Spec):
     height_axis: Axis | None = None
     """Direction of the section's height in the joint frame; in the plane of motion by default."""
     stretch: bool = True
-    """Bending shortens the beam, and its normal force stiffens it; False: linear beam."""
+    """Bending shortens the beam, and its normal force stiffens it; false: linear beam."""
     lumped: tuple[LumpedSpec, ...] = ()
     """Rigid parts fixed to nodes."""
 
@@ -164,7 +169,7 @@ class LinkSpec(Spec):
     rigid: InertiaPart | None = None
     """Rigid link, in the joint frame: with standard D-H rows not the row's own frame."""
     flexible: BeamSpec | None = None
-    """Flexible link."""
+    """Flexible link: one straight beam."""
     hub_inertia: NonNegative = 0.0
     """Rotor, gear and hub on the motor side, seen at the joint [kg m^2 or kg]."""
     joint_stiffness: Positive | None = None
@@ -186,15 +191,16 @@ class RayleighSpec(Spec):
     """Structural damping C = alpha M + beta K."""
 
     alpha: NonNegative = 0.0
-    """[1/s]"""
+    """Damping by the masses, felt by slow modes [1/s]."""
     beta: NonNegative = 0.0
-    """[s]"""
+    """Damping by the stiffness, felt by fast modes [s]."""
 
 
 class SimulationSpec(Spec):
     """How a run starts and what damps it."""
 
     rayleigh: RayleighSpec = RayleighSpec()
+    """Structural damping of the beams."""
     initial: dict[Name, Finite] = Field(default_factory=dict)
     """Initial position by joint; 0, or where the joint is held [rad or m]."""
     start: Literal['equilibrium', 'undeformed'] = 'equilibrium'

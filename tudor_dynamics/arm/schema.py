@@ -39,9 +39,9 @@ class KinematicsSpec(Spec):
     """Where the kinematics come from: a URDF file, or D-H rows; one of the two."""
 
     urdf: str | None = None
-    """Path of a URDF file, relative to the description."""
+    """Path of a URDF file, relative to the description; its rigid links come along."""
     dh: tuple[tuple[Finite, Finite, Finite, Finite], ...] | None = None
-    """One row ``[a [m], alpha [rad], d [m], theta_offset [rad]]`` a joint."""
+    """One row ``[a, alpha, d, theta_offset]`` a joint, base first [m, rad, m, rad]."""
     convention: Literal['standard', 'modified'] = 'standard'
     """Of the rows: standard (Siciliano), or modified (Craig), as Franka and KUKA publish it.
 
@@ -64,9 +64,12 @@ class EffortSpec(Spec):
     """The topic on which a joint's actuator effort arrives, and what it is measured in."""
 
     topic: Name = 'joint_states'
+    """Topic of type sensor_msgs/JointState, whose field ``effort`` is read."""
     unit: Literal['A', 'N m', 'N'] = 'N m'
+    """What the driver publishes: motor current, torque, or force of a prismatic joint."""
     torque_constant: Positive | None = None
-    """Joint torque per ampere, gear and efficiency included [N m/A or N/A]; unknown by default."""
+    """Joint torque per ampere, gear and efficiency included; unknown by default
+    [N m/A or N/A]."""
 
     @model_validator(mode='after')
     def _constant_needs_current(self) -> EffortSpec:
@@ -79,13 +82,14 @@ class LimitSpec(Spec):
     """What the motion of a joint never exceeds; what is missing is taken from the URDF."""
 
     lower: Finite | None = None
-    """[rad or m]"""
+    """Smallest position [rad or m]."""
     upper: Finite | None = None
-    """[rad or m]"""
+    """Largest position [rad or m]."""
     velocity: Positive | None = None
-    """[rad/s or m/s]"""
+    """Largest speed in either direction [rad/s or m/s]."""
     acceleration: Positive | None = None
-    """Of the drive, by default what its motor can do without load [rad/s^2 or m/s^2]."""
+    """Largest acceleration of the drive; by default what its motor can do without load
+    [rad/s^2 or m/s^2]."""
 
     @model_validator(mode='after')
     def _ordered(self) -> LimitSpec:
@@ -95,18 +99,30 @@ class LimitSpec(Spec):
 
 
 class PlannedSpec(LimitSpec):
-    """What planned motion keeps to: within ``limits``, with room for the damper."""
+    """
+    What planned motion keeps to: within ``limits``, with room for the damper.
+
+    Positions leave room to stop where nothing is said.
+    """
+
+    velocity: Positive | None = None
+    """Largest speed; two thirds of that of ``limits`` by default [rad/s or m/s]."""
+    acceleration: Positive | None = None
+    """Largest acceleration; a third of that of ``limits`` by default [rad/s^2 or m/s^2]."""
 
 
 class JointSpec(Spec):
     """One joint, by the name that its messages carry."""
 
     name: Name
+    """Name as it stands in JointState messages, and in the URDF."""
     type: Literal['revolute', 'continuous', 'prismatic'] | None = None  # noqa: A003
     """Needed with D-H rows (default revolute); a URDF has it already."""
     effort: EffortSpec = EffortSpec()
+    """Where the effort of its actuator comes from."""
     friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square'],
                     ...] = ('viscous', 'coulomb')
+    """Terms of friction to identify, each a column of the regressor."""
     asymmetric: bool = False
     """Separate viscous and Coulomb coefficients for each direction of motion."""
     rotor_inertia: bool = True
@@ -118,7 +134,9 @@ class JointSpec(Spec):
     hold: Finite = 0.0
     """Position of the joint where it is not active [rad or m]."""
     limits: LimitSpec | None = None
+    """What nothing ever exceeds."""
     planned: PlannedSpec | None = None
+    """What motion is planned with."""
 
     @model_validator(mode='after')
     def _plans_within_limits(self) -> JointSpec:
@@ -143,15 +161,19 @@ class GaugeSpec(Spec):
     """A strain gauge (bridge) on the link behind a joint."""
 
     name: Name
+    """Name as it stands in the messages of its topic."""
     joint: Name
+    """Joint before it: the gauge sits on the link behind."""
     distance: NonNegative
-    """x_s: from the joint axis along the link [m]."""
+    """Place along the link, from the joint axis: x_s of the papers [m]."""
     axis: Literal['x', 'y', 'z'] | Vector3 | None = None
     """Bending axis in the joint's frame; the joint's own axis by default."""
     direction: Literal['x', 'y', 'z'] | Vector3 = 'x'
     """Direction of the link in the joint's frame."""
     topic: Name = 'link_strains'
+    """Topic of type sensor_msgs/JointState, whose field ``position`` is read."""
     unit: Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'] = 'um/m'
+    """What its amplifier publishes; the damper needs a strain, um/m or m/m."""
 
     @field_validator('axis', 'direction')
     @classmethod
@@ -186,25 +208,34 @@ class ArmSpec(Spec):
     """A whole arm description."""
 
     name: Name
+    """Name of the arm, for messages, reports and bundles."""
     kinematics: KinematicsSpec
+    """Joints and links as a URDF or as D-H rows."""
     gravity: Vector3 = (0.0, 0.0, -9.81)
-    """In the base frame [m/s^2]."""
+    """Gravity in the base frame; another one for an arm that hangs or leans [m/s^2]."""
     joints: tuple[JointSpec, ...] = Field(min_length=1, max_length=100)
+    """One entry a joint, in the order of the D-H rows, where there are some."""
     active_joints: tuple[Name, ...] | None = None
     """Inputs and outputs of the model, all joints by default; the others are held."""
     joint_topic: Name = 'joint_states'
+    """Topic of the positions, and of the velocities where the driver has them."""
     gauges: tuple[GaugeSpec, ...] = ()
+    """Strain gauges; without them there is no strain model and no damper."""
     preprocessing: PreprocessingSpec = PreprocessingSpec()
     """Defaults of ``tudor fit`` for this arm."""
     motors: tuple[MotorSpec, ...] = ()
-    """Only the simulator and the damper need these and the next two."""
+    """Motors and gears, one entry a joint that is simulated or damped."""
     sensors: tuple[SensorSpec, ...] = ()
+    """What the simulated gauges read; of those without an entry, ideal strain."""
     damper: DamperSpec | None = None
+    """Gains of joint cascade and strain feedback."""
     links: tuple[LinkSpec, ...] = ()
-    """What moves behind each joint; only the simulator needs it."""
+    """What moves behind each joint: rigid, or one beam."""
     payload: InertiaPart | None = None
-    """Rigid part at the tip, in the axes of the tip frame; only for the simulator."""
+    """Rigid part at the tip, in the axes of the tip frame; ``tudor record --payload`` replaces
+    it."""
     simulation: SimulationSpec = SimulationSpec()
+    """Structural damping, and how a run starts."""
 
     @model_validator(mode='after')
     def _consistent(self) -> ArmSpec:

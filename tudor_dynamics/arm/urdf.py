@@ -84,7 +84,7 @@ def read_urdf(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        URDF file.
+        URDF file to read.
 
     Returns
     -------
@@ -200,7 +200,7 @@ def model_from_urdf(text: str, path: str) -> pin.Model:
     Parameters
     ----------
     text : str
-        URDF.
+        URDF as XML text.
     path : str
         Where it came from, for messages.
 

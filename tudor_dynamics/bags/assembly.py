@@ -40,14 +40,38 @@ MIN_SEGMENT = 5
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """Efforts or strains on the stamps of the joint states."""
+    """
+    Efforts or strains on the stamps of the joint states.
+
+    Attributes
+    ----------
+    values : ndarray of shape (n_samples, n_channels)
+        Values in the units of the description.
+    found : ndarray of bool, shape (n_samples,)
+        Samples at which there are values of all channels.
+
+    """
 
     values: FloatArray
     found: NDArray[np.bool_]
 
 
 class Assembly:
-    """The steps from decoded topics to a recording; holds what they share."""
+    """
+    The steps from decoded topics to a recording; holds what they share.
+
+    Parameters
+    ----------
+    bag : Bag
+        Bag that was opened.
+    topics : mapping of str to JointStates
+        Decoded topics by name.
+    plan : Plan
+        What is wanted from which topic.
+    notes : Notes
+        Collects what is odd.
+
+    """
 
     def __init__(
         self, bag: Bag, topics: Mapping[str, JointStates], plan: Plan, notes: Notes,
@@ -58,7 +82,15 @@ class Assembly:
         self.clock = choose_clock(topics, notes, self.path)
 
     def states(self, name: str) -> JointStates:
-        """Give a topic of the bag, which must be one of joint states."""
+        """
+        Give a topic of the bag, which must be one of joint states.
+
+        Parameters
+        ----------
+        name : str
+            Name of the topic.
+
+        """
         if name not in self.topics:
             msg = (f'{self.path}: topic {name} is of type {self.bag.topics[name].msgtype}, '
                    f'expected {JOINT_STATE}; name another topic in the arm description')
@@ -66,7 +98,17 @@ class Assembly:
         return self.topics[name]
 
     def ordered(self, stream: Stream, *, count: bool = True) -> tuple[Stream, NDArray[np.bool_]]:
-        """Leave out duplicate and backward stamps, tell how many, check what is left."""
+        """
+        Leave out duplicate and backward stamps, tell how many, check what is left.
+
+        Parameters
+        ----------
+        stream : Stream
+            Samples with their stamps.
+        count : bool
+            Whether what is left out is counted.
+
+        """
         order = increasing(stream.stamp)
         lost = order.duplicate + order.backward
         if lost and 2 * lost >= len(stream.stamp):
@@ -148,7 +190,21 @@ class Assembly:
     def output(
         self, motion: Stream, names: Sequence[str], topics: Sequence[str], field: str,
     ) -> Output | None:
-        """Give efforts or strains on the stamps of the motion; None where there are none."""
+        """
+        Give efforts or strains on the stamps of the motion; None where there are none.
+
+        Parameters
+        ----------
+        motion : Stream
+            Positions, whose stamps count.
+        names : sequence of str
+            Joints or gauges, in the order wanted.
+        topics : sequence of str
+            Topic of each of them.
+        field : str
+            Field of the messages that carries the values.
+
+        """
         if not names:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)
@@ -204,7 +260,19 @@ class Assembly:
     def rows(
         self, motion: Stream, dq: FloatArray | None, outputs: Sequence[Output | None],
     ) -> NDArray[np.intp]:
-        """Give the rows where everything is there; count the others by cause."""
+        """
+        Give the rows where everything is there; count the others by cause.
+
+        Parameters
+        ----------
+        motion : Stream
+            Positions, whose stamps count.
+        dq : ndarray of shape (n_samples, n_joints) or None
+            Velocities, where the driver has them [rad/s or m/s].
+        outputs : sequence of Output or None
+            Efforts and strains, where there are some.
+
+        """
         found = np.ones(len(motion.stamp), dtype=bool)
         finite = np.isfinite(motion.values).all(axis=1)
         if dq is not None:
@@ -230,7 +298,15 @@ class Assembly:
         return kept[np.concatenate(long)] if long else kept
 
     def segments(self, stamp: NDArray[np.int64]) -> tuple[slice, ...]:
-        """Split at gaps and tell of them."""
+        """
+        Split at gaps and tell of them.
+
+        Parameters
+        ----------
+        stamp : ndarray of int64, shape (n_samples,)
+            Stamps of the samples [ns].
+
+        """
         parts = split_at_gaps(stamp)
         if len(parts) > 1:
             starts = np.array([part.start for part in parts[1:]])

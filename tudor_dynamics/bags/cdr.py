@@ -51,7 +51,7 @@ class Block:
     layout : Layout
         What they share.
     records : structured ndarray, shape (n,)
-        Their numbers.
+        Their numbers, one record a message.
 
     """
 

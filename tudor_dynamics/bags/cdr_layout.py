@@ -56,7 +56,7 @@ class Layout:
     length : int
         Bytes of a message.
     order : {'<', '>'}
-        Byte order.
+        Byte order of the numbers.
     frame_id : str
         Of the header.
     names : tuple of str

@@ -32,7 +32,7 @@ def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
     Parameters
     ----------
     topics : dict of str to JointStates
-        Decoded topics.
+        Decoded topics by name.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class TopicReport:
     name, type : str
         Topic and message type.
     count : int
-        Messages.
+        Number of messages.
     clock : str
         ``stamp`` or ``log``.
     rate : float or None
@@ -90,7 +90,7 @@ class TopicReport:
     fields : list of str
         Arrays that are not empty, at least in some messages.
     channels : list of ChannelReport
-        Ranges.
+        Ranges of its joints or gauges.
 
     """
 
@@ -120,7 +120,7 @@ class BagReport:
     path, storage : str
         What was read, and its format.
     files : list of str
-        Storage files.
+        Names of the storage files.
     size : int
         Of these files [bytes].
     checksum : str

@@ -36,7 +36,7 @@ class JointStates:
     Attributes
     ----------
     topic : str
-        Name.
+        Name of the topic.
     log_time, stamp : ndarray of int64, shape (n,)
         When each was recorded, and its header stamp [ns].
     blocks : list of Block
@@ -57,7 +57,7 @@ def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
     Parameters
     ----------
     raw : RawMessages
-        Its messages.
+        Messages of that topic, as they are stored.
     path : str
         Bag, for messages.
 
@@ -94,7 +94,7 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
     Parameters
     ----------
     bag : Bag
-        Opened bag.
+        Bag that was opened.
     topics : collection of str
         JointState topics that it has.
 
@@ -115,7 +115,7 @@ def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
     Parameters
     ----------
     states : JointStates
-        Decoded topic.
+        Topic that was decoded.
     names : sequence of str
         Names of interest; messages without any of them are not looked at.
     path : str

@@ -52,7 +52,7 @@ class Track:
     topic : list of str
         Topic of each message.
     data : list of bytes
-        CDR buffers.
+        Messages as CDR buffers.
 
     """
 
@@ -115,7 +115,7 @@ class LiveWriter:
     path : str or Path
         Directory to make; must not exist.
     storage : {'mcap', 'sqlite3'}
-        Storage format.
+        Format of the storage file.
 
     Raises
     ------
@@ -156,7 +156,17 @@ class LiveWriter:
         return self._bag.count
 
     def add(self, topic: str, msgtype: str) -> bool:
-        """Announce a topic; False for a type that this program does not know."""
+        """
+        Announce a topic; False for a type that this program does not know.
+
+        Parameters
+        ----------
+        topic : str
+            Name of the topic.
+        msgtype : str
+            Type of its messages, such as ``sensor_msgs/msg/JointState``.
+
+        """
         if topic not in self._connections:
             if msgtype not in self._typestore.types:
                 return False
@@ -167,7 +177,19 @@ class LiveWriter:
         return True
 
     def write(self, topic: str, time: int, data: bytes) -> None:
-        """Write a message of a topic that was announced; ``time`` in ns."""
+        """
+        Write a message of a topic that was announced; ``time`` in ns.
+
+        Parameters
+        ----------
+        topic : str
+            Name of a topic that was announced.
+        time : int
+            Time at which the message came [ns].
+        data : bytes
+            The message as CDR buffer.
+
+        """
         with self._ending():
             self._bag.writer.write(self._connections[topic], time, data)
 

@@ -94,14 +94,30 @@ class Channels:
         self._schemas = {0: '__schemaless__'}
 
     def schema(self, record: bytes) -> None:
-        """Take a schema; Damaged if it is another than before under its number."""
+        """
+        Take a schema; Damaged if it is another than before under its number.
+
+        Parameters
+        ----------
+        record : bytes
+            Content of a schema record.
+
+        """
         (number,) = _U16.unpack_from(record)
         name, _ = _text(record, 2)
         if number == 0 or self._schemas.setdefault(number, name) != name:
             raise Damaged('a schema changes its name')
 
     def channel(self, record: bytes) -> int:
-        """Take a channel and give its number; Damaged if it is another than before."""
+        """
+        Take a channel and give its number; Damaged if it is another than before.
+
+        Parameters
+        ----------
+        record : bytes
+            Content of a channel record.
+
+        """
         number, schema = _U16.unpack_from(record)[0], _U16.unpack_from(record, 2)[0]
         topic, _ = _text(record, 4)
         if schema not in self._schemas:
@@ -213,7 +229,7 @@ def scan_mcap(
     Parameters
     ----------
     path : Path
-        MCAP file.
+        MCAP file to walk through.
     topics : collection of str, optional
         Topics to read; all by default.
     with_data : bool

@@ -54,7 +54,7 @@ def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str,
     Parameters
     ----------
     path : Path
-        File.
+        MCAP file to ask.
     unfinished : bool
         The file breaks off anywhere; what is whole before is counted.
 
@@ -82,7 +82,15 @@ def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str,
 
 
 def mcap_channels(path: Path) -> Channels:
-    """Give the channels that the summary of a file names; none where it cannot be used."""
+    """
+    Give the channels that the summary of a file names; none where it cannot be used.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file to ask.
+
+    """
     return _read(path).channels
 
 

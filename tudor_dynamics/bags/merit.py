@@ -54,7 +54,7 @@ def read_merit(path: str | Path) -> FloatArray:
     Parameters
     ----------
     path : str or Path
-        CSV file.
+        CSV file of the MERIt recordings.
 
     Returns
     -------
@@ -146,11 +146,11 @@ def import_merit(path: str | Path, out: str | Path, *, storage: str = 'mcap') ->
     Parameters
     ----------
     path : str or Path
-        CSV file.
+        CSV file of the MERIt recordings.
     out : str or Path
         Bag to make; must not exist.
     storage : {'mcap', 'sqlite3'}
-        Storage format.
+        Format of the storage file.
 
     Returns
     -------

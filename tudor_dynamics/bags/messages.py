@@ -55,6 +55,8 @@ class JointStateSeries:
         Values; a field that is None stays empty.
     frame_id : str
         Of the header.
+    msgtype : str
+        Type of the messages.
 
     """
 
@@ -108,6 +110,8 @@ class WrenchSeries:
         Components in the frame [N, N m].
     frame_id : str or sequence of str
         Frame, of all messages or of each.
+    msgtype : str
+        Type of the messages.
 
     """
 

@@ -66,7 +66,7 @@ def read_metadata(directory: Path) -> Metadata:
     Parameters
     ----------
     directory : Path
-        Bag.
+        Directory of the bag.
 
     Returns
     -------

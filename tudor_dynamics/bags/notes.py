@@ -30,7 +30,7 @@ class Notes:
     path : str
         Bag that is read; stands before each warning.
     quiet : bool
-        Collect only.
+        Collect the notes only, and warn of none.
 
     """
 

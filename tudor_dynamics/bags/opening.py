@@ -204,7 +204,15 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
 
 
 def abandoned(path: Path) -> list[Path]:
-    """Give what recorders that were killed left of a bag."""
+    """
+    Give what recorders that were killed left of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        Directory of the bag.
+
+    """
     try:
         return sorted(item / path.name for item in path.parent.iterdir()
                       if item.name.startswith(scratch_prefix(path))

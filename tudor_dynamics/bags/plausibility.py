@@ -70,9 +70,9 @@ def velocity_ratio(recording: Recording, joint: int) -> VelocityRatio | None:
     Parameters
     ----------
     recording : Recording
-        With velocities.
+        Recording that has velocities.
     joint : int
-        Column.
+        Column of the joint.
 
     Returns
     -------

@@ -35,7 +35,7 @@ from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
 from tudor_dynamics.bags.plausibility import check_units, moving_joints
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import Bag
-from tudor_dynamics.errors import BagError
+from tudor_dynamics.errors import BagError, check_type
 
 MIN_SAMPLES = 50
 MIN_DURATION = 1.0
@@ -162,7 +162,7 @@ def read_recording(
     path : str or Path
         rosbag2 directory, ``.mcap`` or ``.db3``.
     arm : Arm
-        Whose active joints and gauges to read.
+        Arm whose active joints and gauges are read.
     need_output : bool
         Refuse a bag with neither efforts nor strains.
     need_motion : bool
@@ -179,6 +179,8 @@ def read_recording(
         If the bag is damaged or cannot be used; the message says why and what to do.
 
     """
+    check_type(path, (str, Path), 'path', 'the path of a bag')
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     plan = plan_from_arm(arm)
     notes = Notes(str(path))
     bag = open_bag(path, notes)

@@ -75,6 +75,19 @@ class Recording:
     payload: float | None = None
     earlier: tuple[NDArray[np.int64], FloatArray] | None = None
 
+    def __repr__(self) -> str:
+        """Write length, rate, signals with their ranges, and what is odd about the bag."""
+        stretches = f', {len(self.segments)} gapless stretches' if len(self.segments) > 1 else ''
+        lines = [f'Recording {self.path}: {self.t[-1]:.4g} s, {len(self.stamp)} samples at '
+                 f'{1.0 / self.dt:.4g} Hz{stretches}']
+        lines += [f'  {name}: {values.shape[1]} channels from {np.nanmin(values):.4g} to '
+                  f'{np.nanmax(values):.4g}'
+                  for name, values in (('q', self.q), ('dq', self.dq), ('effort', self.effort),
+                                       ('strain', self.strain)) if values is not None]
+        if self.payload is not None:
+            lines.append(f'  payload: {self.payload:g} kg')
+        return '\n'.join(lines + [f'  warning: {warning}' for warning in self.warnings])
+
     @property
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""

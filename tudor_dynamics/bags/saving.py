@@ -43,7 +43,15 @@ class WholeFile(FileIO):
     """A file without buffer that writes all or raises; a buffer would keep what failed."""
 
     def write(self, data: Any) -> int:
-        """Write all bytes; a disk that becomes full takes some of them first."""
+        """
+        Write all bytes; a disk that becomes full takes some of them first.
+
+        Parameters
+        ----------
+        data : bytes-like
+            Bytes to be written.
+
+        """
         rest = memoryview(data)
         while rest:
             rest = rest[self._some(rest):]
@@ -54,7 +62,15 @@ class WholeFile(FileIO):
 
 
 class McapSaver:
-    """MCAP: a chunk is ended, and the file cut behind the last whole one."""
+    """
+    MCAP: a chunk is ended, and the file cut behind the last whole one.
+
+    Parameters
+    ----------
+    writer : rosbags.rosbag2.Writer
+        Writer whose file is saved.
+
+    """
 
     def __init__(self, writer: Any) -> None:
         self._storage = storage = writer.storage
@@ -88,7 +104,15 @@ class McapSaver:
 
 
 class SqliteSaver:
-    """SQLite: a transaction is ended, or taken back."""
+    """
+    SQLite: a transaction is ended, or taken back.
+
+    Parameters
+    ----------
+    writer : rosbags.rosbag2.Writer
+        Writer whose file is saved.
+
+    """
 
     def __init__(self, writer: Any) -> None:
         self._connection = writer.storage.conn
@@ -113,7 +137,7 @@ class SavedWriter:
     writer : rosbags.rosbag2.Writer
         Writer that was opened.
     storage : {'mcap', 'sqlite3'}
-        Its storage.
+        Format of its storage file.
 
     """
 

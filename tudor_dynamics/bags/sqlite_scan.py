@@ -84,7 +84,7 @@ def sqlite_topics(path: Path) -> list[tuple[str, str, int]]:
     Parameters
     ----------
     path : Path
-        File.
+        Database file to ask.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def scan_sqlite(
     Parameters
     ----------
     path : Path
-        Storage file.
+        Database file with the messages.
     times : dict of str to list of int
         Topics to read; log times are appended [ns].
     data : dict of str to list of bytes

@@ -45,7 +45,19 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """A topic as the bag announces it: name, message type, number of messages."""
+    """
+    A topic as the bag announces it: name, message type, number of messages.
+
+    Attributes
+    ----------
+    name : str
+        Name of the topic.
+    msgtype : str
+        Type of its messages.
+    count : int
+        Number of messages.
+
+    """
 
     name: str
     msgtype: str

@@ -45,7 +45,7 @@ class Stream:
     names : tuple of str
         Names of the columns.
     stamp : ndarray of int64, shape (n,)
-        Times [ns].
+        Times of the samples [ns].
     values : ndarray of shape (n, n_names)
         In the units of the topic.
 
@@ -119,7 +119,7 @@ def choose_clock(
     Parameters
     ----------
     topics : dict of str to JointStates
-        Decoded topics.
+        Decoded topics by name.
     notes : Notes
         Is told when log times are used.
     path : str
@@ -158,7 +158,7 @@ def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
     Parameters
     ----------
     stream : Stream
-        Any stream.
+        Stream of any output.
     notes : Notes
         Is told how many samples of which channels are NaN, infinite or beyond `MAX_VALUE`.
     path : str

@@ -58,7 +58,15 @@ class Unpacker:
         self._left = max(MAX_RATIO * size, FREE_BYTES)
 
     def take(self, size: int) -> None:
-        """Count what was unpacked; Damaged where it becomes too much."""
+        """
+        Count what was unpacked; Damaged where it becomes too much.
+
+        Parameters
+        ----------
+        size : int
+            Bytes that were unpacked just now.
+
+        """
         self._left -= size
         if self._left < 0:
             msg = (f'it unpacks to more than {MAX_RATIO} times its size, or '
@@ -72,9 +80,9 @@ class Unpacker:
         Parameters
         ----------
         data : bytes
-            Compressed.
+            Bytes as they are stored.
         compression : {'', 'zstd', 'lz4'}
-            How.
+            How they were packed; not at all if empty.
         size : int, optional
             Size that it must come to.
 

@@ -46,7 +46,15 @@ def reason(err: Exception) -> str:
 
 
 def scratch_prefix(path: Path) -> str:
-    """Begin of the name of the directory in which a bag is written until it is complete."""
+    """
+    Begin of the name of the directory in which a bag is written until it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        Directory that the bag will have.
+
+    """
     return f'.{path.name}.'
 
 
@@ -68,9 +76,9 @@ def write_bag(
     path : str or Path
         Directory to make; must not exist.
     series : sequence of JointStateSeries, WrenchSeries and ImuSeries
-        Topics.
+        Topics with all their messages.
     storage : {'mcap', 'sqlite3'}
-        Storage format.
+        Format of the storage file.
     custom : dict of str to str, optional
         Goes into ``custom_data`` of the metadata, such as ``payload`` [kg].
 

@@ -50,9 +50,9 @@ def stage_count(experiment: str, plan: Plan, split: str | None) -> int:
     Parameters
     ----------
     experiment : {'table1', 'figures'}
-        Experiment.
+        Which of the two is reproduced.
     plan : Plan
-        Size.
+        Size of the campaign.
     split : {'stimulus', 'random'}, optional
         How training and test are told apart.
 
@@ -77,7 +77,7 @@ def opened(args: argparse.Namespace) -> Iterator[Campaign]:
     Parameters
     ----------
     args : argparse.Namespace
-        Parsed options.
+        Parsed options of the command.
 
     Yields
     ------

@@ -31,7 +31,7 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
     Parameters
     ----------
     results : sequence of MethodResult
-        Methods.
+        Results of each method.
     allowed : float
         False alarms per hour that the thresholds allow.
 

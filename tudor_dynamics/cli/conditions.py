@@ -40,7 +40,7 @@ def print_conditions(names: Sequence[str], reports: Sequence[ExcitationReport]) 
     Parameters
     ----------
     names : sequence of str
-        Motions.
+        Names of the motions.
     reports : sequence of ExcitationReport
         One for each.
 

@@ -116,7 +116,7 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
     Parameters
     ----------
     title : str
-        Title.
+        Title above the table.
     rows : list of (output, model, Score, units)
         One model of one output each; units by channel.
 

@@ -20,21 +20,21 @@ import argparse
 import io
 from pathlib import Path
 from typing import Any
-import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
 from tudor_dynamics.cli.collision_figures import print_collisions
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
-from tudor_dynamics.errors import TudorWarning, UsageError
+from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.bundling import rounded, trained_on
+from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
-from tudor_dynamics.identification.dataset import BagData, common_outputs, load, parse_choice
+from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.fit import MODEL_KINDS
-from tudor_dynamics.identification.roc_plot import check_plot_path, write_roc
-from tudor_dynamics.identification.validation import validate, Validation
+from tudor_dynamics.identification.prediction import predict_bags, warn_of_training
+from tudor_dynamics.identification.roc_plot import picture_path, write_roc
+from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.detector import DetectorSettings
@@ -98,15 +98,7 @@ def run(args: argparse.Namespace) -> int:
             step(f'read {choice}')
             data.append(load(choice, bundle.arm, spec, payload=args.payload))
         step('compare')
-        outputs = [output for output in common_outputs(data) if output in bundle.models]
-        if not outputs:
-            msg = (f'the model predicts {" and ".join(bundle.models)}, which not all of '
-                   f'{", ".join(args.bags)} have: evaluate them apart, or use other bags')
-            raise UsageError(msg)
-        found: dict[str, dict[str, Validation]] = {
-            output: {kind: validate(model, data, output, ', '.join(map(str, choices)))
-                     for kind, model in bundle.models[output].items()}
-            for output in outputs}
+        found = predict_bags(bundle, data).outputs
     seen = _seen(bundle, data)
     if args.save:
         save_traces(Path(args.save), found)
@@ -125,12 +117,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _seen(bundle: ModelBundle, data: list[BagData]) -> dict[str, list[str]]:
     """Warn of bags that the model was trained on, and give them for the JSON, if there are any."""
-    seen = trained_on(bundle.facts, data)
-    if not seen:
-        return {}
-    msg = f'{", ".join(seen)}: the model was trained on this; how well it does there is no test'
-    warnings.warn(msg, TudorWarning, stacklevel=2)
-    return {'trained_on': seen}
+    seen = warn_of_training(bundle, data)
+    return {'trained_on': seen} if seen else {}
 
 
 def _collisions(args: argparse.Namespace) -> int:
@@ -138,7 +126,7 @@ def _collisions(args: argparse.Namespace) -> int:
         msg = (f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: expected a '
                'rate above 0 per hour and a time of 0 s or more')
         raise UsageError(msg)
-    plot = check_plot_path(args.roc) if args.roc else None
+    plot = picture_path(args.roc) if args.roc else None
     bundle = at_payload(load_bundle(args.model), args.payload)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
     if args.kind not in kinds:

@@ -17,35 +17,29 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
-import warnings
 
 from pydantic import ValidationError
 
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.description import validation_message
-from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, Steps, steps
-from tudor_dynamics.errors import TudorWarning, UsageError
+from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
+from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
-from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, halves, load, parse_choice, refuse_copies)
+from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.elastic import check_arm
 from tudor_dynamics.identification.fit import (
-    DEFAULT_KINDS, fit_models, FitResult, FitSettings, MODEL_KINDS)
-from tudor_dynamics.identification.payloads import (
-    parse_payloads, PAYLOAD_KINDS, payload_range)
+    DEFAULT_KINDS, FitResult, FitSettings, MODEL_KINDS)
+from tudor_dynamics.identification.from_bags import check_choices, fit_bags, read_bags
+from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.report import report_bytes
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.units import output_units
-
-HELD_OUT = 0.4
-"""Part at the end of an only bag that is kept for validation."""
 
 EXAMPLES = """\
 examples:
@@ -132,16 +126,6 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
         raise UsageError(msg) from None
 
 
-def _check_choices(training: list[BagChoice], test: list[BagChoice]) -> None:
-    for i, one in enumerate(training):
-        for other in training[i + 1:] + test:
-            same = Path(one.path).resolve() == Path(other.path).resolve()
-            if same and one.overlaps(other):
-                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
-                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
-                raise UsageError(msg)
-
-
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save, report."""
     clock = Clock()
@@ -153,7 +137,7 @@ def run(args: argparse.Namespace) -> int:
     preprocessing = chosen_preprocessing(args, arm)
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]
-    _check_choices(training, test)
+    check_choices(training, test)
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
@@ -161,8 +145,10 @@ def run(args: argparse.Namespace) -> int:
     total = len(training) + len(test) + 2 * len(settings.kinds) + 2
     payloads = parse_payloads(args.payload_of, training + test)
     with steps(total) as step:
-        result = _fit(arm, training, test, preprocessing, settings, step, clock, payloads,
-                      ignore_payload=args.ignore_payload)
+        data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
+        clock.lap('read and filter')
+        result = fit_bags(arm, data, test_data, preprocessing, settings, step,
+                          ignore_payload=args.ignore_payload)
         clock.lap('fit and validate')
         step('collision thresholds')
         bundle = bundle_of(result)
@@ -182,52 +168,6 @@ def run(args: argparse.Namespace) -> int:
     if any(level is not Level.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
-
-
-def _fit(
-    arm: Arm,
-    training: list[BagChoice],
-    test: list[BagChoice],
-    preprocessing: PreprocessingSpec,
-    settings: FitSettings,
-    step: Steps,
-    clock: Clock,
-    payloads: dict[str, float],
-    *,
-    ignore_payload: bool,
-) -> FitResult:
-    def read(choice: BagChoice, *, learn: bool) -> BagData:
-        step(f'read {choice}')
-        return load(choice, arm, preprocessing, learn=learn,
-                    payload=payloads.get(str(Path(choice.path).resolve())))
-
-    training_data = [read(choice, learn=True) for choice in training]
-    test_data = [read(choice, learn=False) for choice in test]
-    refuse_copies(training_data, test_data)
-    clock.lap('read and filter')
-    alone = len(training) == 1 and not test
-    holdout = halves(training_data[0], HELD_OUT, preprocessing) if alone else None
-    found = None if ignore_payload else payload_range(training_data, test_data)
-    if found is not None:
-        settings = _of_all_payloads(settings, found)
-    return fit_models(arm, training_data, test_data, holdout, preprocessing, settings, step)
-
-
-def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
-    if settings.random_split:
-        msg = ('--random-split is for models of one payload, and these bags have several; leave '
-               'it out, or add --ignore-payload')
-        raise UsageError(msg)
-    kinds = tuple(kind for kind in settings.kinds if kind in PAYLOAD_KINDS)
-    left_out = [kind for kind in settings.kinds if kind not in kinds]
-    if left_out and kinds:
-        msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
-        warnings.warn(msg, TudorWarning, stacklevel=2)
-    if not kinds:
-        msg = (f'{", ".join(left_out)} cannot be fitted to several payloads at once; fit each '
-               'payload apart, or add --ignore-payload')
-        raise UsageError(msg)
-    return replace(settings, kinds=kinds, payloads=payloads)
 
 
 def _print(result: FitResult, report: Path) -> None:

@@ -120,7 +120,7 @@ def show(report: BagReport, console: Console) -> None:
     report : BagReport
         Of one bag.
     console : rich.console.Console
-        Where to.
+        Console to print on.
 
     """
     start = ''

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     Parameters
     ----------
     args : argparse.Namespace
-        Parsed options.
+        Parsed options of the command.
 
     Returns
     -------

@@ -41,7 +41,7 @@ from tudor_dynamics.simulation.plots import (
     pick_signal, plot_configuration, plot_signal, signal_names)
 from tudor_dynamics.simulation.results import save_run
 from tudor_dynamics.simulation.run import (
-    LARGEST_ROTATION, largest_rotation, Run, simulate, simulate_with_scipy)
+    LARGEST_ROTATION, largest_rotation, Run, run_plant, simulate_with_scipy, Steps)
 
 EXAMPLES = """\
 examples:
@@ -139,10 +139,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
             msg = (f'joint {name!r} is not among the joints {list(mechanism.joints)} of '
                    f'{args.arm}')
             raise UsageError(msg)
-    for what in ('seconds', 'dt', 'rate'):
-        if not 0.0 < getattr(args, what) < 1e9:
-            msg = f'--{what} must be positive, found {getattr(args, what)}'
-            raise UsageError(msg)
+    Steps.of(args.seconds, args.dt, args.rate)  # says so if they are impossible
     if args.modes is not None and args.modes < 1:
         msg = f'--modes counts modes, found {args.modes}'
         raise UsageError(msg)
@@ -160,8 +157,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
 def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active: tuple[str, ...],
               ) -> Run:
     mechanism = plant.mechanism
-    steps = max(int(round(args.seconds / args.dt)), 1)
-    every = max(int(round(1.0 / (args.rate * args.dt))), 1)
+    steps, every = Steps.of(args.seconds, args.dt, args.rate)
     t = np.arange(steps + 1) * args.dt
     motion, start, rate = None, plant.state.q.copy(), None
     if args.motion is not None:
@@ -183,7 +179,7 @@ def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active
             raise UsageError(msg)
         return run_with_bar(steps, lambda bar: simulate_with_scipy(
             plant, observer, torque, every=every, method=args.integrator, progress=bar))
-    return run_with_bar(steps, lambda bar: simulate(
+    return run_with_bar(steps, lambda bar: run_plant(
         plant, observer, torque, every=every, motion=motion, force=force, progress=bar))
 
 

@@ -65,7 +65,7 @@ def position_law(
     gains : ndarray of shape (GAINS,)
         Of the joint.
     q_ref, dq_ref : float
-        Reference [rad, rad/s].
+        Position and speed of the reference [rad, rad/s].
     q : float
         Measured position [rad].
     yielding : float
@@ -90,7 +90,7 @@ def velocity_law(gains: NDArray, state: NDArray, dt: float, speed: float, dq: fl
     gains, state : ndarray of shape (GAINS,), (STATES,)
         Of the joint; the state is advanced.
     dt : float
-        Step [s].
+        Step of the loop [s].
     speed, dq : float
         Commanded and measured speed [rad/s].
 
@@ -127,7 +127,7 @@ class JointGains:
     integral : float
         Current per integrated speed error [A/rad].
     current_limit : float
-        [A]
+        Largest current of the drive [A].
 
     """
 
@@ -226,7 +226,7 @@ class Cascade:
     gains : sequence of JointGains
         One a joint.
     dt : float
-        Step [s].
+        Step of the loop [s].
     limits : Limits, optional
         What nothing exceeds; none by default.
     lag : float
@@ -264,7 +264,7 @@ class Cascade:
         Parameters
         ----------
         q_ref, dq_ref : array of shape (n_joints,)
-            Reference [rad, rad/s].
+            Position and speed of the reference [rad, rad/s].
         q, dq : array of shape (n_joints,)
             Measured motion [rad, rad/s].
         yielding : array of shape (n_joints,)

@@ -72,7 +72,7 @@ class DamperSettings:
     Attributes
     ----------
     joint, gauge : str
-        Names.
+        Names of joint and gauge.
     gain : float
         Yielding speed per mean-free strain; negative where strain counts positive for the load
         that the joint holds [rad/s per unit].
@@ -108,7 +108,15 @@ class DamperSettings:
     moving_frequency: float | None = None
 
     def row(self, dt: float) -> FloatArray:
-        """Give the settings in the order of the columns, for a step [s]."""
+        """
+        Give the settings in the order of the columns, for a step [s].
+
+        Parameters
+        ----------
+        dt : float
+            Step of the loop [s].
+
+        """
         return np.array([
             self.gain, 2.0 * math.pi * self.mean_frequency, np.rint(self.mean_window / dt),
             self.speed_limit, max(self.dead_time, 5.0 * dt), max(self.stale_time, 3.0 * dt),
@@ -176,7 +184,7 @@ class Damper:
     settings : sequence of DamperSettings
         One a joint.
     dt : float
-        Step [s].
+        Step of the loop [s].
 
     """
 

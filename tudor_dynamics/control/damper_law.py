@@ -65,7 +65,7 @@ def damper_law(
     past : ndarray of shape (window,)
         Readings for the moving average.
     dt : float
-        Step [s].
+        Step of the loop [s].
     strain : float
         Reading of the gauge.
     fresh : bool

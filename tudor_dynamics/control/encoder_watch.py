@@ -76,7 +76,7 @@ class EncoderWatch:
         dt : float
             Time since the reading before [s].
         q : ndarray of shape (n_joints,)
-            Readings [rad or m].
+            Readings of the encoders [rad or m].
         commanded : ndarray of shape (n_joints,)
             Speeds that the joints should have had since, the delay of the loop taken into account
             [rad/s or m/s].

@@ -83,11 +83,27 @@ class Envelope:
         return np.asarray((self.cuts & SATURATING) > 0)
 
     def set_lag(self, lag: float) -> None:
-        """Take another time from command to motion into use [s]."""
+        """
+        Take another time from command to motion into use [s].
+
+        Parameters
+        ----------
+        lag : float
+            Time from command to motion [s].
+
+        """
         self.rows[:, TIME] = max(APPROACH * lag, lag + self._timeout)
 
     def begin(self, command: ArrayLike) -> None:
-        """Begin anew at the speeds that the joints have [rad/s]."""
+        """
+        Begin anew at the speeds that the joints have [rad/s].
+
+        Parameters
+        ----------
+        command : array of shape (n_joints,)
+            Speeds that the joints have [rad/s].
+
+        """
         self.state[:] = 0.0
         self.state[:, COMMAND] = command
 
@@ -104,7 +120,7 @@ class Envelope:
         dt : float
             Time since the commands before [s].
         wanted : array of shape (n_joints,)
-            [rad/s]
+            Speeds that are asked for [rad/s].
         q : array of shape (n_joints,)
             Measured positions [rad].
 

@@ -67,7 +67,17 @@ class DelayMeter:
         self._count = 0
 
     def add_command(self, now: float, command: FloatArray) -> None:
-        """Take a command [rad/s] into account, the answer to the sample of a time [s]."""
+        """
+        Take a command [rad/s] into account, the answer to the sample of a time [s].
+
+        Parameters
+        ----------
+        now : float
+            Time of the sample that is answered [s].
+        command : ndarray of shape (n_joints,)
+            Speeds that were commanded [rad/s].
+
+        """
         if self._count == len(self._at):
             keep = max(int(np.searchsorted(self._at, now - 2.0 * LONGEST)), self._count // 4)
             rest = self._count - keep
@@ -81,7 +91,17 @@ class DelayMeter:
         self._count += 1
 
     def commanded(self, now: float, lag: float) -> FloatArray:
-        """Give the command in force a time [s] before now; nothing before the first [rad/s]."""
+        """
+        Give the command in force a time [s] before now; nothing before the first [rad/s].
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+        lag : float
+            How long before [s].
+
+        """
         place = int(np.searchsorted(self._at[:self._count], now - lag, 'right')) - 1
         return self._commands[place] if place >= 0 else np.zeros(len(self._scale))
 
@@ -96,7 +116,7 @@ class DelayMeter:
         dt : float
             Time over which the speeds are means [s].
         dq : ndarray of shape (n_joints,)
-            Speeds [rad/s].
+            Measured speeds of the joints [rad/s].
 
         """
         dq = dq / self._scale

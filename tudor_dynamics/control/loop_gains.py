@@ -86,7 +86,15 @@ class LoopGains:
         self.delay.reset()
 
     def set_position_gain(self, gain: float) -> None:
-        """Ask for a speed per position error [1/s], 0 for that of the description."""
+        """
+        Ask for a speed per position error [1/s], 0 for that of the description.
+
+        Parameters
+        ----------
+        gain : float
+            Speed per position error, 0 for that of the description [1/s].
+
+        """
         self.position_gain = gain if gain > 0.0 else self.described
 
     @property
@@ -111,18 +119,48 @@ class LoopGains:
         return (CAREFUL_DELAY if delay is None else delay) + self._lag + period
 
     def position_gain_in_use(self, period: float) -> float:
-        """Give the speed per position error that the loop allows [1/s]."""
+        """
+        Give the speed per position error that the loop allows [1/s].
+
+        Parameters
+        ----------
+        period : float
+            Time between commands [s].
+
+        """
         gain = self.described if self.excited else self.position_gain
         return min(gain, position_gain_limit(self.assumed_delay + self._lag + period))
 
     def step(self, dt: float) -> float:
-        """Advance by a step [s] and give the part of the damper's gains in force."""
+        """
+        Advance by a step [s] and give the part of the damper's gains in force.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+
+        """
         change = dt / RAMP_TIME
         self.weight += min(max(self.share * self.allowed_share - self.weight, -change), change)
         return self.weight
 
     def judge(self, dt: float, added: FloatArray, moving: bool, cut: bool) -> None:
-        """Look for a swing in what was added to the reference [s, rad/s], see `SwingWatch`."""
+        """
+        Look for a swing in what was added to the reference [s, rad/s], see `SwingWatch`.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+        added : ndarray of shape (n_joints,)
+            What position loop and damper add to the reference's speeds [rad/s].
+        moving : bool
+            Whether the reference moves.
+        cut : bool
+            Whether speed or position cut the command.
+
+        """
         excited = self._swing.step(dt, added, moving, cut)
         if excited:
             self.excited = excited

@@ -89,7 +89,7 @@ class MotionController:
     cause : str
         Why, in one sentence.
     reference : ReferenceGate
-        Takes references.
+        Takes references, and refuses impossible ones.
     gains : LoopGains
         Gains asked for and in use, delay of the loop.
     limits : Limits
@@ -230,7 +230,15 @@ class MotionController:
         return self._brake(now, 'no positions come')
 
     def stand_still(self, now: float) -> FloatArray | None:
-        """Brake without looking at positions, as `watch` does; None once the joints stand."""
+        """
+        Brake without looking at positions, as `watch` does; None once the joints stand.
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+
+        """
         if self._q is None or not self.envelope.command.any():
             return None
         return self._brake(now, 'told to stand still')

@@ -58,7 +58,7 @@ class ReactingReference:
     Attributes
     ----------
     q, dq : ndarray of shape (n_joints,)
-        Reference [rad, rad/s].
+        Position and speed of the reference [rad, rad/s].
     reacting : bool
         Whether a collision has taken over; goals wait until ``clear``.
 
@@ -135,7 +135,15 @@ class ReactingReference:
             self._length = 0.0
 
     def step(self, dt: float) -> None:
-        """Advance by a step [s]."""
+        """
+        Advance by a step [s].
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+
+        """
         if not self.reacting:
             self._planner.step(dt)
             self._remember(dt)
@@ -203,7 +211,7 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
     unit_scale : float
         Unit of the gauge per m/m.
     gain : float
-        [rad/s per m/m]
+        Yielding speed per strain, of the damper [rad/s per m/m].
 
     Returns
     -------

@@ -66,11 +66,29 @@ class ReferenceGate:
         return self._at is not None
 
     def age(self, now: float) -> float:
-        """Give the age of the newest reference; infinite without one [s]."""
+        """
+        Give the age of the newest reference; infinite without one [s].
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+
+        """
         return math.inf if self._at is None else now - self._at
 
     def place(self, now: float, longest: float) -> FloatArray:
-        """Give where the newest reference is by now, carried on for a time at most [rad; s]."""
+        """
+        Give where the newest reference is by now, carried on for a time at most [rad; s].
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+        longest : float
+            Time for which it is carried on at most [s].
+
+        """
         return np.asarray(self.q + min(self.age(now), longest) * self.dq)
 
     def add(self, now: float, q: FloatArray, dq: FloatArray) -> None:
@@ -82,7 +100,7 @@ class ReferenceGate:
         now : float
             Local time [s].
         q, dq : ndarray of shape (n_joints,)
-            [rad, rad/s]
+            Position and speed of the reference [rad, rad/s].
 
         """
         self.refusal = self._impossible(q, dq)

@@ -107,15 +107,43 @@ class ReferenceSource:
         return self.motion is not None and self.motion.reacting
 
     def wander(self, seed: int) -> None:
-        """Take random targets from now on (an APRBS)."""
+        """
+        Take random targets from now on (an APRBS).
+
+        Parameters
+        ----------
+        seed : int
+            Seed of the random targets.
+
+        """
         self._seed = seed
 
     def measured(self, now: float, q: FloatArray) -> None:
-        """Take measured positions [rad] into account, at a local time [s]."""
+        """
+        Take measured positions [rad] into account, at a local time [s].
+
+        Parameters
+        ----------
+        now : float
+            Local time [s].
+        q : ndarray of shape (n_joints,)
+            Measured positions of the joints [rad].
+
+        """
         self._measured, self._at = q.copy(), now
 
     def configure(self, reaction: str, retreat_time: float) -> None:
-        """Take another reaction into use."""
+        """
+        Take another reaction into use.
+
+        Parameters
+        ----------
+        reaction : str
+            What a collision leads to.
+        retreat_time : float
+            How far back along its path the arm retreats [s].
+
+        """
         self.reaction, self.retreat_time = reaction, retreat_time
         if self.motion is not None:
             self.motion.reaction, self.motion.retreat_time = reaction, retreat_time
@@ -176,7 +204,7 @@ class ReferenceSource:
         now : float
             Local time [s].
         dt : float
-            Step [s].
+            Time since the step before [s].
 
         Returns
         -------

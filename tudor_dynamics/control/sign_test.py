@@ -80,9 +80,9 @@ class SignResult:
     Attributes
     ----------
     joint : str
-        Joint.
+        Name of the joint.
     sign : Sign
-        Outcome.
+        Outcome of the test.
     without, damped : float
         Mean time of the ringing's energy without the damper and with it [s].
     text : str
@@ -119,7 +119,7 @@ def decay_time(response: StepResponse, noise: float = 0.0) -> float:
     Parameters
     ----------
     response : StepResponse
-        Strain.
+        Strain after a step.
     noise : float
         Variance that is there at rest.
 
@@ -172,13 +172,13 @@ def check_sign(
     Parameters
     ----------
     joint : str
-        Joint.
+        Name of the joint that makes the steps.
     measure : callable
         Makes a step and returns the strain; called once without the damper and once for each
         share until one tells. It should stop the motion where ``grows`` says so, and return what
         it has.
     step : float
-        [rad]
+        Size of the steps [rad].
     shares : sequence of float
         Parts of the damper's gain, ascending.
     rest : StepResponse, optional

@@ -61,7 +61,7 @@ class Takeover:
         now : float
             Time of the sample [s].
         dq : ndarray of shape (n_joints,)
-            Speeds [rad/s].
+            Measured speeds of the joints [rad/s].
         delay : float
             Of the loop [s].
 

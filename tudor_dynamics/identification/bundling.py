@@ -33,7 +33,7 @@ def bundle_of(result: FitResult) -> ModelBundle:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its validation.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def bag_facts(bag: BagData) -> dict[str, Any]:
     Parameters
     ----------
     bag : BagData
-        Bag.
+        Bag that was read.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
     facts : mapping
         Facts of the model's bundle.
     bags : sequence of BagData
-        Bags.
+        Bags that may have been trained on.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def figures(result: FitResult) -> dict[str, Any]:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its validation.
 
     Returns
     -------
@@ -142,9 +142,9 @@ def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
     Parameters
     ----------
     score : Score
-        Figures.
+        Figures to be rounded.
     digits : int, default=6
-        Significant digits.
+        Significant digits that are kept.
 
     Returns
     -------

@@ -80,7 +80,7 @@ class CollisionScore:
     hours : float
         Time without a push [h].
     false_alarms_per_hour : float
-        Their ratio.
+        False alarms over hours watched [1/h].
 
     """
 
@@ -106,13 +106,13 @@ class Watched:
     Attributes
     ----------
     bag : str
-        Bag.
+        Path of the bag.
     stamp : ndarray of int64, shape (n_samples,)
         Samples with a residual [ns].
     ratio : ndarray of shape (n_samples,)
         Largest ratio to the collision threshold that held for the debounce time.
     pushes : tuple of Push
-        Truth.
+        Pushes that there were.
     events : tuple of CollisionEvent
         What was found.
 
@@ -132,7 +132,7 @@ def find_pushes(path: str) -> tuple[Push, ...]:
     Parameters
     ----------
     path : str
-        Bag.
+        Bag that may have pushes.
 
     Returns
     -------
@@ -161,7 +161,7 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
     Parameters
     ----------
     watched : sequence of Watched
-        Bags.
+        Bags that were replayed.
     alarms : sequence of ndarray of int64
         For each bag the stamps at which something was found [ns].
 
@@ -193,7 +193,19 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
 
 
 def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:
-    """Give the times at which a threshold that much higher would have given an event."""
+    """
+    Give the times at which a threshold that much higher would have given an event.
+
+    Parameters
+    ----------
+    item : Watched
+        Bag with the ratios to its thresholds.
+    factor : float
+        Factor on the threshold.
+    rearm : float
+        Time without an excess before the next event [s].
+
+    """
     times = item.stamp[item.ratio > factor]
     if not len(times):
         return times

@@ -47,7 +47,7 @@ class MethodResult:
     score : CollisionScore
         Figures at the thresholds asked for.
     watched : tuple of Watched
-        Bags.
+        Bags that were replayed.
     roc : tuple of (float, float, float)
         Factor on the threshold, false alarms per hour, detection rate.
 
@@ -73,11 +73,11 @@ def watch_bag(
     settings : dict of str to MonitorSettings
         Method to choices, with that method alone.
     name : str
-        Bag.
+        Path of the bag.
     recording : Recording
-        Its signals.
+        Signals of the bag.
     pushes : tuple of Push
-        Truth.
+        Pushes that there were.
 
     Returns
     -------

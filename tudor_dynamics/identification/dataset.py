@@ -133,7 +133,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     Parameters
     ----------
     recording : Recording
-        Whole recording.
+        Recording of the whole bag.
     choice : BagChoice
         Part as fractions of its duration.
 
@@ -258,7 +258,7 @@ def training_blocks(
     data : sequence of BagData
         Bags that have the output.
     output : {'effort', 'strain'}
-        Output.
+        Output to be learned.
     with_payload : bool, default=False
         Let the payload of each bag follow its motion.
 

@@ -84,7 +84,7 @@ def check_arm(arm: Arm) -> None:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm whose description must have links.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
     Parameters
     ----------
     bags : sequence of BagData
-        Bags.
+        Bags to learn from.
 
     Returns
     -------
@@ -199,7 +199,7 @@ class ElasticTrainer:
         bags : sequence of BagData
             Bags with strain, and with the output.
         output : {'effort', 'strain'}
-            Output.
+            Output to be learned.
 
         Returns
         -------

@@ -41,7 +41,7 @@ class Straight:
     Parameters
     ----------
     names : sequence of str
-        Parameters.
+        Names of the parameters.
     center : ndarray of shape (n_names,)
         Logarithms at which a coordinate that is no logarithm is 1.
 
@@ -55,14 +55,38 @@ class Straight:
         self._plain = self._sign == 0.0
 
     def of(self, x: FloatArray) -> FloatArray:
-        """Give compliances and masses relative to the centre, other logarithms as they are."""
+        """
+        Give compliances and masses relative to the centre, other logarithms as they are.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters.
+
+        """
         return np.where(self._plain, x, np.exp(self._sign * (x - self.center)))
 
     def back(self, u: FloatArray) -> FloatArray:
-        """Give the logarithms."""
+        """
+        Give the logarithms.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_names,)
+            Coordinates of ``of``.
+
+        """
         positive = np.where(self._plain, 1.0, np.maximum(u, 1e-300))
         return np.where(self._plain, u, self.center + self._sign * np.log(positive))
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """Differentiate ``back``."""
+        """
+        Differentiate ``back``.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_names,)
+            Coordinates of ``of``.
+
+        """
         return np.where(self._plain, 1.0, self._sign / np.where(self._plain, 1.0, u))

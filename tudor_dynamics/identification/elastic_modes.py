@@ -46,7 +46,7 @@ class Vibration:
     frequency : float
         Of the damped oscillation [Hz].
     damping : float
-        Damping ratio.
+        Damping ratio of the mode.
 
     """
 
@@ -120,7 +120,7 @@ def busiest(positions: FloatArray) -> tuple[int, ...]:
     Parameters
     ----------
     positions : ndarray of shape (n_samples, n_joints)
-        [rad or m]
+        Positions that were visited [rad or m].
 
     Returns
     -------
@@ -139,9 +139,9 @@ def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> Mo
     Parameters
     ----------
     driven : DrivenArm
-        Arm.
+        Arm with its identified parameters.
     positions : ndarray of shape (n_samples, n_joints)
-        Poses [rad or m].
+        Poses that were visited [rad or m].
     cells : int
         Cells along each joint.
 

@@ -47,7 +47,17 @@ HOPELESS = 1e3
 
 
 def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
-    """Give robust standard deviations: half of the errors lie within 0.6745 of them."""
+    """
+    Give robust standard deviations: half of the errors lie within 0.6745 of them.
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_samples, n_gauges)
+        Measured less simulated strain, in the units of the gauges.
+    strain : ndarray of shape (n_samples, n_gauges)
+        Measured strain, in the units of the gauges.
+
+    """
     return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
                                  1e-3 * strain.std(axis=0) + 1e-12))
 
@@ -78,7 +88,7 @@ class Problem:
     weights : ndarray of shape (n_samples, n_gauges)
         Square roots of the weights: one over the noise of the gauge, less for outliers.
     runs : int
-        Simulations done.
+        Simulations done so far.
 
     """
 
@@ -129,7 +139,15 @@ class Problem:
         return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
 
     def extended(self, x: FloatArray) -> FloatArray:
-        """Give the vector of these parameters, with the gains as they were when drawn."""
+        """
+        Give the vector of these parameters, with the gains as they were when drawn.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters.
+
+        """
         return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
 
     def moments(self, x: FloatArray) -> FloatArray | None:
@@ -235,7 +253,7 @@ class Problem:
         Parameters
         ----------
         moments : ndarray of shape (n_samples, n_gauges)
-            [N m]
+            Simulated bending moments [N m].
         x : ndarray of shape (unknowns,)
             Vector that they belong to; its gains are taken while drawn, and the best otherwise.
 
@@ -257,12 +275,30 @@ class Problem:
         return result
 
     def errors(self, moments: FloatArray, x: FloatArray) -> FloatArray:
-        """Give measured less simulated strain, with the gains and offsets of ``gauges``."""
+        """
+        Give measured less simulated strain, with the gains and offsets of ``gauges``.
+
+        Parameters
+        ----------
+        moments : ndarray of shape (n_samples, n_gauges)
+            Simulated bending moments [N m].
+        x : ndarray of shape (unknowns,)
+            Vector that they belong to.
+
+        """
         gains = self.gauges(moments, x)
         return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Give the weighted errors, and how far the parameters are from their prior."""
+        """
+        Give the weighted errors, and how far the parameters are from their prior.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters, and of the gains while drawn.
+
+        """
         moments = self.moments(x)
         prior = (x[:len(self.names)] - self.center) / self.width
         if moments is None:
@@ -297,7 +333,15 @@ class Problem:
         return np.array(list(self._pool.map(one, range(len(x)))))
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """Differentiate ``residual``; what a gain or an offset can take up is left out."""
+        """
+        Differentiate ``residual``; what a gain or an offset can take up is left out.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters, and of the gains while drawn.
+
+        """
         slopes = self.slopes(x)
         moments = self.moments(x)
         size, n = self.strain.size, len(self.names)

@@ -62,7 +62,15 @@ class Record:
         return dt
 
     def with_payload(self, values: dict[str, float]) -> dict[str, float]:
-        """Give these parameters with the payload of this record where it is known."""
+        """
+        Give these parameters with the payload of this record where it is known.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters by name, in SI units.
+
+        """
         return values if self.payload is None else {**values, 'payload': self.payload}
 
     def head(self, seconds: float) -> Record:
@@ -80,7 +88,7 @@ class Knowledge:
     Attributes
     ----------
     start : dict of str to float
-        Starting values.
+        Starting values by parameter.
     width : dict of str to float
         Standard deviation of their logarithms.
 

@@ -57,7 +57,7 @@ class Identified:
     starts : tuple of (float, float)
         Stiffness factors compared, with the fit each came to [%].
     runs : int
-        Simulations done.
+        Simulations done in all.
 
     """
 
@@ -71,13 +71,33 @@ class Identified:
 
 
 def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
-    """Give the fit of all channels together, 100 (1 - |e| / |y - mean|) [%]."""
+    """
+    Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_samples, n_gauges)
+        Measured less simulated strain, in the units of the gauges.
+    strain : ndarray of shape (n_samples, n_gauges)
+        Measured strain, in the units of the gauges.
+
+    """
     spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
     return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
 
 
 def reweight(problem: Problem, x: FloatArray) -> None:
-    """Weigh each gauge by its own error, outliers less (Huber)."""
+    """
+    Weigh each gauge by its own error, outliers less (Huber).
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem whose weights are changed.
+    x : ndarray of shape (unknowns,)
+        Vector at which the errors count.
+
+    """
     moments = problem.moments(x)
     if moments is None:
         return

@@ -59,11 +59,11 @@ class Ringdown:
     Attributes
     ----------
     bag : str
-        Where.
+        Bag that it was found in.
     begin, seconds : float
         When, and how much of it was looked at [s].
     q : tuple of float
-        Pose [rad or m].
+        Pose of the arm [rad or m].
     gauge : str
         Gauge that showed it best.
     amplitude : float
@@ -96,7 +96,7 @@ def standstills(stretch: Stretch) -> list[slice]:
     Parameters
     ----------
     stretch : Stretch
-        Gapless motion.
+        Motion without a gap.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def find_ringdowns(
     Parameters
     ----------
     driven : DrivenArm
-        Arm.
+        Arm whose parameters are set anew.
     values : mapping of str to float
         Its parameters; the payload of a bag that says its own replaces theirs.
     bags : sequence of BagData

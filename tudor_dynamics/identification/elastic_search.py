@@ -95,7 +95,7 @@ def identify(
     arm : Arm
         Arm with ``links`` and gauges.
     records : sequence of Record
-        Gapless stretches.
+        Gapless stretches of the training bags.
     warm : dict of str to float, optional
         Parameters of an arm that is nearly this one: the search begins there, without scan.
     knowledge : Knowledge, optional

@@ -60,7 +60,7 @@ class Starts:
     compared : tuple of (float, float)
         Factors on the stiffness, with the fit that each came to [%].
     runs : int
-        Simulations done.
+        Simulations done in all.
 
     """
 
@@ -93,7 +93,7 @@ def compare_starts(
     arm : Arm
         Arm with ``links``.
     records : sequence of Record
-        Gapless stretches.
+        Gapless stretches of the training bags.
     names : tuple of str
         Parameters to be searched.
     center, width : ndarray of shape (n_names,)

@@ -86,11 +86,11 @@ def excitation_report(arm: Arm, reference: Reference, *, form: str = 'exact') ->
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is to move.
     reference : Reference
         Motion of its active joints.
     form : {'exact', 'paper'}
-        Strain regressor.
+        Where the strain regressor takes the bending moment.
 
     Returns
     -------
@@ -128,7 +128,19 @@ def _conditions(
 
 @dataclass(frozen=True)
 class ChosenSeed:
-    """A seed, the report of its motion, and the worst condition number of each seed tried."""
+    """
+    A seed, the report of its motion, and the worst condition number of each seed tried.
+
+    Attributes
+    ----------
+    seed : int
+        Seed with the best motion.
+    report : ExcitationReport
+        Condition numbers of its motion.
+    tried : dict of int to float
+        Worst condition number of each seed tried.
+
+    """
 
     seed: int
     report: ExcitationReport
@@ -144,7 +156,7 @@ def best_seed(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is to move.
     make : callable
         Makes the motion of a seed.
     seeds : sequence of int

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.errors import FitError, TudorWarning
+from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
 from tudor_dynamics.identification.elastic import check_arm, ElasticTrainer, records_of
@@ -38,7 +38,9 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.regressor import (
+    EffortRegressor, Regressor, STRAIN_FORMS, StrainRegressor)
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -62,7 +64,7 @@ class FitSettings:
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
     elm_hidden : int
-        Hidden neurons.
+        Number of hidden neurons.
     elm_ridge : float
         Ridge of the output weights.
     elm_seed : int
@@ -82,6 +84,17 @@ class FitSettings:
     elm_seed: int = 0
     random_split: bool = False
     payloads: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse kinds, estimators and forms that there are not."""
+        check_type(self.kinds, (tuple, list), 'kinds', f'some of {MODEL_KINDS}')
+        for name, found, known in (
+                ('kinds', self.kinds, MODEL_KINDS), ('estimator', [self.estimator], ESTIMATORS),
+                ('strain_form', [self.strain_form], STRAIN_FORMS)):
+            unknown = [item for item in found if item not in known]
+            if unknown or not found:
+                msg = f'{name}: found {unknown or "nothing"}, expected {" or ".join(known)}'
+                raise UsageError(msg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,15 +138,15 @@ class FitResult:
     Attributes
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     preprocessing : PreprocessingSpec
         Filters and rate of training, and of every later evaluation.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
     fitted : tuple of FittedOutput
         One for each output and kind.
     training, test : tuple of BagData
-        Bags.
+        Bags learned from and bags judged by.
     ringing : tuple of Ringing
         Vibrations in the strain, or in the effort where there is no strain.
     warnings : tuple of str
@@ -167,13 +180,13 @@ def new_model(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
     kind : {'analytical', 'elm'}
         Kind of model.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
 
     Returns
     -------
@@ -209,7 +222,7 @@ def fit_models(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     training : sequence of BagData
         Bags to learn from.
     test : sequence of BagData
@@ -219,7 +232,7 @@ def fit_models(
     preprocessing : PreprocessingSpec
         Filters and rate that the bags went through.
     settings : FitSettings
-        Choices.
+        Choices of the fit.
     progress : callable
         Told what is done next.
 

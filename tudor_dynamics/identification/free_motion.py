@@ -69,7 +69,7 @@ def free_motion(
     cases : sequence of (model, bag)
         Bags with the output, each with a model that has not seen it.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
     spec : PreprocessingSpec
         Preprocessing of the models.
     momentum : bool, default=False

@@ -15,7 +15,7 @@
 """
 Figures by which predictions are judged, per channel and over all channels.
 
-*Fit* is everywhere 100 (1 - |y - yhat| / |y - mean y|). What Malzahn et al. call fit has the
+*Fit* is everywhere ``100 (1 - |y - yhat| / |y - mean y|)``. What Malzahn et al. call fit has the
 predictions in the denominator; it is called by the number of their equation, Eq. (18).
 """
 
@@ -43,9 +43,9 @@ class ChannelScore:
     rmse : float
         Root mean square error, in the unit of the output.
     fit : float
-        100 (1 - |y - yhat| / |y - mean y|) [%]; NaN where the measured values never change.
+        ``100 (1 - |y - yhat| / |y - mean y|)`` [%]; NaN where the measured values never change.
     relative_error : float
-        |y - yhat| / |y|; NaN where the measured values are zero.
+        ``|y - yhat| / |y|``; NaN where the measured values are zero.
 
     """
 
@@ -70,12 +70,12 @@ class Score:
         et al., Table I, is unknown: for strain it exceeds the RMSE up to 1.52 times, which
         neither a pooled standard deviation nor this one, at most sqrt(2) for two channels, can.
     fit : float
-        100 (1 - |y - yhat| / |y - mean y|), the mean per channel, norms over all channels [%].
+        ``100 (1 - |y - yhat| / |y - mean y|)``, the mean per channel, norms over all channels [%].
         NaN where no channel changes.
     fit_printed : float
-        Eq. (18) of Malzahn et al. as printed, |yhat - mean y| in the denominator [%].
+        Eq. (18) of Malzahn et al. as printed, ``|yhat - mean y|`` in the denominator [%].
     relative_error : float
-        |y - yhat| / |y|.
+        ``|y - yhat| / |y|``.
     channels : dict of str to ChannelScore
         Figures of each channel.
 

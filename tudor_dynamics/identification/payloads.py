@@ -39,7 +39,7 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
     Parameters
     ----------
     texts : sequence of str
-        Arguments.
+        Arguments of the command line.
     choices : sequence of BagChoice
         Bags of the command.
 
@@ -81,7 +81,7 @@ def payload_range(training: Sequence[BagData], test: Sequence[BagData]) -> Range
     Parameters
     ----------
     training, test : sequence of BagData
-        Bags.
+        Bags to learn from and bags to judge by.
 
     Returns
     -------
@@ -116,9 +116,9 @@ def new_payload_model(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
     kind : {'analytical', 'elm'}
         Kind of model.
     payloads : (float, float)

@@ -37,7 +37,17 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 @dataclass(frozen=True, eq=False)
 class SignalPlot:
-    """Figure of one channel, as data URI."""
+    """
+    Figure of one channel, as data URI.
+
+    Attributes
+    ----------
+    channel : str
+        Name of the channel.
+    figure : str
+        The figure as data URI.
+
+    """
 
     channel: str
     figure: str
@@ -45,7 +55,31 @@ class SignalPlot:
 
 @dataclass(frozen=True, eq=False)
 class OutputSection:
-    """All that the page shows of one output; ``unit`` is empty where channels differ in it."""
+    """
+    All that the page shows of one output; ``unit`` is empty where channels differ in it.
+
+    Attributes
+    ----------
+    key : str
+        Output, ``effort`` or ``strain``.
+    title : str
+        Heading of the section.
+    unit : str
+        Unit of all channels; empty where they differ.
+    units : dict of str to str
+        Unit of each channel.
+    fitted : tuple of FittedOutput
+        Models of the output.
+    bag : str
+        Bag that is drawn.
+    signals : tuple of SignalPlot
+        A figure for each channel.
+    errors : str
+        Figure of the errors as data URI.
+    groups : tuple of CoefficientGroup
+        Coefficients of the analytical model.
+
+    """
 
     key: str
     title: str
@@ -59,7 +93,17 @@ class OutputSection:
 
 
 def report_bytes(result: FitResult, *, date: str | None = None) -> bytes:
-    """Render the report as the file that it becomes; paths that are no UTF-8 do not stop it."""
+    """
+    Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit with its validation.
+    date : str, optional
+        Date on the page; today by default.
+
+    """
     return render(result, date=date).encode('utf-8', errors='replace')
 
 
@@ -70,7 +114,7 @@ def render(result: FitResult, *, date: str | None = None) -> str:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its validation.
     date : str, optional
         Date to stand in the head; without it the same fit gives the same page.
 

@@ -51,7 +51,7 @@ def density_figure(joints: Sequence[Axis]) -> str:
     Parameters
     ----------
     joints : sequence of Axis
-        Joints.
+        Positions of two joints.
 
     Returns
     -------

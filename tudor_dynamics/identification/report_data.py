@@ -76,7 +76,7 @@ def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[Series]:
     fitted : sequence of FittedOutput
         Models of one output.
     arm : Arm
-        Arm.
+        Arm whose units are written.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def channel_errors(
     fitted : sequence of FittedOutput
         Models of one output.
     arm : Arm
-        Arm.
+        Arm whose units are written.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
     Parameters
     ----------
     trace : Trace
-        Validated bag.
+        Bag that was validated.
     data : sequence of BagData
         Bags, among them the validated one.
 
@@ -183,7 +183,7 @@ def coverage(result: FitResult) -> list[Coverage]:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its bags.
 
     Returns
     -------

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +30,8 @@ from tudor_dynamics.identification.elastic_ringdowns import (
 from tudor_dynamics.identification.elastic_starts import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.report_data import joint_axes
+from tudor_dynamics.identification.report_elastic_rows import (
+    ElasticSection, GaugeRow, ParameterRow, RingRow, StartRow)
 from tudor_dynamics.identification.report_modes import mode_figure, ringdown_figure
 from tudor_dynamics.models.elastic import PhysicalParameter
 from tudor_dynamics.models.elastic_arm import driven_arm
@@ -55,71 +56,6 @@ WORDS = {
     'beta': 'structural damping of the links, per stiffness'}
 
 
-@dataclass(frozen=True)
-class ParameterRow:
-    """A physical parameter; ``described`` is what the arm description says of it."""
-
-    name: str
-    symbol: str
-    value: float
-    unit: str
-    standard_error: float
-    described: float
-    note: str
-
-
-@dataclass(frozen=True)
-class GaugeRow:
-    """Gain and offset of a gauge, with their standard deviations."""
-
-    name: str
-    gain: float
-    gain_error: float
-    gain_unit: str
-    offset: float
-    offset_error: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class StartRow:
-    """A stiffness that the search began with; ``fit`` in percent, on the pieces compared."""
-
-    factor: float
-    fit: float
-    note: str
-
-
-@dataclass(frozen=True)
-class RingRow:
-    """A ring-down with its bag and pose as the page writes them."""
-
-    bag: str
-    pose: str
-    unit: str
-    ring: Ringdown
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticSection:
-    """All that the page shows of the elastic arm; figures as data URI."""
-
-    parameters: tuple[ParameterRow, ...]
-    payload: float
-    payloads: bool
-    gauges: tuple[GaugeRow, ...]
-    modes: str | None
-    ringdowns: int
-    ringdown_rows: tuple[RingRow, ...]
-    ringdown_figure: str | None
-    ringdown_summary: str
-    shortest: float
-    starts: tuple[StartRow, ...]
-    fit: float
-    runs: int
-    settings: str
-
-
 def elastic_section(result: FitResult) -> ElasticSection | None:
     """
     Collect what the page shows of the elastic model.
@@ -127,7 +63,7 @@ def elastic_section(result: FitResult) -> ElasticSection | None:
     Parameters
     ----------
     result : FitResult
-        Fit.
+        Fit with its elastic models.
 
     Returns
     -------
@@ -196,7 +132,7 @@ def gauge_rows(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm whose units are written.
     found : Identified
         What was found out.
     units : dict of str to str
@@ -222,7 +158,7 @@ def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[Rin
     Parameters
     ----------
     ringdowns : sequence of Ringdown
-        Ring-downs.
+        Ring-downs of all bags.
     units : dict of str to str
         Unit of each gauge.
 
@@ -272,7 +208,7 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
     Parameters
     ----------
     ringdowns : sequence of Ringdown
-        Ring-downs.
+        Ring-downs of all bags.
 
     Returns
     -------

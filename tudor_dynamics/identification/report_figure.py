@@ -61,12 +61,32 @@ def style() -> Iterator[None]:
 
 
 def label(name: str, unit: str = '') -> str:
-    """Write a channel with its unit."""
+    """
+    Write a channel with its unit.
+
+    Parameters
+    ----------
+    name : str
+        Name of the channel.
+    unit : str
+        Unit of its values; none if empty.
+
+    """
     return f'{pretty_name(name)} [{pretty_unit(unit)}]' if unit else pretty_name(name)
 
 
 def plain_text(setter: Any, text: str) -> None:
-    """Set a text in which dollar signs are dollar signs: names are not ours."""
+    """
+    Set a text in which dollar signs are dollar signs: names are not ours.
+
+    Parameters
+    ----------
+    setter : callable
+        Sets a text of a figure, and gives it.
+    text : str
+        Text as it is to be read.
+
+    """
     setter(text).set_parse_math(False)
 
 

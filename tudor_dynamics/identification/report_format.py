@@ -30,9 +30,9 @@ def number(value: float, digits: int = 3) -> str:
     Parameters
     ----------
     value : float
-        Number.
+        Number to be written.
     digits : int, default=3
-        Significant digits.
+        Significant digits that are kept.
 
     Returns
     -------
@@ -61,6 +61,16 @@ def pretty_unit(unit: str) -> str:
 
 
 def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
-    """Cut a name that would run out of a figure, and leave out what SVG cannot hold."""
+    """
+    Cut a name that would run out of a figure, and leave out what SVG cannot hold.
+
+    Parameters
+    ----------
+    name : str
+        Name of a joint or gauge.
+    longest : int
+        Characters that are kept at most.
+
+    """
     short = name if len(name) <= longest else name[:longest - 3] + '...'
     return ''.join(c if c.isprintable() else '?' for c in short)

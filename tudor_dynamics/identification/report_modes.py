@@ -83,7 +83,7 @@ def mode_figure(
     Parameters
     ----------
     found : ModeMap
-        Modes.
+        Modes over the workspace.
     axes_labels : sequence of (name, unit)
         Joints of the map.
     ringdowns : sequence of Ringdown

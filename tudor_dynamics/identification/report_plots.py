@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,7 +54,7 @@ class Series:
     t : ndarray of shape (n_samples,)
         Time since the start of the bag [s].
     measured : ndarray of shape (n_samples,)
-        Measured output.
+        Measured output of the channel.
     predicted : dict of str to ndarray
         Prediction of each kind of model.
 
@@ -88,7 +89,17 @@ class Axis:
 
 
 def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Keep the extremes of each stretch of samples, and break the line at gaps."""
+    """
+    Keep the extremes of each stretch of samples, and break the line at gaps.
+
+    Parameters
+    ----------
+    t : ndarray of shape (n_samples,)
+        Times of the samples [s].
+    x : ndarray of shape (n_samples,)
+        Values of the line.
+
+    """
     if len(t) > MAX_POINTS:
         parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
         index = np.unique([k for part in parts
@@ -129,12 +140,12 @@ def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
 
 def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
     """
-    Draw measured against predicted, the residual, and a stretch in detail.
+    Draw a channel for the report.
 
     Parameters
     ----------
     series : Series
-        Channel.
+        Channel with its predictions.
     stretch : (float, float)
         Begin and end of the detail [s].
 
@@ -145,39 +156,59 @@ def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
 
     """
     with style():
-        # low enough for two on a printed page
-        figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
-        whole, rest, detail = (row[0] for row in grid)
-        rest.sharex(whole)
-        window = (series.t >= stretch[0]) & (series.t <= stretch[1])
-        for axes, part, title in (
-                (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
-                (detail, window, 'Stretch with the most motion (shaded above)')):
-            t, measured = series.t[part], series.measured[part]
-            axes.plot(*thin(t, measured), label='measured', **MEASURED)
-            for kind, values in series.predicted.items():
-                axes.plot(*thin(t, values[part]), label=LABELS[kind], **MODELS[kind])
-            if _limit(axes, measured, [values[part] for values in series.predicted.values()]):
-                title += '; a prediction leaves the scale'
-            plain_text(axes.set_title, title)
-            axes.set_ylabel(label(series.output, series.unit))
-        residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
-        for kind, values in residuals.items():
-            rest.plot(*thin(series.t, values), **{**MODELS[kind], 'linewidth': 0.8})
-        rest.axhline(0.0, color='#555555', linewidth=0.6)
-        bound = 1.1 * _reach(residuals, 99.8)
-        rest.set_ylim(-bound, bound)
-        rest.set_ylabel(label('residual', series.unit))
-        for axes in (whole, rest):
-            axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
-        whole.set_xlim(float(series.t[0]), float(series.t[-1]))
-        whole.tick_params(labelbottom=False)
-        whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
-        rest.set_title('Residual, measured - predicted')
-        rest.set_xlabel('time [s]')
-        detail.set_xlim(*stretch)
-        detail.set_xlabel('time [s]')
-        return to_uri(figure)
+        return to_uri(draw_signal(series, stretch))
+
+
+def draw_signal(series: Series, stretch: tuple[float, float]) -> Figure:
+    """
+    Draw measured against predicted, the residual, and a stretch in detail.
+
+    Parameters
+    ----------
+    series : Series
+        Channel with its predictions.
+    stretch : (float, float)
+        Begin and end of the detail [s].
+
+    Returns
+    -------
+    Figure
+        To be written within ``style``, in which it is drawn.
+
+    """
+    # low enough for two on a printed page
+    figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
+    whole, rest, detail = (row[0] for row in grid)
+    rest.sharex(whole)
+    window = (series.t >= stretch[0]) & (series.t <= stretch[1])
+    for axes, part, title in (
+            (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
+            (detail, window, 'Stretch with the most motion (shaded above)')):
+        t, measured = series.t[part], series.measured[part]
+        axes.plot(*thin(t, measured), label='measured', **MEASURED)
+        for kind, values in series.predicted.items():
+            axes.plot(*thin(t, values[part]), label=LABELS[kind], **MODELS[kind])
+        if _limit(axes, measured, [values[part] for values in series.predicted.values()]):
+            title += '; a prediction leaves the scale'
+        plain_text(axes.set_title, title)
+        axes.set_ylabel(label(series.output, series.unit))
+    residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
+    for kind, values in residuals.items():
+        rest.plot(*thin(series.t, values), **{**MODELS[kind], 'linewidth': 0.8})
+    rest.axhline(0.0, color='#555555', linewidth=0.6)
+    bound = 1.1 * _reach(residuals, 99.8)
+    rest.set_ylim(-bound, bound)
+    rest.set_ylabel(label('residual', series.unit))
+    for axes in (whole, rest):
+        axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
+    whole.set_xlim(float(series.t[0]), float(series.t[-1]))
+    whole.tick_params(labelbottom=False)
+    whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
+    rest.set_title('Residual, measured - predicted')
+    rest.set_xlabel('time [s]')
+    detail.set_xlim(*stretch)
+    detail.set_xlabel('time [s]')
+    return figure
 
 
 def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> str:

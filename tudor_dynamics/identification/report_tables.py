@@ -36,7 +36,25 @@ GOOD_CONDITION = 100.0
 
 @dataclass(frozen=True)
 class Coefficient:
-    """One row of the table of coefficients; ``relative_error`` in percent."""
+    """
+    One row of the table of coefficients; ``relative_error`` in percent.
+
+    Attributes
+    ----------
+    name : str
+        Name of the parameter.
+    value : float
+        Estimate in its unit.
+    unit : str
+        Unit of the value.
+    standard_error : float
+        Standard deviation, in the same unit.
+    relative_error : float
+        Standard deviation over value [%].
+    note : str
+        Whether it is uncertain, or not excited.
+
+    """
 
     name: str
     value: float
@@ -48,7 +66,21 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class CoefficientGroup:
-    """Coefficients that some channels share, with their conditioning in words."""
+    """
+    Coefficients that some channels share, with their conditioning in words.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Channels that share them.
+    condition : float
+        Condition number of the scaled regressor.
+    conditioning : str
+        What that number means, in words.
+    rows : tuple of Coefficient
+        A row for each parameter.
+
+    """
 
     channels: tuple[str, ...]
     condition: float
@@ -58,7 +90,35 @@ class CoefficientGroup:
 
 @dataclass(frozen=True)
 class BagRow:
-    """A bag of the fit; times in seconds."""
+    """
+    A bag of the fit; times in seconds.
+
+    Attributes
+    ----------
+    name : str
+        Bag, or part of one.
+    role : str
+        Whether it was learned from or judged by.
+    recorded : int
+        Samples as recorded.
+    used : int
+        Samples that are left after decimation.
+    duration : float
+        Length of the bag [s].
+    rate : float
+        Samples per second as recorded [Hz].
+    gaps : int
+        Number of gaps.
+    longest_gap : float
+        Length of the longest gap [s].
+    dropped : str
+        Messages that were left out, in words.
+    checksum : str
+        SHA-256 over the storage files.
+    warnings : tuple of str
+        What is odd about the bag.
+
+    """
 
     name: str
     role: str
@@ -75,7 +135,19 @@ class BagRow:
 
 @dataclass(frozen=True)
 class Overall:
-    """Verdict over all models: a level for the colour, a word, and a sentence."""
+    """
+    Verdict over all models: a level for the colour, a word, and a sentence.
+
+    Attributes
+    ----------
+    level : str
+        Level of the worst output, for the colour.
+    word : str
+        Verdict in a word.
+    sentence : str
+        Verdict in a sentence.
+
+    """
 
     level: str
     word: str
@@ -94,7 +166,7 @@ def overall(fitted: Sequence[FittedOutput]) -> Overall:
     Parameters
     ----------
     fitted : sequence of FittedOutput
-        All models.
+        Models of all outputs.
 
     Returns
     -------
@@ -127,7 +199,7 @@ def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
     item : FittedOutput
         Model; another kind has no coefficients that mean anything by themselves.
     arm : Arm
-        Arm.
+        Arm whose units are written.
 
     Returns
     -------

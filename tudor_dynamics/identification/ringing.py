@@ -48,7 +48,7 @@ class Ringing:
     Attributes
     ----------
     channel : str
-        Channel.
+        Joint or gauge that rings.
     frequency : float
         Where the residual's power density peaks [Hz].
     rms : float
@@ -82,7 +82,7 @@ def find_ringing(
     data : sequence of BagData
         Bags that have the output.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
 
     Returns
     -------

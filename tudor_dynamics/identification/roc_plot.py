@@ -29,19 +29,19 @@ from tudor_dynamics.identification.collisions import MethodResult
 SUFFIXES = ('.png', '.svg', '.pdf')
 
 
-def check_plot_path(path: str) -> Path:
+def picture_path(path: str | Path) -> Path:
     """
     Refuse a file name that no plot can be written to.
 
     Parameters
     ----------
-    path : str
-        File.
+    path : str or Path
+        Name of the picture.
 
     Returns
     -------
     Path
-        The same.
+        The same as a path.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def check_plot_path(path: str) -> Path:
 
     """
     if Path(path).suffix not in SUFFIXES:
-        msg = f'--roc {path}: expected a file that ends in {", ".join(SUFFIXES)}'
+        msg = f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}'
         raise UsageError(msg)
     return Path(path)
 
@@ -62,7 +62,7 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
     Parameters
     ----------
     results : sequence of MethodResult
-        Methods.
+        Results of each method.
     path : Path
         File; its suffix says what kind.
 

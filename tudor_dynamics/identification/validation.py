@@ -48,7 +48,7 @@ class Trace:
     Attributes
     ----------
     bag : str
-        Bag.
+        Bag, or part of one.
     t : ndarray of shape (n_samples,)
         Time since the start of the bag [s].
     stamp : ndarray of int64, shape (n_samples,)
@@ -91,6 +91,12 @@ class Validation:
     channels: tuple[str, ...]
     cases: tuple[tuple[OutputModel, BagData], ...] = ()
 
+    def __repr__(self) -> str:
+        """Write how it was done, and the fit of each channel."""
+        channels = ', '.join(f'{name} {item.fit:.1f} %'
+                             for name, item in self.score.channels.items())
+        return f'Validation by {self.method}: fit {self.score.fit:.1f} % ({channels})'
+
 
 def trace(model: OutputModel, data: BagData, output: str) -> Trace:
     """
@@ -99,11 +105,11 @@ def trace(model: OutputModel, data: BagData, output: str) -> Trace:
     Parameters
     ----------
     model : OutputModel
-        Fitted model.
+        Model that was fitted.
     data : BagData
         Bag that has the output.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
 
     Returns
     -------
@@ -134,11 +140,11 @@ def validate(
     Parameters
     ----------
     model : OutputModel
-        Fitted model.
+        Model that was fitted.
     data : sequence of BagData
         Bags that have the output.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
     method : str
         How the bags were chosen, in words.
 
@@ -177,7 +183,7 @@ def leave_one_bag_out(
     data : sequence of BagData
         At least two bags that have the output.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
 
     Returns
     -------
@@ -208,11 +214,11 @@ def validate_unseen(
     model : OutputModel
         Model fitted to all training bags.
     training, test : sequence of BagData
-        Bags.
+        Bags to learn from and bags to judge by.
     holdout : (BagData, BagData), optional
         First and last part of the only training bag.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
 
     Returns
     -------
@@ -257,7 +263,7 @@ def random_split(
     data : sequence of BagData
         Bags that have the output.
     output : {'effort', 'strain'}
-        Output.
+        Output that is predicted.
     seed : int, default=0
         Seed of the choice.
 

@@ -130,7 +130,7 @@ def judge_model(model: OutputModel, validation: Validation, training_fit: float)
     Parameters
     ----------
     model : OutputModel
-        Fitted model.
+        Model that was fitted.
     validation : Validation
         Figures on unseen motion.
     training_fit : float

@@ -46,7 +46,17 @@ HUBER_PASSES = 20
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Base parameters of a group of channels with their estimate."""
+    """
+    Base parameters of a group of channels with their estimate.
+
+    Attributes
+    ----------
+    base : BaseSet
+        Base parameters of the channels.
+    estimate : Estimate
+        Their values with standard errors.
+
+    """
 
     base: BaseSet
     estimate: Estimate
@@ -94,6 +104,13 @@ class AnalyticalModel:
         self._full: FloatArray | None = None
         self._full_of: tuple[Group, ...] | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs, number of base parameters and conditioning."""
+        state = ', '.join(f'condition {group.estimate.condition:.3g}' for group in self.groups_)
+        return (f'{type(self).__name__}({", ".join(self.channels)}; '
+                f'{sum(len(base.names) for base in self.base_)} base parameters by '
+                f'{self.estimator}, {state or "not fitted"})')
+
     @property
     def channels(self) -> tuple[str, ...]:
         """Names of the outputs."""
@@ -106,7 +123,8 @@ class AnalyticalModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         output : ndarray of shape (n_samples, n_channels)
             Measured outputs in their units.
 
@@ -158,7 +176,7 @@ class AnalyticalModel:
         Parameters
         ----------
         blocks : callable
-            Training data.
+            Gives the training data anew at each call.
         triangular : bool, default=False
             Accumulate triangular factors too: slower, but accurate for ill-conditioned motion.
         weights : ndarray of shape (n_kept, n_channels), optional
@@ -223,7 +241,8 @@ class AnalyticalModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
 
         Returns
         -------

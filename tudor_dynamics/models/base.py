@@ -32,4 +32,13 @@ class OutputModel(Protocol):
         """Names of the outputs."""
 
     def predict(self, motion: FloatArray) -> FloatArray:
-        """Predict outputs, shape (n_samples, n_channels), for ``[q, dq, ddq]``."""
+        """
+        Predict outputs, shape (n_samples, n_channels), for ``[q, dq, ddq]``.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
+
+        """

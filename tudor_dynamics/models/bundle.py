@@ -33,7 +33,7 @@ from pydantic import ValidationError
 
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
-from tudor_dynamics.errors import ArmError, ModelError, TudorError
+from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
@@ -57,7 +57,7 @@ class ModelBundle:
     Attributes
     ----------
     arm : Arm
-        Arm.
+        Arm that the models belong to.
     preprocessing : PreprocessingSpec
         Filters and rate.
     models : dict of str to dict of str to model
@@ -72,6 +72,25 @@ class ModelBundle:
     preprocessing: PreprocessingSpec
     models: dict[str, dict[str, Model]]
     facts: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """Write the models with their verdict and their fit on unseen bags, one line each."""
+        found = self.facts.get('validation')
+        judged = found if isinstance(found, dict) else {}
+        lines = [f'ModelBundle of {self.arm.name}']
+        if self.payload_range is not None:
+            lines[0] += ', payloads from {:g} to {:g} kg'.format(*self.payload_range)
+        for output, kinds in self.models.items():
+            for kind, model in kinds.items():
+                line = f'  {output} {kind}: {", ".join(model.channels)}'
+                try:
+                    facts = judged[output][kind]
+                    line += (f'; fit {facts["validation"]["fit"]:.1f} % ({facts["method"]}): '
+                             f'{facts["verdict"]}')
+                except (KeyError, TypeError, ValueError):
+                    pass  # of a bundle made by hand, of which nothing is known
+                lines.append(line)
+        return '\n'.join(lines)
 
     @property
     def payload_range(self) -> tuple[float, float] | None:
@@ -164,6 +183,8 @@ def save_bundle(
         If a model has learned nothing yet.
 
     """
+    check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+    check_type(path, (str, Path), 'path', 'a directory to be made')
     path = Path(path)
     check_target(path, overwrite=overwrite)
     files = _arm_files(bundle.arm)
@@ -233,7 +254,7 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
     Parameters
     ----------
     path : str or Path
-        Directory.
+        Directory of the bundle.
     arm : Arm, optional
         The arm that the bundle must belong to.
 
@@ -248,6 +269,7 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         If the bundle is not there, damaged, altered, of a newer version, or of another arm.
 
     """
+    check_type(path, (str, Path), 'path', 'the directory of a bundle')
     path = Path(path)
     head = read_head(path)
     files = {name: read_file(path, name) for name in head['files'] if name in MAX_BYTES}

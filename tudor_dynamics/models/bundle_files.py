@@ -58,7 +58,7 @@ def dump_yaml(content: Any) -> str:
     Parameters
     ----------
     content : dict
-        Plain values.
+        Mapping of plain values.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
     Parameters
     ----------
     text : str or bytes
-        Text.
+        Text of the file.
     file : Path
         Where it came from, for messages.
 
@@ -101,7 +101,15 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
 
 
 def sha256(data: bytes) -> str:
-    """Give the SHA-256 of bytes in hexadecimal digits."""
+    """
+    Give the SHA-256 of bytes in hexadecimal digits.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of a file.
+
+    """
     return hashlib.sha256(data).hexdigest()
 
 
@@ -119,7 +127,7 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
     Parameters
     ----------
     data : bytes
-        Archive.
+        Bytes of the archive.
     file : Path
         Where it came from, for messages.
 
@@ -162,7 +170,7 @@ def read_file(path: Path, name: str) -> bytes:
     Parameters
     ----------
     path : Path
-        Bundle.
+        Directory of the bundle.
     name : str
         File in it, of `MAX_BYTES`.
 
@@ -194,7 +202,7 @@ def write_directory(files: dict[str, bytes], path: Path) -> None:
     files : dict of str to bytes
         Names and contents.
     path : Path
-        Directory.
+        Directory to be made.
 
     Raises
     ------

@@ -50,9 +50,9 @@ class PhysicalParameter:
     name : str
         Name, see ``DrivenArm.parameters``.
     value : float
-        Value [unit].
+        Value in the unit below.
     unit : str
-        Unit.
+        Unit of the value.
     standard_error : float
         Standard deviation of the value; NaN where it was not identified [unit].
     shown : bool
@@ -73,7 +73,17 @@ UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
 
 
 def physical_unit(arm: Arm, name: str) -> str:
-    """Give the unit of a physical parameter; gears of prismatic joints count in N/m and m."""
+    """
+    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with its joints.
+    name : str
+        Name of the parameter, such as ``gear(joint2)``.
+
+    """
     kind, _, rest = name.partition('(')
     unit = UNITS[kind]
     if kind in ('gear', 'play', 'tight', 'loose') and arm.is_prismatic(rest.rstrip(')')):
@@ -131,6 +141,13 @@ class ElasticModel:
             self.columns = effort_columns(arm)
         self._driven: DrivenArm | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs and the physical parameters that were identified."""
+        state = '' if self.coefficients_ is not None else ', not fitted'
+        found = [f'  {parameter.name} = {parameter.value:.4g} {parameter.unit}'
+                 for parameter in self.physical]
+        return '\n'.join([f'ElasticModel({", ".join(self.channels)}{state})', *found])
+
     @property
     def values(self) -> dict[str, float]:
         """Physical parameters by name, SI units."""
@@ -174,7 +191,8 @@ class ElasticModel:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         dt : ndarray of shape (n_samples,)
             Time since the sample before [s]; the first counts only with ``before``.
         before : ndarray of shape (n_earlier, 1 + n_joints), optional
@@ -212,6 +230,11 @@ class ElasticModel:
         FitError
             Always.
 
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]``, of which nothing is used.
+
         """
         msg = 'the elastic model has a memory: use follow, with the time between samples'
         raise FitError(msg)
@@ -225,7 +248,7 @@ class ElasticModel:
         response : Response
             What gauges and gears feel.
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]``.
+            ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
 
         Returns
         -------
@@ -253,9 +276,9 @@ def follow_motion(
     Parameters
     ----------
     driven : DrivenArm
-        Arm.
+        Arm with its parameters.
     q : ndarray of shape (n_samples, n_joints)
-        Positions [rad or m].
+        Measured positions of the active joints [rad or m].
     dt : ndarray of shape (n_samples,)
         Time since the sample before [s].
     before : ndarray of shape (n_earlier, 1 + n_joints), optional

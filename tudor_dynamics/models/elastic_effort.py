@@ -46,11 +46,11 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm with its friction terms.
     response : Response
         What gears feel.
     motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
 
     Returns
     -------

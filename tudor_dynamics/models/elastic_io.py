@@ -36,7 +36,7 @@ def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
     Parameters
     ----------
     model : ElasticModel
-        Fitted model.
+        Model that was fitted.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
     arm : Arm
         Arm it was fitted for.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
 
     Returns
     -------

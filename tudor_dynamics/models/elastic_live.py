@@ -124,7 +124,7 @@ class LiveElastic:
         dt : float
             Time since the sample before [s]; 0 to begin anew, at rest.
         row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]``.
+            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         wanted : collection of str, optional
             Outputs that somebody needs; all by default.
 

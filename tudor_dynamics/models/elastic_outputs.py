@@ -38,7 +38,7 @@ def live_output(model: ElasticModel) -> LiveOutput:
     Parameters
     ----------
     model : ElasticModel
-        Fitted model.
+        Model that was fitted.
 
     Returns
     -------

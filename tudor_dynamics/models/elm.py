@@ -62,11 +62,11 @@ class ExtremeLearningMachine:
     input_range_, output_range_ : ndarray of shape (2, n)
         Smallest and largest values in the training data.
     input_weights_ : ndarray of shape (n_inputs, hidden)
-        W_in.
+        W_in of Eq. (16), drawn at random.
     biases_ : ndarray of shape (hidden,)
-        b.
+        b of Eq. (16), drawn at random.
     output_weights_ : ndarray of shape (hidden, n_channels)
-        W_out.
+        W_out of Eq. (17), which is what is learned.
 
     """
 
@@ -86,6 +86,12 @@ class ExtremeLearningMachine:
         self.clip = clip
         self.output_weights_: FloatArray | None = None
 
+    def __repr__(self) -> str:
+        """Write outputs, size and seed."""
+        state = '' if self.output_weights_ is not None else ', not fitted'
+        return (f'{type(self).__name__}({", ".join(self.channels)}; {self.hidden} hidden neurons, '
+                f'ridge {self.ridge:g}, seed {self.seed}{state})')
+
     def fit(self, motion: FloatArray, output: FloatArray) -> ExtremeLearningMachine:
         """
         Learn from motion and outputs.
@@ -93,7 +99,8 @@ class ExtremeLearningMachine:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         output : ndarray of shape (n_samples, n_channels)
             Measured outputs in their units.
 
@@ -169,7 +176,8 @@ class ExtremeLearningMachine:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
 
         Returns
         -------

@@ -44,7 +44,7 @@ class Estimate:
     Attributes
     ----------
     parameters : ndarray of shape (n_parameters,)
-        Least-squares solution.
+        Least-squares solution, in the units of its columns.
     standard_errors : ndarray of shape (n_parameters,)
         Standard deviations of the parameters, from the residual variance; infinite for those that
         the motion does not show.

@@ -39,9 +39,9 @@ def predict_stretch(model: OutputModel, stretch: Stretch) -> FloatArray:
     Parameters
     ----------
     model : OutputModel
-        Fitted model.
+        Model that was fitted.
     stretch : Stretch
-        Gapless motion.
+        Motion without a gap.
 
     Returns
     -------
@@ -69,13 +69,13 @@ def observe_stretch(
     model : OutputModel
         Fitted model; one without memory predicts as ever.
     stretch : Stretch
-        Gapless motion.
+        Motion without a gap, with its strain.
     output : {'effort', 'strain'}
         What the model predicts.
     strain_model : ElasticModel, optional
         Model of the strain that corrects; ``model`` itself where that predicts strain.
     observer : {'off', 'ringing', 'contact'}
-        Observer.
+        Whether measured strain corrects the model.
 
     Returns
     -------

@@ -73,7 +73,7 @@ def friction_columns(joint: JointSpec, dq: FloatArray) -> FloatArray:
     joint : JointSpec
         Description with its friction terms.
     dq : ndarray of shape (n_samples,)
-        Velocity [rad/s or m/s].
+        Velocity of the joint [rad/s or m/s].
 
     Returns
     -------
@@ -114,7 +114,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
     code : int
         Which, of `friction_codes`.
     dq : float
-        Velocity [rad/s or m/s].
+        Velocity of the joint [rad/s or m/s].
     sharp, stribeck : float
         Velocities of the smoothed sign and of Stribeck's curve [rad/s or m/s].
 

@@ -61,7 +61,8 @@ class JointTerms:
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         parameters : ndarray of shape (n_joints, n_columns)
             Parameters of each channel.
         out : ndarray of shape (n_samples, n_joints)

@@ -166,7 +166,7 @@ class PayloadModel(AnalyticalModel):
     Parameters
     ----------
     regressor : PayloadRegressor
-        Rows.
+        Rows for arm and payload together.
     n_joints : int
         Number of active joints.
     payload_range : (float, float)

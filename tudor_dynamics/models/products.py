@@ -39,7 +39,7 @@ def triangle(matrix: FloatArray) -> FloatArray:
     Parameters
     ----------
     matrix : ndarray of shape (n_rows, n_columns)
-        Rows.
+        Rows of output and regressor.
 
     Returns
     -------
@@ -72,7 +72,17 @@ class Products:
 
     @classmethod
     def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
-        """Start with nothing for ``n_parameters`` columns."""
+        """
+        Start with nothing for ``n_parameters`` columns.
+
+        Parameters
+        ----------
+        n_parameters : int
+            Number of columns of the regressor.
+        triangular : bool
+            Keep a triangular factor in place of the Gram matrix.
+
+        """
         size = n_parameters + 1
         return cls(np.zeros((size, size)), 0, np.zeros((0, size)) if triangular else None)
 
@@ -83,9 +93,9 @@ class Products:
         Parameters
         ----------
         rows : ndarray of shape (n_rows, n_parameters)
-            Regressor rows.
+            Rows of the regressor.
         output : ndarray of shape (n_rows,)
-            Measured output.
+            Measured output of these rows.
         weight : ndarray of shape (n_rows,), optional
             Weight of each squared residual.
 
@@ -139,9 +149,9 @@ def squared_residuals(product: Products, parameters: FloatArray) -> float:
     Parameters
     ----------
     product : Products
-        Accumulated products.
+        Products over all samples.
     parameters : ndarray of shape (n_parameters,)
-        Parameters.
+        Parameters to be judged.
 
     Returns
     -------

@@ -50,10 +50,32 @@ class Regressor(Protocol):
     """Channels that share their parameters; each channel stands in one group."""
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """Evaluate rows, shape (n_samples, n_channels, n_columns)."""
+        """
+        Evaluate rows, shape (n_samples, n_channels, n_columns).
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
+        out : ndarray, optional
+            Array to be filled, in place of a new one.
+
+        """
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Evaluate rows times the parameters of each channel, shape (n_samples, n_channels)."""
+        """
+        Evaluate rows times the parameters of each channel, shape (n_samples, n_channels).
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
+        parameters : ndarray of shape (n_channels, n_columns)
+            Parameters of each channel.
+
+        """
 
 
 class EffortRegressor:

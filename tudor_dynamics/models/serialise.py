@@ -47,11 +47,11 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
     Parameters
     ----------
     model : AnalyticalModel
-        Fitted model.
+        Model that was fitted.
     arm : Arm
         Arm, for the units.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
 
     Returns
     -------
@@ -87,7 +87,15 @@ def analytical_to_dict(model: AnalyticalModel, arm: Arm, output: str) -> dict[st
 
 
 def plausible(values: Any) -> bool:
-    """Say whether all numbers of a model are finite and far from overflowing anything."""
+    """
+    Say whether all numbers of a model are finite and far from overflowing anything.
+
+    Parameters
+    ----------
+    values : array
+        Numbers of a model, as they were read.
+
+    """
     return bool(np.all(np.abs(values) <= MAX_COEFFICIENT))  # NaN is not
 
 
@@ -131,7 +139,7 @@ def analytical_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Anal
     arm : Arm
         Arm it was fitted for.
     output : {'effort', 'strain'}
-        Output.
+        What the model predicts.
 
     Returns
     -------
@@ -195,7 +203,7 @@ def elm_to_arrays(
     Parameters
     ----------
     model : ExtremeLearningMachine
-        Fitted model.
+        Model that was fitted.
     prefix : str
         Start of the arrays' names.
 

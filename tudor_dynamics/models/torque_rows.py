@@ -39,9 +39,9 @@ def torque_rows(
     Parameters
     ----------
     model, data : pinocchio.Model, pinocchio.Data
-        Arm.
+        Arm, and room for Pinocchio's work on it.
     index : ndarray of int, shape (n_rows,)
-        Rows wanted.
+        Rows that are wanted, in the model's velocity vector.
     motion : ndarray of shape (3, n_samples, model.nv)
         Positions, velocities, accelerations in the model's order
         [rad, rad/s, rad/s^2 or m, m/s, m/s^2].

@@ -36,7 +36,7 @@ class TrainingBlock:
     Attributes
     ----------
     motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     output : ndarray of shape (n_kept, n_channels)
         Measured outputs after decimation.
     decimation : Decimation or None
@@ -53,7 +53,17 @@ Blocks = Callable[[], Iterable[TrainingBlock]]
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
-    """Wrap two arrays as training data of one block, after a check of their shapes."""
+    """
+    Wrap two arrays as training data of one block, after a check of their shapes.
+
+    Parameters
+    ----------
+    motion : ndarray of shape (n_samples, n_inputs)
+        ``[q, dq, ddq]`` and what else the model takes, in columns.
+    output : ndarray of shape (n_samples, n_channels)
+        Measured outputs in their units.
+
+    """
     motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
     if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
         msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '
@@ -72,7 +82,7 @@ def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str,
     Parameters
     ----------
     block : TrainingBlock
-        Training data.
+        Motion with its output.
     n_inputs : int or None
         Columns of the motion; None where the model takes any number.
     channels : tuple of str
@@ -99,7 +109,7 @@ def check_motion(motion: FloatArray, n_inputs: int) -> None:
     Parameters
     ----------
     motion : ndarray of shape (n_samples, n_inputs)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` and what else the model takes, in columns.
     n_inputs : int
         Columns that the model was made for.
 

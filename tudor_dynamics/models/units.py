@@ -31,9 +31,9 @@ def output_units(arm: Arm, output: str) -> dict[str, str]:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm whose description says the units.
     output : {'effort', 'strain'}
-        Output.
+        What is measured.
 
     Returns
     -------
@@ -86,9 +86,9 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm whose description says the units.
     output : {'effort', 'strain'}
-        Output.
+        What is measured.
     channels : tuple of str
         Channels that share the parameter.
     column : str

@@ -47,7 +47,17 @@ class Calibration:
         self._count = 0
 
     def add(self, method: str, residual: Residual) -> None:
-        """Collect one residual."""
+        """
+        Collect one residual.
+
+        Parameters
+        ----------
+        method : str
+            Method that the residual is of.
+        residual : Residual
+            Residual of a sample of free motion.
+
+        """
         parts = self._parts[method]
         motion = residual.motion
         last = parts[-1][-1].motion.stamp if parts else 0

@@ -133,7 +133,7 @@ class CollisionDetector:
     Attributes
     ----------
     level : Level
-        State now.
+        State of the arm now.
 
     """
 
@@ -162,9 +162,9 @@ class CollisionDetector:
         Parameters
         ----------
         method : str
-            Which method.
+            Method that the sample is of.
         excess : Excess
-            Its ratios.
+            Ratios of the sample to its thresholds.
 
         Returns
         -------

@@ -56,7 +56,7 @@ class Excess:
     Attributes
     ----------
     residual : Residual
-        Sample.
+        Residual of the sample.
     onset : ndarray of shape (n_channels,)
         Onset statistic, in the unit of the residual.
     contact, collision : ndarray of shape (n_channels,)
@@ -80,7 +80,7 @@ class ExcessStage:
     Parameters
     ----------
     thresholds : MethodThresholds
-        Learned thresholds.
+        Thresholds that were learned.
     rates : Rates
         False alarms allowed for this method.
 

@@ -67,7 +67,7 @@ class MotionFeatures:
         stamp : int
             Header stamp [ns].
         row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]``.
+            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
 
         Returns
         -------

@@ -70,7 +70,7 @@ class Gathering:
         stamp : int
             Header stamp [ns].
         values : ndarray of shape (n_channels_of_topic,)
-            Readings.
+            Readings of that topic's channels.
 
         Returns
         -------

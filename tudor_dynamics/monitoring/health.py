@@ -36,7 +36,7 @@ class SensorHealth:
     Parameters
     ----------
     names : sequence of str
-        Channels.
+        Names of the channels.
     stuck_time : float
         Time without change, in motion, behind which a channel counts as dead [s].
 
@@ -51,7 +51,17 @@ class SensorHealth:
         self.moving = False
 
     def step(self, stamp: int, values: FloatArray) -> None:
-        """Take a reading into account; time counts only while ``moving``."""
+        """
+        Take a reading into account; time counts only while ``moving``.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        values : ndarray of shape (n_channels,)
+            Readings in their units.
+
+        """
         dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
         self._last = stamp
         _wait(values, self._values, dt if self.moving else 0.0, self._still)

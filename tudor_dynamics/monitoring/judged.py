@@ -66,9 +66,9 @@ class Stream:
     Attributes
     ----------
     topic : str
-        Topic.
+        Name of the topic.
     count : int
-        Messages.
+        Messages that have come.
     stamp : int
         Newest header stamp [ns].
 

@@ -59,7 +59,7 @@ class FreeMotion:
     stamp : ndarray of int64, shape (n_samples,)
         Header stamps [ns].
     motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``.
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     residual : ndarray of shape (n_samples, n_channels)
         Residuals of a model that was not fitted to these samples.
 

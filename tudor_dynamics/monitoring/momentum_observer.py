@@ -99,7 +99,8 @@ class MomentumObserver:
         stamp : ndarray of int64, shape (n_samples,)
             Header stamps [ns].
         motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]``.
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
         measured : ndarray of shape (n_samples, n_joints)
             Efforts in their units.
 

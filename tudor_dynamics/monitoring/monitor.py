@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.errors import check_type
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.state_filter import Motion, StateFilter
@@ -35,24 +36,24 @@ class Monitor:
     Parameters
     ----------
     bundle : ModelBundle
-        Model.
-    settings : MonitorSettings
-        Choices.
+        Fitted models, with the thresholds that were learned.
+    settings : MonitorSettings, optional
+        Kind of model, methods of detection, false alarms allowed.
     thresholds : dict of str to MethodThresholds, optional
         In place of those of the bundle.
 
     Attributes
     ----------
     filter : StateFilter
-        First stage.
+        First stage: positions to motion.
     predictor : Predictor
-        Second stage.
+        Second stage: motion to expected outputs.
     watch : Watch
-        The rest.
+        Third stage: residuals, thresholds and detector.
     motion : Motion or None
-        Newest motion.
+        Motion of the newest sample; None while a gap is crossed.
     predicted : dict of str to ndarray, or None
-        Newest prediction.
+        Prediction for the newest sample; None while the filters settle.
     wanted : set of str
         Outputs to predict; those that the detector needs by default.
 
@@ -61,9 +62,11 @@ class Monitor:
     def __init__(
         self,
         bundle: ModelBundle,
-        settings: MonitorSettings,
+        settings: MonitorSettings = MonitorSettings(),
         thresholds: dict[str, MethodThresholds] | None = None,
     ) -> None:
+        check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+        check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
         self.watch = Watch(bundle, settings, thresholds)
         self.predictor = Predictor(
@@ -102,7 +105,24 @@ class Monitor:
         return self.watch.add_motion(self.motion, self.predicted)
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
-        """Take efforts or strains into account, as `Watch.add_measured` does."""
+        """
+        Take efforts or strains into account.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            What was measured.
+        stamp : int
+            Header stamp [ns].
+        values : ndarray of shape (n_channels,)
+            Readings in the units of the arm description, NaN where there is none.
+
+        Returns
+        -------
+        Found
+            Residuals, ratios to the thresholds, and collisions that became known.
+
+        """
         if output == 'strain':
             self.predictor.add_strain(stamp, values)
         return self.watch.add_measured(output, stamp, values)

@@ -55,7 +55,7 @@ def learn_taps(
     records : sequence of (t (n_samples,), residual (n_samples, n_channels))
         Gapless stretches of free motion.
     step : float
-        Step [s].
+        Time between the taps [s].
 
     Returns
     -------
@@ -103,7 +103,7 @@ class OnsetFilter:
     taps : ndarray of shape (n_taps, n_channels, n_channels)
         Weights, as from `learn_taps`.
     step : float
-        Step [s].
+        Time between the taps [s].
 
     """
 
@@ -131,9 +131,9 @@ class OnsetFilter:
         Parameters
         ----------
         t : ndarray of shape (n_samples,)
-            Times [s].
+            Times of the samples [s].
         residual : ndarray of shape (n_samples, n_channels)
-            Residuals.
+            Residuals of a gapless stretch, in their units.
 
         Returns
         -------
@@ -155,7 +155,7 @@ class OnsetFilter:
         stamp : int
             Header stamp [ns].
         residual : ndarray of shape (n_channels,)
-            Residual.
+            Residual of one sample, in its unit.
         first : bool
             Whether the past does not count.
 

@@ -40,7 +40,7 @@ class Pair:
     Attributes
     ----------
     motion : Motion
-        Motion.
+        Motion of the sample.
     predicted : ndarray of shape (n_channels,) or None
         What the model expects; None while the filters settle.
     measured : ndarray of shape (n_channels,)
@@ -91,7 +91,7 @@ class Pairing:
         Parameters
         ----------
         motion : Motion
-            Motion.
+            Motion of the active joints.
         predicted : ndarray of shape (n_channels,) or None
             Prediction for it.
 

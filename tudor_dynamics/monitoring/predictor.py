@@ -40,7 +40,7 @@ class Predictor:
     Parameters
     ----------
     bundle : ModelBundle
-        Models.
+        Fitted models of an arm.
     kind : {'analytical', 'elm', 'elastic'}
         Kind of model.
     observer : {'off', 'ringing', 'contact'}, default='off'

@@ -44,7 +44,7 @@ def rehearse(bundle: ModelBundle, settings: MonitorSettings) -> None:
     Parameters
     ----------
     bundle : ModelBundle
-        Model.
+        Fitted models of an arm.
     settings : MonitorSettings
         Choices of the monitor that will run.
 

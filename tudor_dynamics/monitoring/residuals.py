@@ -39,7 +39,7 @@ class Residual:
     measured : ndarray of shape (n_channels,)
         Reading, behind the output filter.
     predicted : ndarray of shape (n_channels,)
-        Prediction.
+        Prediction for the sample.
     value : ndarray of shape (n_channels,)
         Their difference, in the unit of the output.
 

@@ -54,19 +54,45 @@ class Motion:
     row: FloatArray
 
     def settled(self, settle: float) -> bool:
-        """Say whether the transients of the filters are over, by the offline tools' rule."""
+        """
+        Say whether the transients of the filters are over, by the offline tools' rule.
+
+        Parameters
+        ----------
+        settle : float
+            Time that the transients take [s].
+
+        """
         return self.elapsed >= settle - 0.5 * self.dt
 
 
 class LowPass:
-    """First-order low-pass of vectors; without a cut-off they pass as they are [Hz]."""
+    """
+    First-order low-pass of vectors.
+
+    Parameters
+    ----------
+    cutoff : float or None
+        Cut-off; without one they pass as they are [Hz].
+
+    """
 
     def __init__(self, cutoff: float | None) -> None:
         self.cutoff = cutoff
         self._state: FloatArray | None = None
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
-        """Filter one sample; ``dt`` of 0 begins anew."""
+        """
+        Filter one sample; ``dt`` of 0 begins anew.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the sample before; 0 begins anew [s].
+        x : ndarray of shape (n_channels,)
+            Sample to be filtered.
+
+        """
         if self.cutoff is None:
             return x
         if self._state is None or dt <= 0:

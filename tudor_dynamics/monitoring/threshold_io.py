@@ -116,7 +116,7 @@ def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresho
     Parameters
     ----------
     bundle : ModelBundle
-        Model.
+        Fitted models, with facts of their thresholds.
     kind : {'analytical', 'elm'}
         Kind of model; the momentum observer always goes with the analytical one.
 

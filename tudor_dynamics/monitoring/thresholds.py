@@ -53,7 +53,7 @@ class Tail:
     shape : float
         0 for an exponential tail; otherwise the excess is below scale / shape.
     share : float
-        That share.
+        Share of the samples above that value.
     largest : float
         Largest ratio that was seen.
     count : float
@@ -106,7 +106,7 @@ class MethodThresholds:
     step : float
         Step of the onset statistic [s].
     taps : ndarray of shape (n_taps, n_channels, n_channels)
-        Its weights.
+        Weights of the onset statistic.
     profile : ndarray of shape (2 n_channels, 1 + 4 n_joints)
         Typical size of the residuals, then of the onset statistics, in the unit of the output per
         column of `MotionFeatures`.

@@ -51,7 +51,7 @@ class MonitorSettings:
     Attributes
     ----------
     kind : {'analytical', 'elm', 'elastic'}
-        Model.
+        Kind of model whose residuals are watched.
     observer : {'off', 'ringing', 'contact'}
         Whether measured strain corrects an elastic model.
     methods : tuple of str
@@ -89,7 +89,7 @@ class Found:
     excesses : list of (str, Excess)
         Method and ratios, where thresholds are known.
     events : list of CollisionEvent
-        Collisions.
+        Collisions that begin with it.
 
     """
 
@@ -105,7 +105,7 @@ def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm with joints and gauges.
 
     Returns
     -------
@@ -140,9 +140,9 @@ class Watch:
     Parameters
     ----------
     bundle : ModelBundle
-        Model.
+        Fitted models, with the thresholds that were learned.
     settings : MonitorSettings
-        Choices.
+        Methods of detection and false alarms allowed.
     thresholds : dict of str to MethodThresholds, optional
         In place of those of the bundle.
 
@@ -238,7 +238,7 @@ class Watch:
         Parameters
         ----------
         motion : Motion
-            Motion.
+            Motion of the active joints.
         predicted : dict of str to ndarray, or None
             Output to prediction; None while the filters settle.
 
@@ -257,7 +257,19 @@ class Watch:
     def add_output(
         self, output: str, motion: Motion, predicted: FloatArray | None,
     ) -> Found:
-        """Take a motion with the prediction of one output into account."""
+        """
+        Take a motion with the prediction of one output into account.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            What was predicted.
+        motion : Motion
+            Motion of the active joints.
+        predicted : ndarray of shape (n_channels,) or None
+            Prediction in its units; None while the filters settle.
+
+        """
         found = Found()
         if output in self.pairing:
             self._judge(output, self.pairing[output].add_motion(motion, predicted), found)

@@ -251,7 +251,7 @@ class TudorNode(Node):
         Parameters
         ----------
         name : str
-            Service.
+            Name of the service.
         action : callable
             Does it and says what was done; a TudorError is the answer of a failure.
 

@@ -57,12 +57,14 @@ PATIENCE = 30.0
 
 class SignTester(Node):
     """
-    Makes steps and listens to the link; ``**kwargs`` go to rclpy's Node.
+    Makes steps and listens to the link.
 
     Parameters
     ----------
     arm : Arm
         Arm with a damper, limits and gauges.
+    **kwargs : object
+        Handed on to rclpy's Node.
 
     """
 

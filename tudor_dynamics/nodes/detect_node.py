@@ -113,7 +113,7 @@ class DetectNode(ModelNode):
         Parameters
         ----------
         bundle : ModelBundle
-            Model.
+            Fitted models with their thresholds.
         watch : Watch
             What works with it.
         motion : str

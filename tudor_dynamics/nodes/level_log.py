@@ -36,7 +36,7 @@ class LevelLog:
     Parameters
     ----------
     logger : rclpy logger
-        Where to.
+        Logger that is written to.
     steady : callable
         Clock that never stops [s].
 

@@ -79,9 +79,9 @@ class NamedReader:
         Parameters
         ----------
         message : JointState or JointSample
-            Message.
+            Message with names.
         field : {'position', 'velocity', 'effort'}
-            Field.
+            Field that carries the values.
         optional : bool, default=False
             Whether an empty field is nothing odd.
 
@@ -120,7 +120,7 @@ def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointSta
     Parameters
     ----------
     stamp : Time
-        Header stamp.
+        Stamp of its header.
     names : list of str
         Joints or gauges.
     **fields : ndarray of shape (n_names,)

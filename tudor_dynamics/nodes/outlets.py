@@ -31,7 +31,7 @@ class Outlet:
     Parameters
     ----------
     publisher : rclpy.publisher.Publisher
-        Publisher.
+        Publisher of the topic.
 
     Attributes
     ----------

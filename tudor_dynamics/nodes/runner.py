@@ -45,7 +45,7 @@ def new_executor(kind: str, context: Any = None) -> Any:
         ``events`` costs a third of the time per message; where this rclpy has none, ``single`` is
         taken.
     context : rclpy.Context, optional
-        Context.
+        Context of the nodes; the default one otherwise.
 
     Returns
     -------

@@ -280,7 +280,7 @@ class MotionEncoder(_Encoder):
     Parameters
     ----------
     names : sequence of str
-        Joints.
+        Names of the joints.
 
     """
 

@@ -70,7 +70,7 @@ class ElasticFit:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that was recorded.
     training : sequence of BagData
         Recordings to learn from.
     warm : mapping of str to float, optional

@@ -86,7 +86,23 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Shown:
-    """A figure on the page: as a `Picture`, with its content as data URI."""
+    """
+    A figure on the page: as a `Picture`, with its content as data URI.
+
+    Attributes
+    ----------
+    name : str
+        Name of the picture's file.
+    section : str
+        Section of the page.
+    title : str
+        Title above it.
+    caption : str
+        Text below it.
+    uri : str
+        Its content as data URI.
+
+    """
 
     name: str
     section: str
@@ -102,7 +118,7 @@ def gallery(fits: Fits) -> Gallery:
     Parameters
     ----------
     fits : Fits
-        Stages.
+        Stages that the figures are made of.
 
     Returns
     -------
@@ -205,11 +221,11 @@ def write_figures(chosen: Gallery, arm: str, out: Path) -> list[str]:
     Parameters
     ----------
     chosen : Gallery
-        Figures.
+        Figures to be written.
     arm : str
         Name of the arm.
     out : Path
-        Directory.
+        Directory for page and pictures.
 
     Returns
     -------

@@ -40,7 +40,7 @@ def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     moves : dict of float to Result
         Payload [kg] to `damping_move`.
 
@@ -83,9 +83,9 @@ def stimuli(arm: Arm, bags: Sequence[BagData]) -> Figure:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     bags : sequence of BagData
-        Recordings.
+        Recordings of the stimuli.
 
     Returns
     -------
@@ -118,9 +118,9 @@ def measured_and_predicted(arm: Arm, output: str, fit: Result) -> Figure:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     output : {'strain', 'effort'}
-        Output.
+        Output that is drawn.
     fit : Result
         As from ``Fits.separate``.
 

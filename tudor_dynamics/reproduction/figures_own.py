@@ -84,7 +84,7 @@ def one_model(shared: tuple[Shared, ...], trained_at: tuple[float, float]) -> Fi
     Parameters
     ----------
     shared : tuple of Shared
-        Test fits.
+        Test fits of one model and of separate ones.
     trained_at : (float, float)
         Payloads that the one model has seen [kg].
 
@@ -173,7 +173,7 @@ def strain_forms(arm: Arm, moments: Result, exact: Result, paper: Result) -> Fig
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     moments : Result
         As from ``experiments.gauge_moments``.
     exact, paper : Result

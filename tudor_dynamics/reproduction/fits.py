@@ -46,7 +46,7 @@ class Fits:
     Parameters
     ----------
     campaign : Campaign
-        Recordings.
+        Recordings of the campaign.
 
     """
 

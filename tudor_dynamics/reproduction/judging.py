@@ -44,14 +44,32 @@ def hub_gauges(arm: Arm) -> list[int]:
 
 
 def read(arm: Arm, paths: Sequence[Path]) -> list[BagData]:
-    """Read and filter bags as the arm description says."""
+    """
+    Read and filter bags as the arm description says.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    paths : sequence of Path
+        Directories of the bags.
+
+    """
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', TudorWarning)  # they are our own recordings
         return [load(BagChoice(str(path)), arm, arm.spec.preprocessing) for path in paths]
 
 
 def halves(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
-    """Split recordings into those for training and those for testing."""
+    """
+    Split recordings into those for training and those for testing.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Directories of the bags, in the order of the stimuli.
+
+    """
     middle = len(paths) // 2
     return list(paths[:middle]), list(paths[middle:])
 
@@ -63,9 +81,9 @@ def figures(arm: Arm, output: str, measured: FloatArray, predicted: FloatArray) 
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm that is simulated.
     output : {'effort', 'strain'}
-        Output.
+        Output that is judged.
     measured, predicted : ndarray of shape (n_samples, n_channels)
         Output in its units; for strain, of all gauges.
 
@@ -87,6 +105,18 @@ def figures(arm: Arm, output: str, measured: FloatArray, predicted: FloatArray) 
 
 
 def judged(arm: Arm, output: str, traces: Sequence[Trace]) -> dict[str, Any]:
-    """Judge the traces of several recordings together, as ``figures`` does."""
+    """
+    Judge the traces of several recordings together, as ``figures`` does.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    output : {'effort', 'strain'}
+        What was predicted.
+    traces : sequence of Trace
+        Measured and predicted output of each recording.
+
+    """
     return figures(arm, output, np.vstack([item.measured for item in traces]),
                    np.vstack([item.predicted for item in traces]))

@@ -74,9 +74,9 @@ def new_figure(height: float, rows: int, columns: int = 1, **more: Any) -> tuple
     Parameters
     ----------
     height : float
-        [inch]
+        Height of the figure [inch].
     rows, columns : int
-        Axes.
+        Number of axes each way.
     **more
         As for ``Figure.subplots``.
 
@@ -93,13 +93,33 @@ def new_figure(height: float, rows: int, columns: int = 1, **more: Any) -> tuple
 
 
 def legend_above(figure: Figure, axes: Any, columns: int = 4) -> None:
-    """Put the legend of some axes above the figure, where it covers nothing."""
+    """
+    Put the legend of some axes above the figure, where it covers nothing.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure that gets the legend.
+    axes : Axes
+        Axes whose lines it explains.
+    columns : int
+        Columns of the legend.
+
+    """
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside upper right', ncols=columns, borderpad=0.1)
 
 
 def unit(text: str) -> str:
-    """Write a unit as it is printed."""
+    """
+    Write a unit as it is printed.
+
+    Parameters
+    ----------
+    text : str
+        Unit as it stands in the code.
+
+    """
     return text.replace('um/m', 'µm/m')
 
 
@@ -112,7 +132,7 @@ def save(figure: Figure, out: Path, name: str) -> None:
     figure : Figure
         Figure, made within `style`.
     out : Path
-        Directory.
+        Directory for the picture.
     name : str
         File without suffix.
 

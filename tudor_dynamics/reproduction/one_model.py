@@ -37,7 +37,7 @@ def one_model(fits: Fits) -> dict[str, Any]:
     Parameters
     ----------
     fits : Fits
-        Stages.
+        Stages that it is computed from.
 
     Returns
     -------

@@ -64,7 +64,7 @@ def write_file(path: Path, content: str | bytes) -> None:
     path : Path
         File; one that is there is replaced.
     content : str or bytes
-        Content.
+        Content of the file.
 
     Raises
     ------
@@ -87,11 +87,11 @@ def write_table(table: Table1, campaign: Campaign, out: Path) -> list[Path]:
     Parameters
     ----------
     table : Table1
-        Table.
+        Table with its findings.
     campaign : Campaign
         What was recorded.
     out : Path
-        Directory.
+        Directory for the page.
 
     Returns
     -------

@@ -45,7 +45,7 @@ class Plan:
     Attributes
     ----------
     arm : str
-        Arm description.
+        Path of the arm description.
     payloads : tuple of float
         Masses at the tip [kg].
     stimuli : int
@@ -59,7 +59,7 @@ class Plan:
     jobs : int
         Processes that record.
     kinds : tuple of str
-        Models.
+        Kinds of models.
     elastic_seconds : float
         Recordings that an elastic model is identified from, at most [s].
 
@@ -100,7 +100,7 @@ class Campaign:
     Attributes
     ----------
     plan : Plan
-        Size.
+        Size of the campaign.
     stages : Stages
         Where they are kept.
     progress : callable
@@ -121,7 +121,17 @@ class Campaign:
         ClosedLoop(self.arm)  # says what the description lacks
 
     def described(self, payload: float, *, damped: bool) -> dict[str, Any]:
-        """Give what the recordings of a payload depend on."""
+        """
+        Give what the recordings of a payload depend on.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        damped : bool
+            Whether the damper is on.
+
+        """
         plan = self.plan
         return {'arm': arm_content(self.arm), 'payload': payload, 'damped': damped,
                 'seconds': plan.seconds, 'stimuli': plan.stimuli, 'seed': plan.seed}

@@ -93,9 +93,9 @@ class Result:
     Attributes
     ----------
     content : dict
-        Plain values.
+        Figures as plain values.
     arrays : dict of str to ndarray
-        Signals.
+        Signals by name.
 
     """
 
@@ -128,7 +128,7 @@ class Stages:
         Parameters
         ----------
         name : str
-            Stage.
+            Name of the stage.
         depends : dict
             Plain values that the result depends on.
         parts : tuple of str
@@ -160,11 +160,11 @@ class Stages:
         Parameters
         ----------
         name : str
-            Stage.
+            Name of the stage.
         depends : dict
             Plain values that the result depends on.
         make : callable
-            Computes it.
+            Computes the result where it is not kept.
         parts : tuple of str
             Parts of the package that it depends on.
 

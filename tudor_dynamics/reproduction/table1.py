@@ -68,7 +68,19 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """Cells of all models for one payload, in training or test."""
+    """
+    Cells of all models for one payload, in training or test.
+
+    Attributes
+    ----------
+    payload : float
+        Mass at the tip [kg].
+    part : str
+        Training or test.
+    cells : dict of str to Cell
+        Figures of each model.
+
+    """
 
     payload: float
     part: str
@@ -77,7 +89,23 @@ class Row:
 
 @dataclass(frozen=True)
 class Block:
-    """One output: its unit, the channels counted, and rows."""
+    """
+    One output: its unit, the channels counted, and rows.
+
+    Attributes
+    ----------
+    output : str
+        Output, ``effort`` or ``strain``.
+    title : str
+        Title above it.
+    unit : str
+        Unit of the output.
+    channels : tuple of str
+        Channels that are counted.
+    rows : tuple of Row
+        A row for each payload and part.
+
+    """
 
     output: str
     title: str
@@ -88,7 +116,21 @@ class Block:
 
 @dataclass(frozen=True)
 class Shared:
-    """Test fits of one output and model: separate models, and one for all [%]."""
+    """
+    Test fits of one output and model: separate models, and one for all [%].
+
+    Attributes
+    ----------
+    output : str
+        Output, ``effort`` or ``strain``.
+    model : str
+        Kind of model.
+    separate : dict of float to float or None
+        Payload [kg] to fit of a model of its own [%].
+    together : dict of float to float or None
+        Payload [kg] to fit of the one model [%].
+
+    """
 
     output: str
     model: str
@@ -104,7 +146,7 @@ class Finding:
     Attributes
     ----------
     text : str
-        The finding.
+        What was found, in words.
     holds, figures : bool and str
         Whether it does here, and the figures that decide.
     paper_holds, paper : bool and str
@@ -186,7 +228,7 @@ def build(fits: Fits, split: str) -> Table1:
     Parameters
     ----------
     fits : Fits
-        Stages.
+        Stages that the table is made of.
     split : {'stimulus', 'random'}
         How training and test are told apart.
 

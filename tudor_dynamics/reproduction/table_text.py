@@ -44,13 +44,13 @@ class Grid:
     Attributes
     ----------
     title : str
-        Above it.
+        Title above the grid.
     groups : tuple of (str, int)
         Heads over several columns each, with their number.
     heads : tuple of str
         Heads of the columns.
     rows : tuple of tuple of str
-        Cells.
+        Cells of each row.
     breaks : tuple of int
         Rows before which a rule is drawn.
 
@@ -150,7 +150,7 @@ def markdown(table: Table1) -> str:
     Parameters
     ----------
     table : Table1
-        Table.
+        Table with its findings.
 
     Returns
     -------
@@ -185,7 +185,7 @@ def csv_text(table: Table1) -> str:
     Parameters
     ----------
     table : Table1
-        Table.
+        Table with its findings.
 
     Returns
     -------

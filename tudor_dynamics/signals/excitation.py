@@ -44,7 +44,17 @@ REST = 1.5
 
 @dataclass(frozen=True, eq=False)
 class JointRange:
-    """Range of each joint [rad]."""
+    """
+    Range of each joint [rad].
+
+    Attributes
+    ----------
+    lower : ndarray of shape (n_joints,)
+        Smallest position of each joint [rad].
+    upper : ndarray of shape (n_joints,)
+        Largest position of each joint [rad].
+
+    """
 
     lower: FloatArray
     upper: FloatArray
@@ -126,7 +136,7 @@ def aprbs(
     bounds : JointRange
         Range of the amplitudes.
     duration : float
-        Length [s].
+        Length of the motion [s].
     seed : int
         Of all joints; each gets a generator of its own.
     clock : float
@@ -182,7 +192,7 @@ def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float, *, clock: floa
     arm : Arm
         Arm with limits.
     duration : float
-        Length [s].
+        Length of the motion [s].
     seed : int
         Of the APRBS.
     dt : float
@@ -213,7 +223,7 @@ def fourier_motion(
     bounds, limits : JointRange, MotionLimits
         What the motion must keep to.
     duration : float
-        Length [s].
+        Length of the motion [s].
     seed : int
         Of the coefficients.
     dt : float

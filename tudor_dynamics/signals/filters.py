@@ -43,11 +43,11 @@ class FilteredStates:
     Attributes
     ----------
     q : ndarray of shape (n_samples, n_joints)
-        Positions [rad or m].
+        Positions of the joints [rad or m].
     dq : ndarray of shape (n_samples, n_joints)
-        Velocities [rad/s or m/s].
+        Velocities of the joints [rad/s or m/s].
     ddq : ndarray of shape (n_samples, n_joints)
-        Accelerations [rad/s^2 or m/s^2].
+        Accelerations of the joints [rad/s^2 or m/s^2].
 
     """
 
@@ -85,7 +85,7 @@ def low_pass(x: FloatArray, dt: FloatArray, cutoff: float, initial: FloatArray) 
     Parameters
     ----------
     x : ndarray of shape (n_samples, n_channels)
-        Signal.
+        Signal to be filtered, a channel a column.
     dt : ndarray of shape (n_samples,)
         Time since the sample before, for each sample [s].
     cutoff : float
@@ -165,7 +165,7 @@ class CausalDifferentiator:
         dt : ndarray of shape (n_samples,)
             Time since the sample before [s], > 0; that of a first sample is not used.
         q : ndarray of shape (n_samples, n_joints)
-            Positions [rad or m].
+            Positions of the joints [rad or m].
         measured : ndarray of shape (n_samples, n_joints), optional
             Velocities of the driver, taken in place of the first filter [rad/s or m/s].
 
@@ -228,7 +228,7 @@ class CausalDifferentiator:
         dt : float
             Time since the sample before [s].
         q : ndarray of shape (n_joints,)
-            Positions [rad or m].
+            Positions of the joints [rad or m].
         measured : ndarray of shape (n_joints,), optional
             Velocities of the driver [rad/s or m/s].
 
@@ -250,7 +250,19 @@ class CausalDifferentiator:
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
-        """Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's."""
+        """
+        Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the sample before; 0 begins anew [s].
+        q : ndarray of shape (n_joints,)
+            Positions of the joints [rad or m].
+        measured : ndarray of shape (n_joints,), optional
+            Velocities of the driver [rad/s or m/s].
+
+        """
         n = len(q)
         row = np.empty(3 * n)
         if self._q is None:

@@ -130,9 +130,9 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     q, dq, ddq : float
         Present reference [rad, rad/s, rad/s^2].
     target : float
-        [rad]
+        Where to come to rest [rad].
     v_max, a_max : float
-        Limits [rad/s, rad/s^2].
+        Limits of speed and acceleration [rad/s, rad/s^2].
 
     """
     inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE

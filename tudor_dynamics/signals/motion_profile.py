@@ -49,7 +49,7 @@ class Reference:
     dt : float
         Sample time [s].
     q, dq, ddq : ndarray of shape (n_samples, n_joints)
-        [rad, rad/s, rad/s^2]
+        Positions, speeds and accelerations wanted [rad, rad/s, rad/s^2].
 
     """
 
@@ -66,7 +66,17 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """Limits of the planned motion of each joint: [rad/s] and [rad/s^2]."""
+    """
+    Limits of the planned motion of each joint: [rad/s] and [rad/s^2].
+
+    Attributes
+    ----------
+    velocity : ndarray of shape (n_joints,)
+        Largest planned speed of each joint [rad/s].
+    acceleration : ndarray of shape (n_joints,)
+        Largest planned acceleration of each joint [rad/s^2].
+
+    """
 
     velocity: FloatArray
     acceleration: FloatArray
@@ -143,7 +153,17 @@ class MotionPlanner:
                             float(self.limits.velocity[j]), float(self.limits.acceleration[j]))
 
     def move(self, q: ArrayLike, dq: ArrayLike) -> None:
-        """Go on from other positions [rad] and speeds [rad/s], without a target."""
+        """
+        Go on from other positions [rad] and speeds [rad/s], without a target.
+
+        Parameters
+        ----------
+        q : array of shape (n_joints,)
+            Positions to go on from [rad].
+        dq : array of shape (n_joints,)
+            Speeds to go on from [rad/s].
+
+        """
         self.q[:], self.dq[:], self.ddq[:] = q, dq, 0.0
         self._plans[:] = 0.0
         self._plans[:, Q] = self._plans[:, TARGET] = self.q
@@ -155,7 +175,15 @@ class MotionPlanner:
             self.q, self.dq, self.limits.acceleration, strict=True)])
 
     def step(self, dt: float) -> None:
-        """Advance ``q``, ``dq`` and ``ddq`` by a step [s]."""
+        """
+        Advance ``q``, ``dq`` and ``ddq`` by a step [s].
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+
+        """
         for j, plan in enumerate(self._plans):
             self.q[j], self.dq[j], self.ddq[j] = follow_plan(plan, dt)
 

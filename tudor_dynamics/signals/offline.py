@@ -40,7 +40,7 @@ def zero_phase(
     t : ndarray of shape (n_samples,)
         Stamps, increasing [s].
     q : ndarray of shape (n_samples, n_joints)
-        Positions [rad or m].
+        Positions of the joints [rad or m].
     cutoff : float
         Corner frequency [Hz], below half the sample rate.
     measured : ndarray of shape (n_samples, n_joints), optional

@@ -51,7 +51,7 @@ class Block:
     Attributes
     ----------
     motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     effort, strain : ndarray of shape (n_kept, n_channels) or None
         Outputs, already decimated.
     decimation : Decimation
@@ -73,7 +73,7 @@ class Decimation:
     Attributes
     ----------
     keep : ndarray of int, shape (n_kept,)
-        Samples kept.
+        Indices of the samples that are kept.
     sos : ndarray or None
         Zero-phase anti-alias filter, second-order sections; None keeps samples as they are, as
         sub-sampling does next to the running robot.
@@ -189,7 +189,7 @@ def causal_outputs(
     dt : ndarray of shape (n_samples,)
         Time since the sample before [s].
     x : ndarray of shape (n_samples, n_channels)
-        Signal.
+        Signal to be filtered, a channel a column.
     cutoff : float or None
         Corner frequency [Hz]; None leaves the signal as it is.
 

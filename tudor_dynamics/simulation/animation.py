@@ -65,7 +65,7 @@ def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -
     path : Path
         .gif or .mp4 file.
     run : Run
-        Signals.
+        Run to be shown.
     mechanism : Mechanism
         What is joined to what.
     rate : float

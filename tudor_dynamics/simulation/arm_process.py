@@ -99,7 +99,7 @@ class ArmProcess:
     force : ndarray of shape (3,)
         Force from outside at the tip, in the base frame [N].
     floor : Floor or None
-        Obstacle.
+        Obstacle below the arm.
     command_timeout : float
         The joints brake with their planned acceleration where no command came for so long [s].
     held : dict of str to float

@@ -105,7 +105,19 @@ class Builder:
         return node, axes.T @ place.rotation, local
 
     def rigid_part(self, parent: int, place: pin.SE3, part: InertiaPart | None) -> int:
-        """Fix a rigid part to a link, at a placement in the link's joint frame."""
+        """
+        Fix a rigid part to a link, at a placement in the link's joint frame.
+
+        Parameters
+        ----------
+        parent : int
+            Number of the link that carries it.
+        place : pinocchio.SE3
+            Its placement in the link's joint frame [m].
+        part : InertiaPart or None
+            Mass, centre and inertia; none for a mere point.
+
+        """
         node, rotation, origin = self.attach(parent, place)
         ints, floats = self._blank(parent, node)
         floats[at.JOINT_ROTATION:at.JOINT_ROTATION + 9] = rotation.ravel()

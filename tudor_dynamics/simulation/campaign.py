@@ -50,7 +50,7 @@ class StimulusSpec:
     payload : float
         Mass at the tip [kg].
     seconds : float
-        Length [s].
+        Length of the stimulus [s].
     rate : float
         Of the messages [Hz].
     damping : float
@@ -86,7 +86,7 @@ class StimulusResult:
     Attributes
     ----------
     bag : str
-        Directory.
+        Directory of the bag.
     samples : int
         Messages of each topic.
     pushes : tuple of Push
@@ -127,9 +127,9 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
     arm : Arm
         Arm with limits.
     excitation : {'aprbs', 'fourier'}
-        Kind.
+        Kind of motion.
     seconds : float
-        Length [s].
+        Length of the motion [s].
     seed : int
         Of the motion.
     dt : float
@@ -208,6 +208,13 @@ def steps_per_message(dt: float, rate: float) -> int:
     ------
     SimulationError
         If the rate does not divide that of the loop.
+
+    Parameters
+    ----------
+    dt : float
+        Step of the loop [s].
+    rate : float
+        Messages per second [Hz].
 
     """
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0

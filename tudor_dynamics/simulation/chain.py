@@ -74,7 +74,7 @@ def forward(
     body_int, body_float : ndarray
         Mechanism, see ``layout``.
     moving : ndarray of shape (bodies, MOVING)
-        Result.
+        Motion of each body: the result.
     damped : float
         1 to carry Rayleigh's damping by mass, u'' + alpha u' in the place of u'', on to what a
         node carries; 0 for true accelerations.
@@ -166,7 +166,7 @@ def backward(
     Parameters
     ----------
     z : ndarray of shape (n,)
-        Coordinates.
+        Coordinates of joints and nodes [rad, m].
     body_int : ndarray
         Mechanism, see ``layout``.
     moving : ndarray of shape (bodies, MOVING)

@@ -230,7 +230,17 @@ class ClosedLoop:
         self._loaded = bool(np.any(self._plant.external))
 
     def set_gauge_fault(self, gauge: str, fault: str) -> None:
-        """Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it."""
+        """
+        Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it.
+
+        Parameters
+        ----------
+        gauge : str
+            Name of the gauge.
+        fault : {'stuck', 'missing', 'none'}
+            How it fails.
+
+        """
         if fault not in FAULTS or gauge not in self.arm.gauge_names:
             msg = (f'fault {fault!r} of gauge {gauge!r}: gauges are '
                    f'{list(self.arm.gauge_names)}, faults {list(FAULTS)}')
@@ -244,7 +254,7 @@ class ClosedLoop:
         Parameters
         ----------
         q_ref, dq_ref : array of shape (n_joints,)
-            Reference [rad, rad/s].
+            Position and speed of the reference [rad, rad/s].
 
         Returns
         -------

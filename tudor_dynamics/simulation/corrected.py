@@ -46,7 +46,7 @@ class CorrectedArm(DrivenArm):
         Parameters
         ----------
         q : ndarray of shape (n_samples, n_joints)
-            Positions [rad or m].
+            Measured positions of the active joints [rad or m].
         dt : ndarray of shape (n_samples,)
             Time since the sample before [s]; 0 to begin anew, at rest.
         measured : ndarray of shape (n_samples, n_gauges)
@@ -106,13 +106,13 @@ class CorrectedArm(DrivenArm):
         Parameters
         ----------
         q : ndarray of shape (n_samples, n_joints)
-            Positions [rad or m].
+            Measured positions of the active joints [rad or m].
         dt : ndarray of shape (n_samples,)
             Time since the sample before [s]; 0 to begin anew, at rest.
         measured : ndarray of shape (n_samples, n_gauges)
             Moments that the gauges show [N m].
         gains : ndarray of shape (n_samples, 3, n_moving, n_gauges)
-            Of ``gains_along``.
+            Gains that ``gains_along`` gave.
 
         Returns
         -------

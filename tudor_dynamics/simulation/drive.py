@@ -172,9 +172,9 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
     Parameters
     ----------
     motor : MotorSpec
-        Description.
+        Description of motor and gear.
     dt : float
-        Step [s].
+        Step of the loop [s].
     chosen : Imperfections
         Which imperfections count.
 

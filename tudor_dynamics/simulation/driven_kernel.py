@@ -54,11 +54,11 @@ def advance(
     Parameters
     ----------
     vectors : ndarray of shape (VECTORS, n)
-        State, overwritten.
+        State of all coordinates, overwritten.
     matrices : ndarray of shape (MATRICES, n, n)
         Stiffness and damping, and room for the mass matrix.
     factor, delta : ndarray of shape (m, m) and (m,)
-        Working memory.
+        Working memory of the factorisation.
     free : ndarray of int, shape (m,)
         Coordinates that move.
     path : ndarray of shape (n_springs, 3)
@@ -70,7 +70,7 @@ def advance(
     steps : int
         Steps to take.
     springs : ndarray of shape (n_springs, SPRING_FLOATS)
-        Gears.
+        Stiffness, damping and play of each gear.
     spring_at : ndarray of int, shape (n_springs,)
         Coordinate of each gear.
     base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
@@ -152,7 +152,7 @@ def sense(
     gauge_gain : ndarray of shape (n_gauges, 2)
         Factors of the moment, and of the rate of curvature, which takes its damping off again.
     loads : ndarray of shape (n_gauges, LOADS)
-        Working memory.
+        Working memory for the loads at the gauges.
     moment : ndarray of shape (n_gauges,)
         Result: moment that bends each gauge [N m].
     torque : ndarray of shape (n_springs,)

@@ -140,9 +140,9 @@ class Physics:
         Parameters
         ----------
         values : mapping of str to float
-            All parameters.
+            All parameters by name, in SI units.
         springs : ndarray of shape (n_joints, SPRING_FLOATS)
-            Gears, overwritten.
+            Table of the gears, overwritten.
         matrices : ndarray of shape (MATRICES, n, n)
             Stiffness and damping of the links, overwritten.
 

@@ -102,7 +102,15 @@ class GaugePlaces:
     joint: tuple[str, ...]
 
     def damping(self, values: Mapping[str, float]) -> FloatArray:
-        """Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s]."""
+        """
+        Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s].
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters by name, in SI units.
+
+        """
         return np.array([share * (values['beta'] * values[f'bending({joint})'])
                          for share, joint in zip(self.share, self.joint, strict=True)])
 
@@ -116,7 +124,7 @@ def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
     mechanism : Mechanism
         Mechanism of the reduced arm.
     arm : Arm
-        Arm.
+        Arm whose gauges are placed.
 
     Returns
     -------
@@ -190,7 +198,7 @@ def moment_rows(
     mechanism : Mechanism
         Mechanism with its present stiffness.
     gauges : GaugePlaces
-        Gauges.
+        Places of the gauges.
     free : ndarray of int, shape (n_moving,)
         Coordinates that move.
 

@@ -85,7 +85,7 @@ def settle(
     Parameters
     ----------
     vectors : ndarray of shape (VECTORS, n)
-        State, overwritten.
+        State of all coordinates, overwritten.
     matrices, factor, delta
         Working memory, with the stiffness in ``matrices``.
     free : ndarray of int, shape (m,)

@@ -99,7 +99,17 @@ class RigidLinkSystem:
             for b in self.beams}
 
     def frames(self, q: FloatArray, dq: FloatArray) -> list[tuple[FloatArray, ...]]:
-        """Give rotation, origin, angular velocity and its bias (base frame) of each beam."""
+        """
+        Give rotation, origin, angular velocity and its bias (base frame) of each beam.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the equivalent rigid links [rad].
+        dq : ndarray of shape (n_joints,)
+            Their rates [rad/s].
+
+        """
         result: list[tuple[FloatArray, ...]] = []
         rotation, origin = np.eye(3), np.zeros(3)
         omega, bias = np.zeros(3), np.zeros(3)
@@ -214,7 +224,7 @@ class RigidLinkSystem:
         u, du : ndarray of shape (size,)
             Nodal displacements in the base frame and their rates; zero at the hub.
         torque : ndarray of shape (n_joints,)
-            [N m]
+            Torques of the drives [N m].
         held : ndarray of bool, optional
             Joints that do not move.
 
@@ -248,7 +258,21 @@ class RigidLinkSystem:
         return ddu, ddq
 
     def energy(self, q: FloatArray, dq: FloatArray, u: FloatArray, du: FloatArray) -> float:
-        """Give the total energy of the displaced nodes [J]."""
+        """
+        Give the total energy of the displaced nodes [J].
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_joints,)
+            Positions of the equivalent rigid links [rad].
+        dq : ndarray of shape (n_joints,)
+            Their rates [rad/s].
+        u : ndarray of shape (size,)
+            Nodal displacements in the base frame [m, rad].
+        du : ndarray of shape (size,)
+            Their rates [m/s, rad/s].
+
+        """
         x = self.terms(q, dq)
         velocity = x.jacobian @ dq + self.share @ du
         hub = self.mechanism.coordinate[self.mechanism.q_index, at.HUB]
@@ -273,7 +297,7 @@ class RigidLinkSystem:
         z : ndarray
             Coordinates of the mechanism, displacements in the frames of the links.
         q : ndarray of shape (n_joints,)
-            Joint positions.
+            Positions of the joints [rad].
 
         Returns
         -------

@@ -61,7 +61,17 @@ def shape_products(length: float) -> FloatArray:
 
 
 def element_stiffness(length: float, floats: FloatArray) -> FloatArray:
-    """Give the 12 x 12 stiffness of an Euler-Bernoulli element in its own axes."""
+    """
+    Give the 12 x 12 stiffness of an Euler-Bernoulli element in its own axes.
+
+    Parameters
+    ----------
+    length : float
+        Length of the element [m].
+    floats : ndarray
+        Row of its body, see ``layout``.
+
+    """
     k = np.zeros((12, 12))
     for rows, value in (((0, 6), floats[at.EA]), ((3, 9), floats[at.GJ])):
         k[np.ix_(rows, rows)] += value / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
@@ -93,7 +103,7 @@ class Terms:
     jacobian : ndarray of shape (n, n_joints)
         J: nodal velocities of the equivalent rigid links.
     bias : ndarray of shape (n,)
-        J' q'.
+        J' q', the part of the accelerations that rates alone make.
     mass_damping, stiffness_damping : ndarray of shape (n, n)
         alpha M and beta K.
 

@@ -17,18 +17,20 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.files import read_bounded
 
 FloatArray = NDArray[np.float64]
+Drive = ArrayLike | Callable[[float], float]
+"""What drives a joint: a constant, an expression, values, or a function of the time."""
 
 MAX_EXPRESSION = 2000
 MAX_TABLE_BYTES = 50_000_000
@@ -84,7 +86,7 @@ def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
     text : str
         Such as ``0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))``.
     t : ndarray
-        Times [s].
+        Times to evaluate at [s].
 
     Returns
     -------
@@ -180,6 +182,84 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
 
 
+def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
+    """
+    Sample what drives a joint.
+
+    Parameters
+    ----------
+    value : float, str, callable or array
+        Constant, expression in t, function of the time [s], or values at ``t`` [N m or N].
+    t : ndarray of shape (n_samples,)
+        Times of the steps [s].
+    name : str
+        Joint, for messages.
+
+    Returns
+    -------
+    ndarray of shape (n_samples,)
+        Torques [N m or N].
+
+    Raises
+    ------
+    SimulationError
+        If it is none of these, has another length, or is not finite somewhere.
+
+    """
+    if isinstance(value, str):
+        return evaluate_expression(value, t)
+    # not in the try below: what a function of the user raises is best seen as it is
+    given = [value(time) for time in t.tolist()] if callable(value) else value
+    try:
+        values = np.broadcast_to(np.asarray(given, dtype=float), t.shape)
+    except (TypeError, ValueError) as err:
+        msg = (f'the torque of {name} is {repr(value)[:60]} ({err}); expected a number, an '
+               f'expression in t, a function of the time, or an array of {t.size} values')
+        raise SimulationError(msg) from None
+    if not np.isfinite(values).all():
+        when = t[np.flatnonzero(~np.isfinite(values))[0]]
+        msg = f'the torque of {name} is not finite at t = {when:g} s'
+        raise SimulationError(msg)
+    return values
+
+
+def torque_table(
+    torque: Drive | Mapping[str, Drive], t: FloatArray, joints: tuple[str, ...],
+    active: tuple[str, ...],
+) -> FloatArray:
+    """
+    Give the torques of a run from what a program says.
+
+    Parameters
+    ----------
+    torque : float, str, callable or array, or mapping of str to these
+        Of the first active joint, or of joints by name, see ``sampled`` [N m or N].
+    t : ndarray of shape (n_samples,)
+        Times of the steps [s].
+    joints, active : tuple of str
+        All joints, and those driven by a torque.
+
+    Returns
+    -------
+    ndarray of shape (n_samples, n_joints)
+        Torques [N m or N]; zero where nothing was said.
+
+    Raises
+    ------
+    SimulationError
+        If there is no such joint, or what drives it cannot be used.
+
+    """
+    by_name = torque if isinstance(torque, Mapping) else {active[0]: torque}
+    result = np.zeros((t.size, len(joints)))
+    for name, value in by_name.items():
+        if name not in active:
+            msg = f'torque of {name!r}: the joints driven by a torque are {list(active)}'
+            raise SimulationError(msg)
+        result[:, joints.index(name)] = sampled(value, t, name)
+    return result
+
+
 def torque_signal(
     words: list[str], t: FloatArray, joints: tuple[str, ...], active: tuple[str, ...],
 ) -> FloatArray:
@@ -191,7 +271,7 @@ def torque_signal(
     words : list of str
         Each a CSV file, an expression for the only (or first) active joint, or JOINT=EXPRESSION.
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
     joints, active : tuple of str
         All joints, and those driven by a torque.
 
@@ -272,9 +352,9 @@ def motion_signal(
     path : Path
         CSV file with columns t, JOINT, ... [rad or m].
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
     joints : tuple of str
-        All joints.
+        Names of all joints.
 
     Returns
     -------

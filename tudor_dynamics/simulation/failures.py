@@ -30,7 +30,7 @@ def failure_message(
     status : int
         Of the integrator.
     name : str
-        Mechanism.
+        Name of the mechanism.
     t, dt : float
         End of the step that failed, and the step [s].
     energy : float

@@ -60,7 +60,7 @@ def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
     mechanism : Mechanism
         Mechanism of the arm.
     arm : Arm
-        Arm.
+        Arm that the gauge is on.
     gauge : GaugeSpec
         One of its gauges.
 

@@ -205,7 +205,7 @@ def run_loop(
     done : int
         Steps before this call.
     dt : float
-        Step [s].
+        Step of the loop [s].
     every : int
         Steps between two records.
     acting, loaded : bool

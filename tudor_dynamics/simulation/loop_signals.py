@@ -37,13 +37,13 @@ class Signals:
     Attributes
     ----------
     t : ndarray of shape (n_samples,)
-        [s]
+        Times of the samples [s].
     q, dq, current : ndarray of shape (n_samples, n_joints)
         As measured [rad, rad/s, A].
     strain : ndarray of shape (n_samples, n_gauges)
         As measured, in units of the gauges.
     q_ref, dq_ref : ndarray of shape (n_samples, n_joints)
-        Reference [rad, rad/s].
+        Position and speed of the reference [rad, rad/s].
     q_true : ndarray of shape (n_samples, n_joints)
         Angle of the link behind the gear [rad].
 
@@ -66,9 +66,9 @@ def with_payload(arm: Arm, mass: float) -> Arm:
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm with any payload, or none.
     mass : float
-        [kg]
+        Mass at the tip [kg].
 
     Returns
     -------

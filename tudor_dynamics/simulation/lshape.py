@@ -39,7 +39,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import Run, simulate
+from tudor_dynamics.simulation.run import Run, run_plant
 
 FloatArray = NDArray[np.float64]
 
@@ -103,7 +103,23 @@ def static_torque(plant: Plant) -> float:
 
 def step_torque(first: float, second: float, before: float, after: float, t: FloatArray,
                 ) -> FloatArray:
-    """Give the torque of the test: hold, two steps, hold; changes take 5 ms [N m]."""
+    """
+    Give the torque of the test: hold, two steps, hold; changes take 5 ms [N m].
+
+    Parameters
+    ----------
+    first : float
+        Torque of the first step [N m].
+    second : float
+        Torque of the second step [N m].
+    before : float
+        Torque that holds at the start [N m].
+    after : float
+        Torque that holds at the end [N m].
+    t : ndarray of shape (n_samples,)
+        Times to evaluate at [s].
+
+    """
     times = STEP_AT + STEP_LENGTH * np.array([0.0, 1.0, 2.0])
     nodes = np.column_stack([times, times + 0.005]).ravel()
     levels = [before, first, first, second, second, after]
@@ -119,7 +135,7 @@ def tuned_torque(plant: Plant, t: FloatArray) -> FloatArray:
     plant : Plant
         The mechanism of the paper at its start.
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times to evaluate at [s].
 
     Returns
     -------
@@ -165,7 +181,7 @@ class Agreement:
     Attributes
     ----------
     elbow, tip : float
-        Accelerations.
+        Accelerations of elbow and tip.
     moment1, moment2 : float
         Torsion and bending moments in the middle of the links.
     angle : float
@@ -181,7 +197,17 @@ class Agreement:
 
 
 def relative_rms(found: NDArray, expected: NDArray) -> float:
-    """Give the RMS of the difference over that of the expected values."""
+    """
+    Give the RMS of the difference over that of the expected values.
+
+    Parameters
+    ----------
+    found : ndarray
+        Values that were found.
+    expected : ndarray
+        Values that were expected, of the same shape.
+
+    """
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
@@ -207,7 +233,7 @@ def run_reference(plant: Plant, reference: dict[str, NDArray]) -> Run:
     times = np.arange((t.size - 1) * every + 1) * plant.dt
     torque = np.zeros((times.size, 2))
     torque[:, 0] = np.interp(times, t, reference['tau'])
-    return simulate(plant, Observer(plant), torque, every=every)
+    return run_plant(plant, Observer(plant), torque, every=every)
 
 
 def agreement(run: Run, plant: Plant, reference: dict[str, NDArray]) -> Agreement:
@@ -217,7 +243,7 @@ def agreement(run: Run, plant: Plant, reference: dict[str, NDArray]) -> Agreemen
     Parameters
     ----------
     run : Run
-        From ``run_reference``.
+        Run of ``run_reference``.
     plant : Plant
         Plant of the run.
     reference : dict of str to ndarray
@@ -248,7 +274,7 @@ def run_paper(elements: int = 2, dt: float = 2.5e-4, seconds: float = 5.0) -> tu
     elements : int
         Elements a beam.
     dt : float
-        Step [s].
+        Step of the integrator [s].
     seconds : float
         Length of the run [s].
 
@@ -262,4 +288,4 @@ def run_paper(elements: int = 2, dt: float = 2.5e-4, seconds: float = 5.0) -> tu
     t: FloatArray = np.arange(int(round(seconds / dt)) + 1) * np.float64(dt)
     torque = tuned_torque(plant, t)
     plant.start_torque(torque[0])
-    return plant, simulate(plant, Observer(plant), torque, every=max(int(round(1e-3 / dt)), 1))
+    return plant, run_plant(plant, Observer(plant), torque, every=max(int(round(1e-3 / dt)), 1))

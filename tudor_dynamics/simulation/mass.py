@@ -179,7 +179,7 @@ def mass_matrix(
     Parameters
     ----------
     z : ndarray of shape (n,)
-        Coordinates.
+        Coordinates of joints and nodes [rad, m].
     body_int, body_float, coordinate : ndarray
         Mechanism, see ``layout``.
     moving : ndarray of shape (bodies, MOVING)
@@ -189,9 +189,9 @@ def mass_matrix(
     owner : ndarray of int, shape (n,)
         Working memory: body in whose frame a column stands.
     inertias : ndarray of shape (bodies + 1, 10)
-        Working memory.
+        Working memory: inertia of each composite body.
     matrix : ndarray of shape (n, n)
-        Result.
+        Mass matrix: the result.
 
     """
     n, bodies = z.shape[0], body_int.shape[0]

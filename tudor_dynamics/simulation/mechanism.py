@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation import layout as at
 from tudor_dynamics.simulation.assembly import Builder
 from tudor_dynamics.simulation.section import BeamProperties
@@ -57,7 +57,7 @@ class Mechanism:
     initial : ndarray of shape (n,)
         Coordinates before the elastic state is found.
     gravity : ndarray of shape (3,)
-        [m/s^2]
+        Gravity in the base frame [m/s^2].
     points : int
         Number of nodes and rigid bodies.
     tip : int
@@ -123,7 +123,7 @@ class Mechanism:
         Parameters
         ----------
         joint : str
-            Joint.
+            Joint before the node.
         node : int
             Node of its beam; -1 for the last one.
 
@@ -158,6 +158,7 @@ def build_mechanism(arm: Arm) -> Mechanism:
         If a link is missing or has no length, or the mechanism has no mass where it can move.
 
     """
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     builder = Builder(arm)
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
         msg = (f'{arm.source}: the description has no links; add links: with a rigid or flexible '

@@ -16,13 +16,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import check_type, SimulationError
+from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.stiffness import add_stretch
 
@@ -48,6 +51,13 @@ class Modes:
     frequency: FloatArray
     damping: FloatArray
     shape: FloatArray
+
+    def __repr__(self) -> str:
+        """Write frequency and damping ratio, one line a mode."""
+        return '\n'.join(['Modes', *(
+            f'  {number}: {hertz:.3f} Hz, {100.0 * ratio:.2f} % of critical damping'
+            for number, (hertz, ratio) in enumerate(
+                zip(self.frequency, self.damping, strict=True), start=1))])
 
 
 def stiffness_about_state(plant: Plant) -> FloatArray:
@@ -104,17 +114,17 @@ def damping_about_state(plant: Plant) -> FloatArray:
     return np.array(columns).T
 
 
-def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Modes:
+def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -> Modes:
     """
     Solve the eigenvalue problem at the plant's present configuration.
 
     Parameters
     ----------
-    plant : Plant
-        Plant at the configuration wanted.
+    plant : Plant or Arm
+        Plant at the configuration wanted, or an arm with ``links`` where its description starts.
     count : int
-        Number of modes.
-    free_joints : tuple of str
+        Largest number of modes.
+    free_joints : sequence of str
         Joints that move freely; the others are held.
 
     Returns
@@ -125,10 +135,18 @@ def modes(plant: Plant, count: int = 8, free_joints: tuple[str, ...] = ()) -> Mo
     Raises
     ------
     SimulationError
-        If nothing can vibrate.
+        If nothing can vibrate, or there is no such joint.
 
     """
+    if isinstance(plant, Arm):
+        plant = Plant(build_mechanism(plant))
+    check_type(plant, Plant, 'plant', 'Plant(build_mechanism(arm)), or the arm itself')
     mechanism = plant.mechanism
+    unknown = [name for name in free_joints if name not in mechanism.joints]
+    if unknown or count < 1:
+        msg = (f'{count} modes with the joints {unknown or list(free_joints)} free: expected 1 or '
+               f'more, and some of {list(mechanism.joints)}')
+        raise SimulationError(msg)
     free = mechanism.elastic.copy()
     for joint in free_joints:
         free[mechanism.q_index[mechanism.joints.index(joint)]] = True

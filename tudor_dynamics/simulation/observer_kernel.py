@@ -103,7 +103,7 @@ def propagate(
     pushed : ndarray of shape (m, FORCES)
         Generalised forces of a unit force at the tip.
     dt : float
-        [s]
+        Time between the samples [s].
     noise : float
         Power density of the white force [N^2 s].
     walk : float
@@ -163,7 +163,7 @@ def correct(
     Parameters
     ----------
     covariance : ndarray of shape (n, n)
-        Overwritten.
+        Covariance of the state, overwritten.
     shown : ndarray of shape (n_gauges, m)
         Moment at each gauge by coordinate [N m].
     variance : ndarray of shape (n_gauges,)

@@ -72,7 +72,17 @@ class Observation:
 
 @dataclass(frozen=True)
 class Section:
-    """A place along a beam: joint before it and distance from the beam's start [m]."""
+    """
+    A place along a beam: joint before it and distance from the beam's start [m].
+
+    Attributes
+    ----------
+    joint : str
+        Joint before the beam.
+    distance : float
+        Distance from the beam's start [m].
+
+    """
 
     joint: str
     distance: float

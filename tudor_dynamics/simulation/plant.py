@@ -21,7 +21,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation import integrator as gen, layout as at
 from tudor_dynamics.simulation.energy import energy, refresh
 from tudor_dynamics.simulation.equations import inverse_dynamics
@@ -47,7 +47,7 @@ class Plant:
         Tables, see ``build_mechanism``. Changes of them count from the next ``reset`` or
         ``parameters_changed``.
     dt : float
-        Step [s].
+        Step of the integrator [s].
     rho : float
         Damping of the highest frequencies, 0 to 1 (1: none).
     tolerance : float
@@ -64,6 +64,7 @@ class Plant:
         self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9,
         tolerance: float = 1e-6,
     ) -> None:
+        check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
         if not (np.isfinite(dt) and dt > 0.0):
             msg = f'the step must be positive, found {dt} s'
             raise SimulationError(msg)
@@ -129,7 +130,7 @@ class Plant:
         self._loaded = False
         self._vectors[gen.Z] = self.mechanism.initial
         if q is not None:
-            self._vectors[gen.Z, self._q] = q
+            self._put(self._vectors[gen.Z], q, 'q')
         for index, drive in zip(self._q, self._drives, strict=True):
             self._prescribed[index] = drive != 'torque'
         self.parameters_changed()
@@ -140,7 +141,7 @@ class Plant:
         if equilibrium:
             find_equilibrium(self)
         if dq is not None:
-            self._vectors[gen.DZ, self._q] = dq
+            self._put(self._vectors[gen.DZ], dq, 'dq')
         self._motion[0, self._q] = self._vectors[gen.Z, self._q]
         self._settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
         self._settings[gen.CONTRACTION] = 0.5
@@ -164,7 +165,7 @@ class Plant:
         Parameters
         ----------
         joint : str
-            Joint.
+            Name of the joint.
         kind : {'torque', 'motion', 'hold'}
             By its torque, by a motion given with each step, or held where it is.
 
@@ -216,7 +217,7 @@ class Plant:
 
         """
         if torque is not None:
-            self._torque[self._q] = torque
+            self._put(self._torque, torque, 'torque')
         if external_force is not None:
             self._set_force(np.asarray(external_force, dtype=float))
         elif self._loaded:
@@ -243,7 +244,7 @@ class Plant:
         Parameters
         ----------
         torque : array of shape (n_joints,)
-            [N m or N]
+            Torque of each joint at the start [N m or N].
 
         """
         self._torque[self._q] = torque
@@ -257,11 +258,11 @@ class Plant:
         Parameters
         ----------
         t : float
-            Time [s].
+            Time of the state [s].
         z, dz : ndarray of shape (n,)
             Coordinates and rates.
         torque : ndarray of shape (n_joints,)
-            [N m or N]
+            Torque of each joint [N m or N].
 
         """
         self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
@@ -357,7 +358,7 @@ class Plant:
         z, dz : ndarray of shape (n,)
             Coordinates and rates.
         torque : ndarray of shape (n_joints,)
-            [N m or N]
+            Torque of each joint [N m or N].
 
         Returns
         -------
@@ -390,6 +391,14 @@ class Plant:
         if not regular:
             self._fail(gen.SINGULAR)
         self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
+
+    def _put(self, vector: FloatArray, values: ArrayLike, name: str) -> None:
+        try:
+            vector[self._q] = values
+        except (TypeError, ValueError):
+            msg = (f'{name} is {repr(values)[:60]}; expected {self._q.size} numbers, for the '
+                   f'joints {list(self.mechanism.joints)}')
+            raise SimulationError(msg) from None
 
     def _set_force(self, force: FloatArray) -> None:
         if force.shape == self._wrench.shape:

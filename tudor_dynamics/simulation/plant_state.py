@@ -34,7 +34,7 @@ class PlantState:
     Attributes
     ----------
     t : float
-        Time [s].
+        Time of the state [s].
     q, dq, ddq : ndarray of shape (n_joints,)
         All joints of the mechanism [rad or m and their rates].
     effort : ndarray of shape (n_joints,)
@@ -52,7 +52,19 @@ class PlantState:
 
 @dataclass(frozen=True)
 class Energy:
-    """Kinetic, elastic and gravitational energy [J]."""
+    """
+    Kinetic, elastic and gravitational energy [J].
+
+    Attributes
+    ----------
+    kinetic : float
+        Energy of the motion [J].
+    elastic : float
+        Energy of beams and joint springs [J].
+    gravity : float
+        Energy of the masses in the field of gravity [J].
+
+    """
 
     kinetic: float
     elastic: float
@@ -66,7 +78,17 @@ class Energy:
 
 @dataclass(frozen=True)
 class Counts:
-    """Newton iterations and factorisations since the last reset."""
+    """
+    Newton iterations and factorisations since the last reset.
+
+    Attributes
+    ----------
+    iterations : int
+        Newton iterations since the last reset.
+    factorisations : int
+        Factorisations since the last reset.
+
+    """
 
     iterations: int
     factorisations: int

@@ -21,7 +21,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import matplotlib
 from matplotlib.figure import Figure
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,6 @@ from tudor_dynamics.simulation.run import Run
 
 FloatArray = NDArray[np.float64]
 
-matplotlib.use('Agg')
 COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
 STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 """Lines that can be told apart in grey, too."""
@@ -43,7 +41,21 @@ AXES = ('x', 'y', 'z')
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit."""
+    """
+    A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit.
+
+    Attributes
+    ----------
+    values : ndarray of shape (n_samples, n_curves)
+        Values over time, a curve a column.
+    labels : tuple of str
+        Label of each curve.
+    title : str
+        Title of the figure.
+    unit : str
+        Unit of the values.
+
+    """
 
     values: FloatArray
     labels: tuple[str, ...]
@@ -52,7 +64,17 @@ class Signal:
 
 
 def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
-    """Give the names that ``pick_signal`` knows."""
+    """
+    Give the names that ``pick_signal`` knows.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Mechanism with the names of its joints.
+    gauges : tuple of str
+        Names of the gauges.
+
+    """
     points = ['tip', *mechanism.joints]
     return ([f'{what}:{joint}' for what in ('q', 'dq', 'effort') for joint in mechanism.joints]
             + [f'{what}:{point}' for what in ('position', 'acceleration') for point in points]
@@ -67,9 +89,9 @@ def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: s
     Parameters
     ----------
     run : Run
-        Signals.
+        Run that the signal is taken from.
     mechanism : Mechanism
-        Names.
+        Mechanism with the names of its joints.
     gauges : tuple of str
         Gauges of the run.
     name : str
@@ -121,7 +143,7 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     Parameters
     ----------
     values : ndarray of shape (n_samples, n_curves)
-        Signals.
+        Signals over time, a curve a column.
     dt : float
         Sample time [s].
 
@@ -137,7 +159,18 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     return np.fft.rfftfreq(len(values), dt), amplitude
 
 
-def _write(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path) -> None:
+    """
+    Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure to be written.
+    path : Path
+        PNG file to write.
+
+    """
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=110)
     write_whole(path, stream.getvalue())
@@ -147,20 +180,40 @@ def plot_signal(
     path: Path, run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
 ) -> None:
     """
-    Draw a signal over time and over frequency.
+    Draw a signal into a picture.
 
     Parameters
     ----------
     path : Path
-        PNG file.
+        PNG file to write.
+    run, signal, title, highest
+        As in ``draw_signal``.
+
+    """
+    save_figure(draw_signal(run, signal, title=title, highest=highest), path)
+
+
+def draw_signal(
+    run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
+) -> Figure:
+    """
+    Draw a signal over time and over frequency.
+
+    Parameters
+    ----------
     run : Run
-        Times.
+        Run whose times the signal has.
     signal : Signal
-        What to draw.
+        What to draw, see ``pick_signal``.
     title : str, optional
         Other title than that of the signal.
     highest : float
         Highest frequency shown [Hz].
+
+    Returns
+    -------
+    Figure
+        Two axes, time above frequency.
 
     """
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
@@ -180,7 +233,7 @@ def plot_signal(
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
-    _write(figure, path)
+    return figure
 
 
 def body_lines(mechanism: Mechanism) -> list[tuple[list[int], bool]]:
@@ -207,13 +260,13 @@ def plot_configuration(
     Parameters
     ----------
     path : Path
-        PNG file.
+        PNG file to write.
     mechanism : Mechanism
         What is joined to what.
     position : ndarray of shape (points, 3)
         Points in the base frame [m].
     title : str
-        Title.
+        Title of the figure.
 
     """
     figure = Figure(figsize=(6.4, 5.6), layout='constrained')
@@ -226,11 +279,23 @@ def plot_configuration(
     axes.text(x, y, z, '  tip', fontsize=8)
     limit_axes(axes, position)
     axes.set_title(title)
-    _write(figure, path)
+    save_figure(figure, path)
 
 
 def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> None:
-    """Draw beams, rigid connections, nodes and joints into three-dimensional axes."""
+    """
+    Draw beams, rigid connections, nodes and joints into three-dimensional axes.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Axes to draw into.
+    mechanism : Mechanism
+        What is joined to what.
+    position : ndarray of shape (points, 3)
+        Points in the base frame [m].
+
+    """
     plot = getattr(axes, 'plot')
     for points, beam in body_lines(mechanism):
         part = position[points]
@@ -242,7 +307,17 @@ def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> 
 
 
 def limit_axes(axes: object, position: FloatArray) -> None:
-    """Give all axes the same scale, with the base in view."""
+    """
+    Give all axes the same scale, with the base in view.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Axes to be scaled.
+    position : ndarray of shape (..., 3)
+        Points that must be in view, in the base frame [m].
+
+    """
     points = np.vstack([position.reshape(-1, 3), np.zeros(3)])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * float((high - low).max()) + 1e-3

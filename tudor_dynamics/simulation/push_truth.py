@@ -108,7 +108,23 @@ def push_wrenches(
     arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: Signals,
     stamp: NDArray[np.int64],
 ) -> WrenchSeries:
-    """Give the truth about the pushes, each in the frame of its (rigid) link."""
+    """
+    Give the truth about the pushes, each in the frame of its (rigid) link.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that is pushed.
+    mechanism : Mechanism
+        Mechanism with the order of its joints.
+    pushes : sequence of Push
+        Pushes of the run.
+    signals : Signals
+        Motion of the run.
+    stamp : ndarray of int64, shape (n_samples,)
+        Stamps of the signals [ns].
+
+    """
     forces = push_forces(push_table(pushes, mechanism), signals.t)
     force, torque = np.zeros((2, len(stamp), 3))
     frames = ['base'] * len(stamp)

@@ -89,13 +89,13 @@ def put_pushes(
     Parameters
     ----------
     table : ndarray of shape (n_pushes, PUSH)
-        Pushes.
+        Pushes, one a row.
     t : float
-        [s]
+        Time now [s].
     body_int, body_float, moving : ndarray
         Mechanism after a forward pass.
     wrench : ndarray of shape (points, 6)
-        Added to.
+        Force and moment on each point, added to [N, N m].
 
     Returns
     -------
@@ -148,7 +148,7 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
     Parameters
     ----------
     pushes : sequence of Push
-        Pushes.
+        Pushes in any order.
     mechanism : Mechanism
         Mechanism that is pushed.
 
@@ -199,9 +199,9 @@ def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
     Parameters
     ----------
     table : ndarray of shape (n_pushes, PUSH)
-        Pushes.
+        Pushes, one a row.
     t : ndarray of shape (n_samples,)
-        [s]
+        Times to evaluate at [s].
 
     Returns
     -------

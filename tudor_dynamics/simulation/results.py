@@ -38,7 +38,7 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
     Parameters
     ----------
     run : Run
-        Signals.
+        Run with its signals.
     arm : Arm
         Names and topics.
     mechanism : Mechanism
@@ -76,9 +76,9 @@ def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: boo
     Parameters
     ----------
     folder : Path
-        Existing folder.
+        Folder that is there already.
     run : Run
-        Signals.
+        Run with its signals.
     arm : Arm
         Names and topics.
     mechanism : Mechanism

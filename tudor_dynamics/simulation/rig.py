@@ -45,7 +45,7 @@ class Trace:
     Attributes
     ----------
     t : list of float
-        Time [s].
+        Time of each record [s].
     q, dq : list of ndarray
         Positions and speeds of the joints, true or measured as the arm's encoders have it.
     command : list of ndarray
@@ -54,7 +54,7 @@ class Trace:
         Commands that left a controller: time [s], a number that changes where it took over an arm
         whose speed was not its own doing, and speeds [rad/s].
     strain : list of ndarray
-        [units of the gauges]
+        Readings of the gauges [units of the gauges].
     q_ref : list of ndarray
         Reference, not a number where there is none [rad].
     state : list of State or None
@@ -72,7 +72,15 @@ class Trace:
     state: list[State | None] = field(default_factory=list)
 
     def array(self, name: str) -> FloatArray:
-        """Stack a signal as (samples, channels)."""
+        """
+        Stack a signal as (samples, channels).
+
+        Parameters
+        ----------
+        name : str
+            Name of the signal.
+
+        """
         return np.array(getattr(self, name))
 
 
@@ -106,7 +114,7 @@ class Rig:
     t : float
         Simulated time [s].
     trace : Trace
-        What happened.
+        Record of what happened.
     alter : callable or None
         Changes a sample on its way, or loses it by None.
     frozen : set of str
@@ -146,7 +154,15 @@ class Rig:
         self._stamp = None
 
     def start_source(self, reaction: str = 'retreat') -> None:
-        """Start the source of references, as a process that was not there before."""
+        """
+        Start the source of references, as a process that was not there before.
+
+        Parameters
+        ----------
+        reaction : str
+            What a collision leads to.
+
+        """
         self.source = ReferenceSource(self.arm, reaction=reaction)
 
     def activate(self) -> None:
@@ -156,7 +172,15 @@ class Rig:
         self.active, self._stamp = True, None
 
     def run(self, seconds: float) -> None:
-        """Let time pass [s]."""
+        """
+        Let time pass [s].
+
+        Parameters
+        ----------
+        seconds : float
+            Simulated time that passes [s].
+
+        """
         for _ in range(round(seconds * self.rate)):
             self.step()
 

@@ -20,14 +20,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 import io
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.simulation.inertial import InertialSensors
 from tudor_dynamics.simulation.outputs import Observer
@@ -40,6 +40,55 @@ LARGEST_ROTATION = 0.3
 Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
 
+class Steps(NamedTuple):
+    """
+    How far a run goes, in steps.
+
+    Attributes
+    ----------
+    total : int
+        Steps of the run.
+    every : int
+        Steps between two records.
+
+    """
+
+    total: int
+    every: int
+
+    @classmethod
+    def of(cls, seconds: float, dt: float, rate: float) -> Steps:
+        """
+        Count them.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of the run [s].
+        dt : float
+            Step of the integrator [s].
+        rate : float
+            Records per second [Hz].
+
+        Returns
+        -------
+        Steps
+            At least one of each.
+
+        Raises
+        ------
+        UsageError
+            If a number is not positive.
+
+        """
+        for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
+            check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
+            if not 0.0 < value < 1e9:
+                msg = f'{name} (--{name}) must be positive, found {value}'
+                raise UsageError(msg)
+        return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """
@@ -48,7 +97,7 @@ class Run:
     Attributes
     ----------
     t : ndarray of shape (n_samples,)
-        [s]
+        Times of the records [s].
     q, dq, ddq, effort : ndarray of shape (n_samples, n_joints)
         Joint motion and effort of each drive [rad or m, N m or N].
     position, velocity, acceleration : ndarray of shape (n_samples, points, 3)
@@ -92,6 +141,11 @@ class Run:
     def orientation(self, sensor: int) -> FloatArray:
         """Give the quaternions x, y, z, w of a sensor in the base frame, shape (n_samples, 4)."""
         return np.asarray(Rotation.from_matrix(self.sensor_axes[:, sensor]).as_quat())
+
+    def __repr__(self) -> str:
+        """Write the length, and the shape of each array."""
+        shapes = ', '.join(f'{f.name} {getattr(self, f.name).shape}' for f in fields(self))
+        return f'Run of {self.t[-1]:g} s: {shapes}'
 
     def save(self, path: Path, **more: NDArray) -> None:
         """
@@ -151,7 +205,7 @@ def _record(
     run.sensor_acceleration[row] = felt.specific_force
 
 
-def simulate(
+def run_plant(
     plant: Plant, observer: Observer, torque: FloatArray, *, every: int = 1,
     motion: Motion | None = None, force: FloatArray | None = None,
     progress: Callable[[int], None] | None = None,
@@ -214,11 +268,11 @@ def simulate_with_scipy(
     Parameters
     ----------
     plant, observer, torque, every, progress
-        As in ``simulate``; joints that are not driven by a torque are held.
+        As in ``run_plant``; joints that are not driven by a torque are held.
     method : {'radau', 'bdf'}
-        Solver.
+        Solver of scipy.
     rtol : float
-        Relative tolerance.
+        Relative tolerance of the solver.
 
     Returns
     -------

@@ -60,7 +60,7 @@ def rectangle_torsion(height: float, width: float) -> float:
     Parameters
     ----------
     height, width : float
-        Sides [m].
+        Sides of the rectangle [m].
 
     Returns
     -------
@@ -105,7 +105,7 @@ def beam_properties(beam: BeamSpec) -> BeamProperties:
     Parameters
     ----------
     beam : BeamSpec
-        Description.
+        Description of the beam.
 
     Returns
     -------

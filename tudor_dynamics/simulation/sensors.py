@@ -80,7 +80,7 @@ def drive_sensor_row(motor: MotorSpec, chosen: Imperfections) -> FloatArray:
     Parameters
     ----------
     motor : MotorSpec
-        Description.
+        Description of motor and encoder.
     chosen : Imperfections
         Which imperfections count.
 
@@ -106,7 +106,7 @@ def gauge_rows(arm: Arm, observer: Observer, chosen: Imperfections) -> FloatArra
     Parameters
     ----------
     arm : Arm
-        Description.
+        Arm with its gauges and sensors.
     observer : Observer
         Knows where the gauges sit, and what they would read by the beam's section.
     chosen : Imperfections

@@ -97,13 +97,13 @@ def add_stretch(
     Parameters
     ----------
     z : ndarray of shape (n,)
-        Coordinates.
+        Coordinates of joints and nodes [rad, m].
     body_int, body_float : ndarray
         Mechanism, see ``layout``.
     gain, rate_gain : float
         Factors of the stiffness and of the damping that goes with it.
     matrix : ndarray of shape (n, n)
-        Added to.
+        Stiffness or damping matrix, added to.
 
     """
     rows = np.empty(10, dtype=np.int64)

@@ -1,0 +1,43 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""Sphinx: the reference of the API, made of the docstrings; ``make docs`` builds it."""
+
+from pathlib import Path
+
+import tudor_dynamics
+
+project = 'tudor_dynamics'
+author = 'tudor_dynamics contributors'
+copyright = '2026, tudor_dynamics contributors'  # noqa: A001
+release = tudor_dynamics.__version__
+extensions = ['sphinx.ext.autodoc', 'sphinx.ext.autosummary', 'sphinx.ext.mathjax', 'numpydoc']
+templates_path = ['_templates']
+html_theme = 'alabaster'
+html_theme_options = {'page_width': '1200px'}
+
+autosummary_generate = True
+autodoc_typehints = 'signature'
+autodoc_member_order = 'bysource'
+autodoc_default_options = {'members': True, 'show-inheritance': True}
+# One page a module: its members are documented there, not on pages of their own.
+numpydoc_show_class_members = False
+default_role = 'code'
+
+# The names of the library, each with a link to where it is defined.
+library = Path(__file__).parent / 'generated' / 'library.txt'
+library.parent.mkdir(exist_ok=True)
+library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
+    f'   ~{home}.{name}\n' for home, names in tudor_dynamics._HOMES.items() for name in names))

@@ -1,0 +1,180 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""The library: what ``import tudor_dynamics as td`` gives, how quickly, and what it refuses."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+import math
+from pathlib import Path
+import re
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tudor_dynamics as td
+from tudor_dynamics.identification.prediction import Prediction
+from tudor_dynamics.simulation.study import SimulatedRun
+
+README = Path(__file__).resolve().parents[1] / 'README.md'
+LINES = re.findall(r'^```python\n(.*?)^```$', README.read_text(encoding='utf-8'),
+                   re.MULTILINE | re.DOTALL)
+"""What the README shows: load, fit, predict, plot; and load, simulate, plot, modes."""
+
+
+@pytest.fixture(scope='module')
+def session(root: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Run the lines of the README, beside copies of arms and bags."""
+    names: dict[str, Any] = {}
+    place = tmp_path_factory.mktemp('library')
+    for name in ('config', 'bags'):
+        (place / name).symlink_to(root / name)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        exec(LINES[0], names)
+        names['picture'] = (place / 'strain.png').read_bytes()
+        exec(LINES[1], names)
+    return names
+
+
+def test_import_takes_no_time() -> None:
+    """The import is below 0.1 s and loads none of what takes long; the best of three counts."""
+    script = ('import sys, time; begin = time.perf_counter(); import tudor_dynamics as td;'
+              'print(time.perf_counter() - begin);'
+              'print([name for name in ("numpy", "pinocchio", "numba") if name in sys.modules])')
+    runs = [subprocess.run([sys.executable, '-c', script], check=True, capture_output=True,
+                           text=True).stdout.split('\n') for _ in range(3)]
+    assert min(float(run[0]) for run in runs) < 0.1
+    assert runs[0][1] == '[]'
+
+
+def test_names_are_the_same_for_people_interpreter_and_type_checker() -> None:
+    """``__all__``, the table of homes and the block for mypy name the same, and all are there."""
+    tree = ast.parse(Path(td.__file__).read_text(encoding='utf-8'))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    typed = {(node.module, name.name) for node in block.body if isinstance(node, ast.ImportFrom)
+             for name in node.names}
+    assert typed == {(home, name) for home, names in td._HOMES.items() for name in names}
+    assert sorted(name for _, name in typed) == sorted(td.__all__)
+    assert set(td.__all__) <= set(dir(td)) and 12 <= len(td.__all__) <= 18
+    for name in td.__all__:
+        assert getattr(td, name).__doc__
+    with pytest.raises(AttributeError, match='no_such_name'):
+        td.no_such_name
+
+
+def test_few_lines_are_enough(session: dict[str, Any]) -> None:
+    """Load, fit, predict, plot; load, simulate, modes: the lines work, and are few."""
+    assert len(LINES) == 2
+    assert len(LINES[0].splitlines()) <= 8 and len(LINES[1].splitlines()) <= 6
+    prediction, run = session['prediction'], session['run']
+    assert isinstance(prediction, Prediction) and isinstance(run, SimulatedRun)
+    assert prediction.outputs['strain']['analytical'].score.fit > 90.0
+    assert session['picture'].startswith(b'\x89PNG')
+    assert td.modes(session['arm']).frequency[0] == pytest.approx(3.05, abs=0.01)
+
+
+def test_what_a_notebook_shows(session: dict[str, Any], root: Path) -> None:
+    """Arms, recordings, models, predictions and runs say what they are, in a few lines."""
+    recording = td.read_recording(root / 'bags/two_blade_test', session['models'].arm)
+    shown = {name: repr(item) for name, item in {
+        **session, 'recording': recording, 'modes': td.modes(session['arm'])}.items()
+        if name != '__builtins__'}
+    assert 'joint2: effort [A] on motor_currents' in shown['arm']
+    assert '2400 samples at 100 Hz' in shown['recording']
+    assert 'strain: 2 channels from' in shown['recording']
+    assert 'strain analytical: link2_hub, link3_hub; fit 9' in shown['models']
+    assert 'strain analytical: fit' in shown['prediction']
+    assert 'largest elastic rotation' in shown['run'] and 'strain:link2_hub' in shown['run']
+    assert '1: 3.05' in shown['modes']
+    found = repr(session['prediction'].outputs['strain']['analytical'])
+    assert found.startswith('Validation by') and 'link2_hub 9' in found and len(found) < 200
+    assert 'strain (2001, 4)' in repr(session['run'].run)
+    model = session['models'].models['strain']['analytical']
+    assert '11 base parameters by wls, condition' in repr(model)
+    assert all(len(shown[name].split('\n')) < 12 for name in
+               ('arm', 'recording', 'models', 'prediction', 'run', 'modes'))
+
+
+@pytest.mark.parametrize('torque', [
+    4.6, '4.6 + 0*t', lambda t: 4.6, lambda t: np.float64(4.6), np.full(201, 4.6),
+    {'joint2': lambda t: 4.6}], ids=['number', 'text', 'function', 'numpy', 'array', 'by name'])
+def test_a_torque_may_be_many_things(session: dict[str, Any], torque: Any) -> None:
+    """A constant gives the same run, however it is said."""
+    arm = session['arm']
+    run = td.simulate(arm, torque, seconds=0.1, dt=5e-4, hold=['joint3']).run
+    assert run.effort[:, 1] == pytest.approx(4.6)
+    assert run.q[-1, 1] == pytest.approx(
+        td.simulate(arm, 4.6, seconds=0.1, dt=5e-4, hold=['joint3']).run.q[-1, 1], rel=1e-12)
+
+
+def test_a_start_may_be_given(session: dict[str, Any]) -> None:
+    """Joints start where they are told to, the others as described."""
+    run = td.simulate(session['arm'], seconds=0.01, start={'joint2': 0.3}).run
+    assert run.q[0].tolist() == pytest.approx([0.0, 0.3, 0.0])
+
+
+WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
+    'no path': (lambda s: td.load_arm(3), 'path is 3 of type int; expected str or Path'),
+    'no bag': (lambda s: td.read_recording(None, s['arm']), 'path is None'),
+    'path of an arm': (lambda s: td.fit('bags/x', 'arm.yaml'), r"load_arm\('arm.yaml'\)"),
+    'number of bags': (lambda s: td.fit(3, s['arm']), 'give the path of a bag'),
+    'no bags': (lambda s: td.fit([], s['arm']), 'no bag to learn from'),
+    'absent bag': (lambda s: td.fit('absent', s['arm']), 'no such file'),
+    'kind': (lambda s: td.FitSettings(kinds=('elm', 'x')), r"kinds: found \['x'\]"),
+    'estimator': (lambda s: td.FitSettings(estimator='x'), 'estimator: found'),
+    'settings': (lambda s: td.fit('a', s['arm'], settings='elm'), 'expected FitSettings'),
+    'payload of no bag': (lambda s: td.fit('a', s['arm'], payloads={'b': 0.1}), 'one of the bags'),
+    'no bundle': (lambda s: td.predict(s['arm'], 'a'), 'expected ModelBundle'),
+    'nothing to save': (lambda s: td.save_bundle(3, 'a'), 'expected ModelBundle'),
+    'no folder': (lambda s: td.load_bundle(3), 'the directory of a bundle'),
+    'monitor': (lambda s: td.Monitor('model'), 'the result of fit or load_bundle'),
+    'monitor kind': (lambda s: td.Monitor(s['models'], td.MonitorSettings(kind='elastic')),
+                     "no model of the kind 'elastic'"),
+    'channel': (lambda s: s['prediction'].plot(channel='x'), 'there are link2_hub, link3_hub'),
+    'output': (lambda s: s['prediction'].plot(output='x'), 'there are effort, strain'),
+    'picture': (lambda s: s['prediction'].plot('a.txt'), 'expected a picture'),
+    'arm to simulate': (lambda s: td.simulate('arm.yaml'), 'expected Arm'),
+    'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'driven by a torque are'),
+    'text': (lambda s: td.simulate(s['arm'], 'x + 1'), 'not allowed in an expression'),
+    'function': (lambda s: td.simulate(s['arm'], lambda t: 'a'), 'the torque of joint2'),
+    'infinite': (lambda s: td.simulate(s['arm'], lambda t: math.inf), 'not finite at t = 0 s'),
+    'array': (lambda s: td.simulate(s['arm'], np.zeros(3)), 'an array of 20001 values'),
+    'time': (lambda s: td.simulate(s['arm'], seconds=-1.0), 'must be positive, found -1'),
+    'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),
+    'held': (lambda s: td.simulate(s['arm'], hold=['x']), "'x' cannot be driven"),
+    'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start of 'x'"),
+    'signal': (lambda s: s['run'].plot('x'), "there is no signal 'x'"),
+    'plant': (lambda s: td.Plant(s['arm']), r'build_mechanism\(arm\)'),
+    'torques': (lambda s: td.Plant(td.build_mechanism(s['arm'])).step([1.0, 2.0]),
+                '3 numbers, for the joints'),
+    'places': (lambda s: td.Plant(td.build_mechanism(s['arm'])).reset('abc'), 'q is'),
+    'mechanism': (lambda s: td.build_mechanism('arm.yaml'), 'expected Arm'),
+    'modes': (lambda s: td.modes(s['arm'], 0), 'expected 1 or more'),
+    'free joint': (lambda s: td.modes(s['arm'], free_joints=['x']), 'some of'),
+}
+
+
+@pytest.mark.parametrize('case', WRONG)
+def test_a_wrong_argument_gives_our_error(session: dict[str, Any], case: str) -> None:
+    """One line that says what was found and what was expected, and no error of another library."""
+    call, message = WRONG[case]
+    with pytest.raises(td.TudorError, match=message):
+        call(session)

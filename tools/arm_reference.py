@@ -1,0 +1,227 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""
+Write the tables of ``docs/arm_yaml.md`` from the schema of the arm description.
+
+    python tools/arm_reference.py
+
+What stands before the marker is kept, what stands behind it is written anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+from tudor_dynamics.arm.schema import ArmSpec
+
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'arm_yaml.md'
+MARKER = '<!-- From here on written by tools/arm_reference.py from the schema. -->\n'
+
+MODELS = 'M'
+ELASTIC = 'E'
+SIMULATE = 'S'
+RECORD = 'R'
+DAMPER = 'D'
+REFERENCES = 'G'
+READERS = {
+    MODELS: '`tudor fit`, `evaluate`, `info`; with the model, `joint_state_filter`, '
+            '`dynamics_predictor`, `collision_detector`, `monitor`',
+    ELASTIC: '`tudor fit --models elastic`, and what uses that model',
+    SIMULATE: '`tudor simulate`',
+    RECORD: '`tudor record`, `reproduce`, `arm_simulator`',
+    DAMPER: '`oscillation_damper`, `damper_sign_test`',
+    REFERENCES: '`reference_generator`',
+}
+"""Letter in the tables to commands and nodes."""
+ALL = 'MESRDG'
+READ_BY = {
+    'name': ALL, 'kinematics': ALL, 'gravity': ALL, 'active_joints': ALL, 'joint_topic': 'MSRDG',
+    'joints': ALL, 'joints[].effort': 'MER', 'joints[].effort.torque_constant': 'ME',
+    'joints[].friction': 'ME', 'joints[].asymmetric': 'ME', 'joints[].rotor_inertia': 'ME',
+    'joints[].friction_velocity': 'ME', 'joints[].stribeck_velocity': 'ME',
+    'joints[].hold': 'MESR', 'joints[].limits': 'MRDG', 'joints[].planned': 'RDG',
+    'gauges': 'MESRD',
+    'preprocessing': 'MER', **dict.fromkeys((
+        'preprocessing.filter', 'preprocessing.acceleration_cutoff', 'preprocessing.output_cutoff',
+        'preprocessing.cutoff', 'preprocessing.measured_velocity', 'preprocessing.rate',
+        'preprocessing.settle'), 'ME'),
+    'motors': 'ERDG', 'motors[]': 'R', 'motors[].joint': 'ERDG', **dict.fromkeys((
+        'motors[].gear_ratio', 'motors[].torque_constant', 'motors[].efficiency',
+        'motors[].rotor_inertia', 'motors[].current_limit'), 'RDG'),
+    **dict.fromkeys(('motors[].stiffness', 'motors[].damping', 'motors[].backlash'), 'ER'),
+    'sensors': 'R', 'damper': 'RD', 'links': 'ESR', 'links[].hub_inertia': 'SR',
+    'links[].viscous_friction': 'SR', 'payload': 'ESR', 'simulation': 'ESR',
+    'simulation.initial': 'SR', 'simulation.start': 'S',
+}
+"""Key to its readers; a key that is not named here has those of the part that it stands in, where
+the entries of a list (``motors[]``) may have fewer than the list."""
+UNIT = re.compile(r'\[([^\[\]]+)\]\.?$')
+
+
+@dataclass(frozen=True)
+class Key:
+    """
+    One key of the description.
+
+    Attributes
+    ----------
+    path : str
+        Key with all parts that it stands in, ``[]`` for an entry of a list.
+    values, default, unit, meaning : str
+        What may stand there, and what it means.
+    needed : bool
+        Whether its part cannot be without it.
+    part : str
+        Name of the schema of what it holds, or none.
+
+    """
+
+    path: str
+    values: str
+    default: str
+    unit: str
+    meaning: str
+    needed: bool
+    part: str
+
+    @property
+    def readers(self) -> str:
+        """Letters of the commands that read it."""
+        name = self.path
+        while name not in READ_BY:
+            name = name.removesuffix('[]') if name.endswith('[]') else name.rpartition('.')[0]
+        return READ_BY[name]
+
+
+def _refs(schema: dict[str, Any]) -> Iterator[str]:
+    """Find the parts that a schema holds, at any depth of lists and choices."""
+    if '$ref' in schema:
+        yield schema['$ref'].rpartition('/')[2]
+    for inner in (*schema.get('anyOf', ()), *schema.get('allOf', ())):
+        yield from _refs(inner)
+    if isinstance(schema.get('items'), dict):
+        yield from _refs(schema['items'])
+
+
+def _values(schema: dict[str, Any]) -> str:
+    """Say in words what may stand there."""
+    if 'anyOf' in schema:
+        return ', or '.join(_values(inner) for inner in schema['anyOf']
+                            if inner.get('type') != 'null')
+    if '$ref' in schema or 'allOf' in schema:
+        return 'keys below'
+    if 'enum' in schema:
+        return ', '.join(f'`{value}`' for value in schema['enum'])
+    kind = schema.get('type')
+    if kind == 'array':
+        if 'prefixItems' in schema:
+            return f'[{len(schema["prefixItems"])} numbers]'
+        inner = _values(schema['items'])
+        return 'list of entries below' if inner == 'keys below' else f'list of {inner}'
+    if kind == 'object':
+        return f'joint: {_values(schema["additionalProperties"])}'
+    if kind in ('number', 'integer'):
+        bounds = [f'{sign} {schema[key]:g}' for key, sign in (
+            ('exclusiveMinimum', '>'), ('minimum', '>='), ('exclusiveMaximum', '<'),
+            ('maximum', '<=')) if key in schema and abs(schema[key]) < 1e9]
+        return ' '.join([{'number': 'number', 'integer': 'whole number'}[kind], *bounds])
+    return {'string': 'text', 'boolean': '`true`, `false`'}.get(str(kind), str(kind))
+
+
+def _default(schema: dict[str, Any], needed: bool) -> str:
+    if needed:
+        return 'needed'
+    value = schema.get('default')
+    if isinstance(value, dict) and value:
+        return 'as below'
+    if value in (None, [], {}):
+        return 'none'
+    return f'`{json.dumps(value)}`'.replace('"', '')
+
+
+def keys_of(name: str = 'ArmSpec', prefix: str = '') -> Iterator[Key]:
+    """
+    Go through the keys of a part, and of the parts in it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the part's schema.
+    prefix : str
+        Path of the part.
+
+    Yields
+    ------
+    Key
+        One by one, those of a part before those of the parts in it.
+
+    """
+    schema = ArmSpec.model_json_schema()
+    part = schema if name == 'ArmSpec' else schema['$defs'][name]
+    inner = []
+    for key, content in part['properties'].items():
+        found = next(_refs(content), '')
+        text = ' '.join(content.get('description', '').split('\n\n')[0].split())
+        unit = UNIT.search(text)
+        path = prefix + key
+        yield Key(path, _values(content), _default(content, key in part.get('required', ())),
+                  unit[1] if unit else '', UNIT.sub('', text).strip(' .'),
+                  key in part.get('required', ()), found)
+        if found:
+            listed = '[]' if 'list of entries' in _values(content) else ''
+            inner.append((found, f'{path}{listed}.'))
+    for found, path in inner:
+        yield from keys_of(found, path)
+
+
+def tables() -> str:
+    """Write a table for each part."""
+    schema = ArmSpec.model_json_schema()
+    lines = ['## Keys', '', '| letter | read by |', '|---|---|',
+             *(f'| {letter} | {readers} |' for letter, readers in READERS.items())]
+    keys = list(keys_of())
+    names = {key.path: key.part for key in keys if key.part}
+    place = None
+    for key in keys:
+        part = key.path.rpartition('.')[0]
+        if part != place:
+            place = part
+            text = (schema if not part else schema['$defs'][names[part.removesuffix('[]')]]).get(
+                'description', '')
+            heading = f'### `{part}`' if part else '### Top level'
+            summary = ' '.join(text.replace('``', '`').split('\n\n')[0].split())
+            lines += ['', heading, '', summary, '',
+                      '| key | values | default | unit | read by | meaning |',
+                      '|---|---|---|---|---|---|']
+        name = key.path.rpartition('.')[2]
+        lines.append(f'| `{name}` | {key.values} | {key.default} | {key.unit} | {key.readers} | '
+                     f'{key.meaning.replace("``", "`")} |')
+    return '\n'.join(lines) + '\n'
+
+
+def page() -> str:
+    """Give the page as it should be."""
+    kept, marker, _ = PAGE.read_text(encoding='utf-8').partition(MARKER)
+    return kept + marker + '\n' + tables()
+
+
+if __name__ == '__main__':
+    PAGE.write_text(page(), encoding='utf-8')
