@@ -30,6 +30,7 @@ import numpy as np
 import pytest
 
 import tudor_dynamics as td
+from tudor_dynamics.cli.main import main
 from tudor_dynamics.identification.prediction import Prediction
 from tudor_dynamics.simulation.study import SimulatedRun
 
@@ -131,6 +132,20 @@ def test_a_start_may_be_given(session: dict[str, Any]) -> None:
     assert run.q[0].tolist() == pytest.approx([0.0, 0.3, 0.0])
 
 
+def test_it_simulates_what_the_command_does(root: Path, tmp_path: Path) -> None:
+    """Motors count as they do for ``tudor simulate``, and so does a force at the tip."""
+    words = ['--seconds', '0.2', '--dt', '0.0005', '--torque', 'joint2=20*sin(9*t)', '--force',
+             'z=3*step(t-0.1)', '--json', '--out', str(tmp_path)]
+    assert main(['simulate', str(root / 'config/tudor.yaml'), *words]) == 0
+    arm = td.load_arm(root / 'config/tudor.yaml')
+    run = td.simulate(arm, {'joint2': lambda t: 20.0 * math.sin(9.0 * t)}, seconds=0.2, dt=5e-4,
+                      force={'z': lambda t: 3.0 if t >= 0.1 else 0.0})
+    with np.load(tmp_path / 'run.npz') as arrays:
+        assert run.run.q == pytest.approx(arrays['q'], abs=1e-12)
+        assert run.run.strain == pytest.approx(arrays['strain'], abs=1e-6)
+    assert td.modes(arm).frequency[0] == pytest.approx(3.05, abs=0.2)
+
+
 WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'no path': (lambda s: td.load_arm(3), 'path is 3 of type int; expected str or Path'),
     'no bag': (lambda s: td.read_recording(None, s['arm']), 'path is None'),
@@ -152,12 +167,14 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'output': (lambda s: s['prediction'].plot(output='x'), 'there are effort, strain'),
     'picture': (lambda s: s['prediction'].plot('a.txt'), 'expected a picture'),
     'arm to simulate': (lambda s: td.simulate('arm.yaml'), 'expected Arm'),
-    'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'driven by a torque are'),
+    'joint': (lambda s: td.simulate(s['arm'], {'x': 1.0}), 'expected some of'),
     'text': (lambda s: td.simulate(s['arm'], 'x + 1'), 'not allowed in an expression'),
     'function': (lambda s: td.simulate(s['arm'], lambda t: 'a'), 'the torque of joint2'),
     'infinite': (lambda s: td.simulate(s['arm'], lambda t: math.inf), 'not finite at t = 0 s'),
     'array': (lambda s: td.simulate(s['arm'], np.zeros(3)), 'an array of 20001 values'),
     'time': (lambda s: td.simulate(s['arm'], seconds=-1.0), 'must be positive, found -1'),
+    'direction': (lambda s: td.simulate(s['arm'], force={'up': 1.0}),
+               'force of .up.: expected some of'),
     'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),
     'held': (lambda s: td.simulate(s['arm'], hold=['x']), "'x' cannot be driven"),
     'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start of 'x'"),

@@ -63,10 +63,11 @@ READ_BY = {
         'preprocessing.filter', 'preprocessing.acceleration_cutoff', 'preprocessing.output_cutoff',
         'preprocessing.cutoff', 'preprocessing.measured_velocity', 'preprocessing.rate',
         'preprocessing.settle'), 'ME'),
-    'motors': 'ERDG', 'motors[]': 'R', 'motors[].joint': 'ERDG', **dict.fromkeys((
+    'motors': 'ESRDG', 'motors[]': 'R', 'motors[].joint': 'ESRDG', **dict.fromkeys((
         'motors[].gear_ratio', 'motors[].torque_constant', 'motors[].efficiency',
-        'motors[].rotor_inertia', 'motors[].current_limit'), 'RDG'),
-    **dict.fromkeys(('motors[].stiffness', 'motors[].damping', 'motors[].backlash'), 'ER'),
+        'motors[].rotor_inertia'), 'SRDG'),
+    'motors[].current_limit': 'RDG', 'motors[].viscous': 'SR', 'motors[].backlash': 'ER',
+    **dict.fromkeys(('motors[].stiffness', 'motors[].damping'), 'ESR'),
     'sensors': 'R', 'damper': 'RD', 'links': 'ESR', 'links[].hub_inertia': 'SR',
     'links[].viscous_friction': 'SR', 'payload': 'ESR', 'simulation': 'ESR',
     'simulation.initial': 'SR', 'simulation.start': 'S',

@@ -184,7 +184,7 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
 
 def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
     """
-    Sample what drives a joint.
+    Sample a torque, or a component of a force.
 
     Parameters
     ----------
@@ -193,12 +193,12 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
     t : ndarray of shape (n_samples,)
         Times of the steps [s].
     name : str
-        Joint, for messages.
+        What it is, for messages.
 
     Returns
     -------
     ndarray of shape (n_samples,)
-        Torques [N m or N].
+        Values [N m or N].
 
     Raises
     ------
@@ -213,50 +213,51 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
     try:
         values = np.broadcast_to(np.asarray(given, dtype=float), t.shape)
     except (TypeError, ValueError) as err:
-        msg = (f'the torque of {name} is {repr(value)[:60]} ({err}); expected a number, an '
+        msg = (f'the {name} is {repr(value)[:60]} ({err}); expected a number, an '
                f'expression in t, a function of the time, or an array of {t.size} values')
         raise SimulationError(msg) from None
     if not np.isfinite(values).all():
         when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        msg = f'the torque of {name} is not finite at t = {when:g} s'
+        msg = f'the {name} is not finite at t = {when:g} s'
         raise SimulationError(msg)
     return values
 
 
-def torque_table(
-    torque: Drive | Mapping[str, Drive], t: FloatArray, joints: tuple[str, ...],
-    active: tuple[str, ...],
+def sampled_columns(
+    what: str, given: Mapping[str, Drive], t: FloatArray, columns: tuple[str, ...],
+    allowed: tuple[str, ...],
 ) -> FloatArray:
     """
-    Give the torques of a run from what a program says.
+    Sample torques of joints or components of a force, as a program gives them.
 
     Parameters
     ----------
-    torque : float, str, callable or array, or mapping of str to these
-        Of the first active joint, or of joints by name, see ``sampled`` [N m or N].
+    what : str
+        What they are, for messages.
+    given : mapping of str to float, str, callable or array
+        Joint or direction to what drives it, see ``sampled`` [N m or N].
     t : ndarray of shape (n_samples,)
         Times of the steps [s].
-    joints, active : tuple of str
-        All joints, and those driven by a torque.
+    columns, allowed : tuple of str
+        All names, and those that may be given.
 
     Returns
     -------
-    ndarray of shape (n_samples, n_joints)
-        Torques [N m or N]; zero where nothing was said.
+    ndarray of shape (n_samples, n_columns)
+        Values [N m or N]; zero where nothing was said.
 
     Raises
     ------
     SimulationError
-        If there is no such joint, or what drives it cannot be used.
+        If a name is not allowed, or a value cannot be used.
 
     """
-    by_name = torque if isinstance(torque, Mapping) else {active[0]: torque}
-    result = np.zeros((t.size, len(joints)))
-    for name, value in by_name.items():
-        if name not in active:
-            msg = f'torque of {name!r}: the joints driven by a torque are {list(active)}'
+    result = np.zeros((t.size, len(columns)))
+    for name, value in given.items():
+        if name not in allowed:
+            msg = f'{what} of {name!r}: expected some of {list(allowed)}'
             raise SimulationError(msg)
-        result[:, joints.index(name)] = sampled(value, t, name)
+        result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
     return result
 
 
@@ -319,7 +320,7 @@ def force_signal(words: list[str], t: FloatArray) -> FloatArray:
     words : list of str
         Each a CSV file with columns t, x, y, z, or x=EXPRESSION, y=..., z=...
     t : ndarray of shape (n_samples,)
-        Times [s].
+        Times of the steps [s].
 
     Returns
     -------

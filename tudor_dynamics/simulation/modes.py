@@ -26,6 +26,7 @@ from scipy.linalg import eigh
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation.mechanism import build_mechanism
+from tudor_dynamics.simulation.motor_links import with_motors
 from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.stiffness import add_stretch
 
@@ -139,7 +140,7 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
 
     """
     if isinstance(plant, Arm):
-        plant = Plant(build_mechanism(plant))
+        plant = Plant(build_mechanism(with_motors(plant)))
     check_type(plant, Plant, 'plant', 'Plant(build_mechanism(arm)), or the arm itself')
     mechanism = plant.mechanism
     unknown = [name for name in free_joints if name not in mechanism.joints]

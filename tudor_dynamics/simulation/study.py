@@ -27,8 +27,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.simulation.excitation import Drive, torque_table
+from tudor_dynamics.simulation.excitation import DIRECTIONS, Drive, sampled_columns
 from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.simulation.motor_links import with_motors
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.plots import draw_signal, pick_signal, save_figure, signal_names
@@ -152,10 +153,14 @@ def simulate(
     rate: float = 1000.0,
     start: Mapping[str, float] | None = None,
     hold: Sequence[str] = (),
+    force: Mapping[str, Drive] | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> SimulatedRun:
     """
     Drive the mechanism of an arm by torques, as ``tudor simulate`` does.
+
+    Of ``motors``, rotors, gears and viscous friction count; play, Coulomb friction and the limit
+    of the current do not.
 
     Parameters
     ----------
@@ -174,6 +179,9 @@ def simulate(
         Where joints start; the others start as described [rad or m].
     hold : sequence of str
         Joints that are held where they start.
+    force : mapping of str to float, str, callable or array, optional
+        Force at the tip, of ``x``, ``y`` and ``z`` of the base frame those that act, each as a
+        torque is given [N].
     progress : callable, optional
         Told the number of steps done since its last call, now and then.
 
@@ -192,16 +200,21 @@ def simulate(
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     steps = Steps.of(seconds, dt, rate)
+    arm = with_motors(arm)
     mechanism = build_mechanism(arm)
     plant = Plant(mechanism, dt)
-    if start is not None:
-        plant.reset(_places(plant, start))
     for name in hold:
         plant.drive(name, 'hold')
     t = dt * np.arange(steps.total + 1, dtype=np.float64)
-    values = torque_table(torque, t, mechanism.joints, arm.active_joints)
-    plant.start_torque(values[0])
-    run = run_plant(plant, Observer(plant, arm=arm), values, every=steps.every,
+    by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
+    torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
+    forces = (None if force is None else
+              sampled_columns('force', force, t, DIRECTIONS, DIRECTIONS))
+    if start is not None or forces is not None:
+        plant.reset(_places(plant, start or {}),
+                    external_force=None if forces is None else forces[0])
+    plant.start_torque(torques[0])
+    run = run_plant(plant, Observer(plant, arm=arm), torques, every=steps.every, force=forces,
                     progress=progress)
     return SimulatedRun(arm, mechanism, run)
 
