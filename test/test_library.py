@@ -174,7 +174,7 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     'array': (lambda s: td.simulate(s['arm'], np.zeros(3)), 'an array of 20001 values'),
     'time': (lambda s: td.simulate(s['arm'], seconds=-1.0), 'must be positive, found -1'),
     'direction': (lambda s: td.simulate(s['arm'], force={'up': 1.0}),
-               'force of .up.: expected some of'),
+                  'force of .up.: expected some of'),
     'text as time': (lambda s: td.simulate(s['arm'], seconds='a'), "seconds is 'a'"),
     'held': (lambda s: td.simulate(s['arm'], hold=['x']), "'x' cannot be driven"),
     'place': (lambda s: td.simulate(s['arm'], start={'x': 0.0}), "start of 'x'"),
