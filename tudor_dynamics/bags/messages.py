@@ -167,6 +167,8 @@ class ImuSeries:
         In the axes of the sensor; at rest the acceleration points upwards [rad/s, m/s^2].
     frame_id : str
         Frame of the sensor.
+    msgtype : str
+        Type of the messages, ``sensor_msgs/msg/Imu``.
 
     """
 
