@@ -50,7 +50,7 @@ def test_envelope_sees_what_leaves_it(benches: Any, root: Path) -> None:
     assert held.excursion(upper[None] + [0.0, 0.1]) == pytest.approx(0.1)
     assert held.speed(-speed[None]) == pytest.approx(1.0)
     slack, period = benches.envelope.SLACK, 0.002
-    rise = held.acceleration * (period + slack)
+    rise = held.limits.acceleration * (period + slack)
     arrival = np.arange(3) * period
     assert held.step(np.outer([0.0, 1.0, 2.0], rise), arrival, period) == pytest.approx(1.0)
     assert held.step(np.outer([0.0, 1.0, 3.0], rise), arrival, period) == pytest.approx(2.0)

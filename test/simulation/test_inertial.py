@@ -26,7 +26,7 @@ from tudor_dynamics.simulation.lshape import l_shape
 from tudor_dynamics.simulation.mechanism import build_mechanism
 from tudor_dynamics.simulation.outputs import Observer
 from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import simulate
+from tudor_dynamics.simulation.run import run_plant
 
 
 def test_at_rest_it_points_upwards() -> None:
@@ -73,7 +73,7 @@ def test_it_feels_what_positions_show() -> None:
     torque[:, 0] = 1.0
     force = np.zeros((5001, 3))
     force[2000:, 2] = 0.3
-    run = simulate(plant, Observer(plant), torque, force=force)
+    run = run_plant(plant, Observer(plant), torque, force=force)
     points = [plant.mechanism.point('motor'), plant.mechanism.tip]
     for sensor, point in enumerate(points):
         axes = run.sensor_axes[:, sensor]

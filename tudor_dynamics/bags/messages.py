@@ -168,7 +168,7 @@ class ImuSeries:
     frame_id : str
         Frame of the sensor.
     msgtype : str
-        Type of the messages.
+        Type of the messages, ``sensor_msgs/msg/Imu``.
 
     """
 

@@ -320,7 +320,7 @@ def force_signal(words: list[str], t: FloatArray) -> FloatArray:
     words : list of str
         Each a CSV file with columns t, x, y, z, or x=EXPRESSION, y=..., z=...
     t : ndarray of shape (n_samples,)
-        Times of the steps [s].
+        Times at which the force is wanted [s].
 
     Returns
     -------

@@ -69,7 +69,7 @@ class Felt:
     axes : ndarray of shape (n_sensors, 3, 3)
         Of each sensor in the base frame, as columns.
     angular_velocity : ndarray of shape (n_sensors, 3)
-        Angular velocity of each sensor [rad/s].
+        Turning of each sensor, as a gyroscope reads it [rad/s].
     specific_force : ndarray of shape (n_sensors, 3)
         Acceleration less gravity, as an accelerometer reads it: at rest it points upwards [m/s^2].
 
@@ -96,7 +96,7 @@ class InertialSensors:
     Parameters
     ----------
     mechanism : Mechanism
-        Mechanism with its beams and its tip.
+        Whose beams carry the sensors.
 
     Attributes
     ----------
