@@ -17,20 +17,18 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.files import read_bounded
 
 FloatArray = NDArray[np.float64]
-Drive = ArrayLike | Callable[[float], float]
-"""What drives a joint: a constant, an expression, values, or a function of the time."""
 
 MAX_EXPRESSION = 2000
 MAX_TABLE_BYTES = 50_000_000
@@ -180,85 +178,6 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
         msg = f'{path}: time does not increase after data row {row + 1}'
         raise SimulationError(msg)
     return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
-
-
-def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
-    """
-    Sample a torque, or a component of a force.
-
-    Parameters
-    ----------
-    value : float, str, callable or array
-        Constant, expression in t, function of the time [s], or values at ``t`` [N m or N].
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    name : str
-        What it is, for messages.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        Values [N m or N].
-
-    Raises
-    ------
-    SimulationError
-        If it is none of these, has another length, or is not finite somewhere.
-
-    """
-    if isinstance(value, str):
-        return evaluate_expression(value, t)
-    # not in the try below: what a function of the user raises is best seen as it is
-    given = [value(time) for time in t.tolist()] if callable(value) else value
-    try:
-        values = np.broadcast_to(np.asarray(given, dtype=float), t.shape)
-    except (TypeError, ValueError) as err:
-        msg = (f'the {name} is {repr(value)[:60]} ({err}); expected a number, an '
-               f'expression in t, a function of the time, or an array of {t.size} values')
-        raise SimulationError(msg) from None
-    if not np.isfinite(values).all():
-        when = t[np.flatnonzero(~np.isfinite(values))[0]]
-        msg = f'the {name} is not finite at t = {when:g} s'
-        raise SimulationError(msg)
-    return values
-
-
-def sampled_columns(
-    what: str, given: Mapping[str, Drive], t: FloatArray, columns: tuple[str, ...],
-    allowed: tuple[str, ...],
-) -> FloatArray:
-    """
-    Sample torques of joints or components of a force, as a program gives them.
-
-    Parameters
-    ----------
-    what : str
-        What they are, for messages.
-    given : mapping of str to float, str, callable or array
-        Joint or direction to what drives it, see ``sampled`` [N m or N].
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    columns, allowed : tuple of str
-        All names, and those that may be given.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_columns)
-        Values [N m or N]; zero where nothing was said.
-
-    Raises
-    ------
-    SimulationError
-        If a name is not allowed, or a value cannot be used.
-
-    """
-    result = np.zeros((t.size, len(columns)))
-    for name, value in given.items():
-        if name not in allowed:
-            msg = f'{what} of {name!r}: expected some of {list(allowed)}'
-            raise SimulationError(msg)
-        result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
-    return result
 
 
 def torque_signal(

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
-from tudor_dynamics.simulation.excitation import DIRECTIONS, Drive, sampled_columns
+from tudor_dynamics.simulation.excitation import DIRECTIONS
 from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
 from tudor_dynamics.simulation.motor_links import with_motors
 from tudor_dynamics.simulation.outputs import Observer
@@ -35,6 +35,7 @@ from tudor_dynamics.simulation.plant import Plant
 from tudor_dynamics.simulation.plots import draw_signal, pick_signal, save_figure, signal_names
 from tudor_dynamics.simulation.results import save_run
 from tudor_dynamics.simulation.run import Run, run_plant, Steps
+from tudor_dynamics.simulation.sampled import Drive, sampled_columns
 
 FloatArray = NDArray[np.float64]
 
