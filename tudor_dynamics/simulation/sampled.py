@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Torques and forces as a program gives them, numbers, text, functions or arrays, over the steps."""
+"""Torques and forces as a program gives them, numbers, text, functions or arrays, over steps."""
 
 from __future__ import annotations
 
