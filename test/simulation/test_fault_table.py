@@ -408,3 +408,18 @@ def test_encoder_freezes_before_a_limit() -> None:
     kept = rig.trace.q[-1].copy()
     altered(rig, lambda sample: dataclasses.replace(sample, q=kept), 2.0)
     assert not broken_limits(rig)
+
+
+def test_the_way_to_a_limit_is_no_swing() -> None:
+    """Where a slow loop nears the end of the range, its bounded speed does not end damping."""
+    rig = Rig(tudor(), rate=100.0, payload=0.2, delay=0.08, seed=1)
+    assert rig.controller is not None and rig.source is not None
+    rig.run(1.0)
+    planned = planned_limits(rig.arm)
+    for shares in ((0.02, 0.1), (0.97, 0.9)):
+        go(rig, planned.lower + np.array(shares) * (planned.upper - planned.lower))
+        rig.step()
+        assert rig.source.motion is not None
+        rig.run(rig.source.motion.remaining + 3.0)
+    assert rig.controller.state is State.FOLLOWING and rig.controller.gains.excited == ''
+    assert broken_limits(rig) == []

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm.limits import DriveStop, Limits
 from tudor_dynamics.control.envelope_law import (
-    ACCELERATION, BRAKE, COMMAND, CUT, envelope_law, LOWER,
+    ACCELERATION, BRAKE, BY_SPEED, COMMAND, CUT, envelope_law, LOWER,
     ROW, SATURATING, SPEED, STATES, TIME, UPPER)
 
 FloatArray = NDArray[np.float64]
@@ -81,6 +81,11 @@ class Envelope:
     def saturated(self) -> NDArray[np.bool_]:
         """Which joints had speed or position at a limit in the last step."""
         return np.asarray((self.cuts & SATURATING) > 0)
+
+    @property
+    def speeding(self) -> NDArray[np.bool_]:
+        """Which joints were to go faster than their speed limit in the last step."""
+        return np.asarray((self.cuts & BY_SPEED) > 0)
 
     def set_lag(self, lag: float) -> None:
         """

@@ -158,7 +158,7 @@ class LoopGains:
         moving : bool
             Whether the reference moves.
         cut : bool
-            Whether speed or position cut the command.
+            Whether the speed limit cut the command.
 
         """
         excited = self._swing.step(dt, added, moving, cut)

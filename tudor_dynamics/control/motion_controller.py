@@ -365,7 +365,7 @@ class MotionController:
             added = gain * (q_ref - q) + weight * yielding
         # What a lost sample left out is not made up for in one command.
         command = self.envelope.step(min(dt, self.period), dq_ref + added, place)
-        self.gains.judge(dt, added, moving > 0.0, bool(self.envelope.saturated.any()))
+        self.gains.judge(dt, added, moving > 0.0, bool(self.envelope.speeding.any()))
         for j in np.flatnonzero(self.envelope.cuts):
             self.cuts[self.joints[j]] += 1
         self.envelope.set_lag(self.gains.response_time(self.period))

@@ -48,7 +48,7 @@ class SwingWatch:
     Judges what the position loop and the damper add to the reference.
 
     While the reference rests, what they add must decay: a swing that goes on at the same size, or
-    grows, is fed by them. Whether it rests or not, commands that are cut by the limits again and
+    grows, is fed by them. Whether it rests or not, commands beyond the speed limit again and
     again, or far from the reference, are no damping either.
 
     Parameters
@@ -82,7 +82,7 @@ class SwingWatch:
         moving : bool
             Whether the reference moves.
         cut : bool
-            Whether speed or position cut the command.
+            Whether the speed limit cut the command.
 
         Returns
         -------
