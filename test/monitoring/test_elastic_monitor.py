@@ -33,7 +33,7 @@ from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.following import observe_stretch, predict_stretch
-from tudor_dynamics.monitoring.detector import _Track, CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
@@ -263,31 +263,3 @@ def test_the_observer_takes_the_ringing_over(armed: ModelBundle, push: Recording
         return np.std([residuals[stamp] for stamp in stamps], axis=0)
 
     assert (left('ringing') < 0.5 * left('off')).all()
-
-
-def listen(ratios: list[float], rearm: float = 0.1, release: float = 0.5) -> list[bool]:
-    """Feed ratios at 100 Hz to a track that was above, and note when it is quiet."""
-    track = _Track()
-    track.listen(0, 2.0, DetectorSettings(0.01, release, rearm))
-    assert not track.quiet
-    quiet = []
-    for k, ratio in enumerate(ratios):
-        track.listen((k + 1) * 10_000_000, ratio, DetectorSettings(0.01, release, rearm))
-        quiet.append(track.quiet)
-    return quiet
-
-
-def test_quiet_is_a_mean_over_the_window() -> None:
-    """Below the release on average for the time asked, though peaks come near the threshold."""
-    assert listen([0.3, 0.9] * 3 + [0.1] * 6) == [False] * 10 + [True] * 2
-    assert not any(listen([0.6] * 60))
-    assert listen([0.9] * 11 + [0.1] * 11)[-1]  # the next window
-
-
-def test_an_excess_begins_the_window_anew() -> None:
-    """One sample above the threshold: not quiet, and the time counts from behind it."""
-    quiet = listen([0.1] * 8 + [1.2] + [0.1] * 12)
-    assert quiet[18] is False and quiet[19] is True
-    assert not any(quiet[:19])
-    assert listen([0.1] * 11 + [float('nan')])[-1] is False
-    assert listen([0.1] * 11 + [1.0])[-1] is False

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,8 @@ class Excess:
         Onset statistic, in the unit of the residual.
     contact, collision : ndarray of shape (n_channels,)
         Ratio to the threshold of each level, the larger of residual and onset; above 1 exceeds.
+    sudden : ndarray of shape (n_channels,)
+        Ratio of the onset to its collision threshold; negative where it takes from the residual.
     threshold : ndarray of shape (n_channels,)
         Collision threshold of the residual in force, in its unit.
 
@@ -70,6 +73,7 @@ class Excess:
     onset: FloatArray
     contact: FloatArray
     collision: FloatArray
+    sudden: FloatArray
     threshold: FloatArray
 
 
@@ -128,10 +132,10 @@ class ExcessStage:
         self._last = stamp
         columns = self._features.step(stamp, residual.motion.row)
         onset = self._onset.step(stamp, residual.value, first)
-        levels = np.empty((3, len(onset)))
+        levels = np.empty((4, len(onset)))
         _compare(self.thresholds.profile, columns, residual.value, onset, self._contact,
                  self._collision, levels)
-        return Excess(residual, onset, levels[0], levels[1], levels[2])
+        return Excess(residual, onset, levels[0], levels[1], levels[2], levels[3])
 
 
 @compiled
@@ -139,7 +143,7 @@ def _compare(
     profile: FloatArray, columns: FloatArray, value: FloatArray, onset: FloatArray,
     contact: FloatArray, collision: FloatArray, out: FloatArray,
 ) -> None:
-    """Fill the ratios to contact and collision, and the threshold of the residual."""
+    """Fill ratios to contact and collision, that of the onset, and the residual's threshold."""
     n = len(value)
     for i in range(n):
         usual = soon = 0.0
@@ -151,4 +155,5 @@ def _compare(
             a, b = plain / ratio[i], sudden / ratio[n + i]
             # NaN must win, as numpy has it
             out[level, i] = a if a > b or a != a else b
-        out[2, i] = usual * collision[i]
+        out[2, i] = math.copysign(sudden / collision[n + i], onset[i] * value[i])
+        out[3, i] = usual * collision[i]

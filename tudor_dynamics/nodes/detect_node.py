@@ -98,8 +98,7 @@ class DetectNode(ModelNode):
             methods=self.value('methods'),
             rates=Rates(self.value('false_alarms_per_hour'),
                         self.value('contact_alarms_per_hour')),
-            detector=DetectorSettings(self.value('debounce'), self.value('release'),
-                                      self.value('rearm')),
+            detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
             observer_gain=self.value('observer_gain'),
             gap=self.value('gap') if 'gap' in self.params else 0.0)
 
