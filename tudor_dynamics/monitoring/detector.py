@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,11 @@ from tudor_dynamics.monitoring.features import NEVER
 from tudor_dynamics.small_arrays import largest, largest_size
 
 FloatArray = NDArray[np.float64]
+
+SHARE = 0.15
+"""Part of an excess that comes back behind it and is no contact: the arm swings, teeth meet."""
+AFTERMATH = 1.0
+"""Time constant with which it is forgotten [s]."""
 
 
 class Level(IntEnum):
@@ -53,7 +59,7 @@ class DetectorSettings:
     """
 
     debounce: float = 0.01
-    rearm: float = 0.5
+    rearm: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -88,16 +94,22 @@ class CollisionEvent:
 
 @dataclass(slots=True)
 class _Track:
-    """Since when a threshold has been exceeded, and when it was last."""
+    """Since when a threshold has been exceeded, when it was last, and how far it is raised."""
 
     since: int | None = None
     last: int = NEVER
+    raised: float = 1.0
+    stamp: int = 0
 
     def follow(self, stamp: int, ratio: float, debounce: float) -> bool:
         """Say whether the threshold has been exceeded long enough; NaN holds, and is no excess."""
-        if not ratio < 1.0:
+        faded = math.exp((self.stamp - stamp) * 1e-9 / AFTERMATH)
+        bar = max(1.0, self.raised * faded)
+        self.stamp = stamp
+        self.raised = max(bar, SHARE * ratio)
+        if not ratio < bar:
             self.last = stamp
-        if not ratio > 1.0:
+        if not ratio > bar:
             self.since = None
             return False
         if self.since is None:

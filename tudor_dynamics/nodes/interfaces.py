@@ -123,7 +123,7 @@ DETECT = (
           dynamic=True),
     Param('debounce', 0.01, 'time for which a threshold must be exceeded', 's', 0.0, 1.0,
           dynamic=True),
-    Param('rearm', 0.5, 'time below its threshold after which a level is left', 's', 0.0, 60.0, dynamic=True),
+    Param('rearm', 0.3, 'time below its threshold after which a level is left', 's', 0.0, 60.0, dynamic=True),
     Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.1, 1e4),
     Param('calibration_time', 60.0, 'free motion that ~/calibrate learns from', 's', 30.0, 3600.0,
           dynamic=True),
