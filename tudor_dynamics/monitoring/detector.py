@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.monitoring.excess import Excess
 from tudor_dynamics.monitoring.features import NEVER
-from tudor_dynamics.small_arrays import largest, largest_size
+from tudor_dynamics.small_arrays import largest
 
 FloatArray = NDArray[np.float64]
 

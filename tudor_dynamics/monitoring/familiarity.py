@@ -17,8 +17,8 @@ How far the arm is from what thresholds were learned on, and how much wider they
 
 Two distances are known. Speeds beyond those of the recordings show at once. Whatever else differs,
 damper, sample rate, drives or friction, shows in the onset statistic, which is small between
-collisions and blind to forces that last: a quantile of its ratio to the profile is followed, slowly
-enough that a push hardly moves it, and compared with what was usual in free motion.
+collisions and blind to forces that last: a quantile of its ratio to the profile is followed, so
+slowly that a push hardly moves it, and compared with what was usual in free motion.
 """
 
 from __future__ import annotations
