@@ -33,7 +33,7 @@ from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic import ElasticModel
 from tudor_dynamics.models.following import observe_stretch, predict_stretch
-from tudor_dynamics.monitoring.detector import _Track, CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
@@ -73,21 +73,23 @@ def bundle() -> ModelBundle:
 
 
 def live(
-    predictor: Predictor, recording: Recording, late: bool = False,
+    predictor: Predictor, recording: Recording, when: str = 'after', shift: int = 0,
 ) -> dict[str, dict[int, FloatArray]]:
-    """Run live: motion, then its strain, in order; or the strain behind the next motion."""
+    """Run live: strain before its motion, after it, or behind the next motion; shift in ns."""
     states = StateFilter(SPEC)
     found: dict[str, dict[int, FloatArray]] = {'effort': {}, 'strain': {}}
     assert recording.strain is not None
     for k, stamp in enumerate(recording.stamp.tolist()):
+        if when == 'before':
+            predictor.add_strain(stamp + shift, recording.strain[k])
         motion = states.step(stamp, recording.q[k])
         assert motion is not None
         for output, values in (predictor.step(motion) or {}).items():
             found[output][stamp] = values
-        if late and k > 0:
+        if when == 'late' and k > 0:
             predictor.add_strain(int(recording.stamp[k - 1]), recording.strain[k - 1])
-        elif not late:
-            predictor.add_strain(stamp, recording.strain[k])
+        elif when == 'after':
+            predictor.add_strain(stamp + shift, recording.strain[k])
     return found
 
 
@@ -99,13 +101,16 @@ def difference(found: dict[int, FloatArray], stamps: FloatArray, offline: FloatA
                for stamp, values in found.items())
 
 
+@pytest.mark.parametrize('when', ['before', 'after'])
 @pytest.mark.parametrize('observer', ['off', 'ringing', 'contact'])
-def test_live_equals_offline(observer: str, bundle: ModelBundle, recording: Recording) -> None:
-    """Predictor sample by sample as ``observe_stretch`` gives it, to 1e-9."""
+def test_live_equals_offline(
+    observer: str, when: str, bundle: ModelBundle, recording: Recording,
+) -> None:
+    """As ``observe_stretch`` gives it, to 1e-9, whichever of motion and strain comes first."""
     (stretch,) = prepare(recording, SPEC)
     strain_model = bundle.models['strain']['elastic']
     assert isinstance(strain_model, ElasticModel)
-    found = live(Predictor(bundle, 'elastic', observer), recording)
+    found = live(Predictor(bundle, 'elastic', observer), recording, when)
     for output in ('effort', 'strain'):
         offline = observe_stretch(bundle.models[output]['elastic'], stretch, output, strain_model,
                                   observer)
@@ -127,9 +132,24 @@ def test_the_observer_makes_the_residual_smaller(
 def test_late_strain_does_not_count(bundle: ModelBundle, recording: Recording) -> None:
     """A reading that comes behind the next motion changes nothing: it is as if there were none."""
     (stretch,) = prepare(recording, SPEC)
-    found = live(Predictor(bundle, 'elastic', 'ringing'), recording, late=True)
+    found = live(Predictor(bundle, 'elastic', 'ringing'), recording, 'late')
     offline = predict_stretch(bundle.models['strain']['elastic'], stretch)
     assert difference(found['strain'], stretch.stamp, offline) < 1e-9
+
+
+def test_strain_between_the_motions_is_interpolated(
+    bundle: ModelBundle, recording: Recording,
+) -> None:
+    """A driver of gauges with stamps of its own: as readings brought onto those of the motion."""
+    assert recording.strain is not None
+    between = 0.5 * (recording.strain + np.roll(recording.strain, 1, axis=0))
+    between[0] = recording.strain[0]
+    brought = recording_of(recording.q, RATE, strain=between)
+    found = live(Predictor(bundle, 'elastic', 'ringing'), recording, shift=5_000_000)['strain']
+    again = live(Predictor(bundle, 'elastic', 'ringing'), brought)['strain']
+    # before the first reading nothing is known: its trace dies out
+    late = [stamp for stamp in again if stamp > recording.stamp[0] + 3_000_000_000]
+    assert max(np.abs(found[stamp] - again[stamp]).max() for stamp in late) < 1e-3
 
 
 def test_a_gap_begins_anew(bundle: ModelBundle, recording: Recording) -> None:
@@ -243,31 +263,3 @@ def test_the_observer_takes_the_ringing_over(armed: ModelBundle, push: Recording
         return np.std([residuals[stamp] for stamp in stamps], axis=0)
 
     assert (left('ringing') < 0.5 * left('off')).all()
-
-
-def listen(ratios: list[float], rearm: float = 0.1, release: float = 0.5) -> list[bool]:
-    """Feed ratios at 100 Hz to a track that was above, and note when it is quiet."""
-    track = _Track()
-    track.listen(0, 2.0, DetectorSettings(0.01, release, rearm))
-    assert not track.quiet
-    quiet = []
-    for k, ratio in enumerate(ratios):
-        track.listen((k + 1) * 10_000_000, ratio, DetectorSettings(0.01, release, rearm))
-        quiet.append(track.quiet)
-    return quiet
-
-
-def test_quiet_is_a_mean_over_the_window() -> None:
-    """Below the release on average for the time asked, though peaks come near the threshold."""
-    assert listen([0.3, 0.9] * 3 + [0.1] * 6) == [False] * 10 + [True] * 2
-    assert not any(listen([0.6] * 60))
-    assert listen([0.9] * 11 + [0.1] * 11)[-1]  # the next window
-
-
-def test_an_excess_begins_the_window_anew() -> None:
-    """One sample above the threshold: not quiet, and the time counts from behind it."""
-    quiet = listen([0.1] * 8 + [1.2] + [0.1] * 12)
-    assert quiet[18] is False and quiet[19] is True
-    assert not any(quiet[:19])
-    assert listen([0.1] * 11 + [float('nan')])[-1] is False
-    assert listen([0.1] * 11 + [1.0])[-1] is False

@@ -20,49 +20,18 @@ import math
 
 import numpy as np
 import pytest
+from threshold_making import CHANNELS, ringing, walk
 
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.monitoring.detector import CollisionDetector, DetectorSettings, Level
 from tudor_dynamics.monitoring.excess import Excess, ExcessStage, Rates
 from tudor_dynamics.monitoring.features import MotionFeatures
-from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
+from tudor_dynamics.monitoring.learning import learn_thresholds
 from tudor_dynamics.monitoring.onset import learn_taps, OnsetFilter, STEP
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.threshold_io import thresholds_from_dict, thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds import Tail
-
-CHANNELS = ('a', 'b')
-
-
-def ringing(seconds: float, seed: int, rate: float = 100.0) -> FreeMotion:
-    """Make residuals of two links that ring at 2.5 Hz, driven by noise, and a motion."""
-    rng = np.random.default_rng(seed)
-    n = int(seconds * rate)
-    t = np.arange(n) / rate
-    pole = np.exp((-0.03 + 1j) * 2 * np.pi * 2.5 / rate)
-    state, out = np.zeros(2, dtype=complex), np.empty((n, 2))
-    for k in range(n):
-        state = pole * state + rng.normal(size=2) * np.sqrt(100.0 / rate)
-        out[k] = state.real + 0.2 * rng.normal(size=2)
-    q = np.stack([np.sin(t), np.cos(0.7 * t)], axis=1)
-    dq = np.stack([np.cos(t), -0.7 * np.sin(0.7 * t)], axis=1)
-    ddq = np.stack([-np.sin(t), -0.49 * np.cos(0.7 * t)], axis=1)
-    stamp = 10**18 + (t * 1e9).round().astype(np.int64)
-    return FreeMotion(stamp, np.hstack([q, dq, ddq]), out)
-
-
-@pytest.fixture(scope='module')
-def learned():
-    """Learn thresholds from 240 s of ringing."""
-    return learn_thresholds([ringing(120, 1), ringing(120, 2)], CHANNELS)
-
-
-def walk(stage: ExcessStage, record: FreeMotion, push=0.0) -> list[Excess]:
-    """Run samples through a stage, with a push added to the residual."""
-    push = np.broadcast_to(np.asarray(push, dtype=float).reshape(-1, 1), record.residual.shape)
-    return [stage.step(Residual(Motion(int(s), 9.0, 0.01, m), r, r, r))
-            for s, m, r in zip(record.stamp, record.motion, record.residual + push, strict=True)]
 
 
 def test_doubt_about_a_tail_is_counted_in() -> None:
@@ -148,18 +117,26 @@ def test_reversal_widens_for_a_while() -> None:
     assert seen == [0.0] * 10 + [1.0] * 16 + [0.0] * 14
 
 
-def excess(stamp: int, collision: float, contact: float = 0.0) -> Excess:
+def excess(
+    stamp: int, collision: float, contact: float = 0.0, sudden: float = 0.0,
+) -> Excess:
     """Make a sample of one channel."""
     m = Motion(stamp, 9.0, 0.01, np.zeros(3))
     zero = np.zeros(1)
     return Excess(Residual(m, zero, zero, np.array([7.0])), zero,
-                  np.array([max(contact, collision)]), np.array([collision]), np.ones(1))
+                  np.array([max(contact, collision)]), np.array([collision]),
+                  np.array([sudden]), np.ones(1))
 
 
-def test_debounce_hysteresis_and_rearming() -> None:
+def detector_of(settings: DetectorSettings, *methods: str) -> CollisionDetector:
+    """Make a detector of methods with one channel each."""
+    return CollisionDetector(settings, {name: ('g',) for name in methods or ('strain',)},
+                             {'g': (2, 'link2')})
+
+
+def test_debounce_and_rearming() -> None:
     """One high sample is nothing, two are an event; half a second of quiet arms again."""
-    detector = CollisionDetector(DetectorSettings(0.01, 0.5, 0.5), {'strain': ('g',)},
-                                 {'g': (2, 'link2')})
+    detector = detector_of(DetectorSettings(0.01, 0.5))
     events, levels = [], []
     ratios = [0.1] * 5 + [1.5] + [0.1] * 5 + [1.2] * 3 + [0.7] * 20 + [0.1] * 60 + [1.3] * 3
     for k, ratio in enumerate(ratios):
@@ -173,9 +150,74 @@ def test_debounce_hysteresis_and_rearming() -> None:
     assert levels[33] is Level.COLLISION and levels[90] is Level.FREE
 
 
+def test_noise_cannot_hold_a_level_up() -> None:
+    """A residual that is noise, its threshold four deviations: free again once it is only that."""
+    detector = detector_of(DetectorSettings(0.01, 0.5))
+    rng = np.random.default_rng(3)
+    for k in range(3):
+        detector.step('strain', excess(10_000_000 * k, 2.0))
+    assert detector.level is Level.COLLISION
+    # the largest of eight statistics: above half of the threshold most of the time
+    noise = np.abs(rng.standard_normal((100, 8))).max(axis=1) / 4.0
+    assert np.mean(noise) > 0.4 and noise.max() < 1.0
+    for k, ratio in enumerate(noise.tolist()):
+        detector.step('strain', excess(10_000_000 * (3 + k), ratio, 1.3 * ratio))
+    assert detector.level is Level.FREE
+    detector.step('strain', excess(2_000_000_000, 2.0))
+    detector.step('strain', excess(2_010_000_000, 2.0))
+    for k in range(100):
+        detector.step('strain', excess(2_020_000_000 + 10_000_000 * k, math.nan))
+    assert detector.level is Level.COLLISION  # what is no number is not quiet
+
+
+def test_a_sensor_that_stops_does_not_hold_a_level_up() -> None:
+    """A method without samples is not above its threshold for ever."""
+    detector = detector_of(DetectorSettings(0.0, 0.5), 'strain', 'effort')
+    detector.step('strain', excess(0, 2.0))
+    assert detector.level is Level.COLLISION
+    for k in range(60):
+        detector.step('effort', excess(10_000_000 * k, 0.2))
+    assert detector.level is Level.FREE
+
+
+def test_what_a_push_leaves_behind_is_none() -> None:
+    """Fifty times the threshold, then a swing of five for a second: free within that second."""
+    detector = detector_of(DetectorSettings(0.01, 0.3))
+    levels = []
+    for k in range(200):
+        ratio = 50.0 if k < 40 else 5.0 * math.exp(-0.01 * (k - 40) / 0.6)
+        detector.step('strain', excess(10_000_000 * k, ratio))
+        levels.append(detector.level)
+    assert levels[60] is Level.COLLISION and levels[140] is Level.FREE
+    # a second push of a fifth is above what the first one left
+    events = [detector.step('strain', excess(10_000_000 * k, 10.0)) for k in range(200, 210)]
+    assert sum(event is not None for event in events) == 1
+
+
+def push_upon_push(second: float) -> list[int]:
+    """Hold a force for two seconds, change it after one; give when there were events [ms]."""
+    detector = detector_of(DetectorSettings(0.01, 0.5), 'strain', 'effort')
+    found = []
+    for k in range(300):
+        held = 10 <= k < 210
+        sudden = (1.5 if 10 <= k < 20 else second if 110 <= k < 120
+                  else -1.5 if 210 <= k < 220 else 0.1)
+        for method, late in (('strain', 0), ('effort', 30_000_000)):
+            if detector.step(method, excess(10_000_000 * k + late, 3.0 if held else 0.3,
+                                            sudden=sudden)) is not None:
+                found.append(10 * k)
+    return found
+
+
+def test_a_push_during_a_push_is_told() -> None:
+    """What adds to a force that lasts is an event of its own; what takes from it is none."""
+    assert push_upon_push(0.1) == [110]
+    assert push_upon_push(1.5) == [110, 1110]
+    assert push_upon_push(-1.5) == [110]
+
+
 def test_contact_is_the_more_sensitive_level() -> None:
     """A touch below the collision threshold is told and is no event."""
-    detector = CollisionDetector(DetectorSettings(0.0, 0.5, 0.1), {'strain': ('g',)},
-                                 {'g': (2, 'link2')})
+    detector = detector_of(DetectorSettings(0.0, 0.1))
     assert detector.step('strain', excess(1, 0.6, 1.4)) is None
     assert detector.level is Level.CONTACT

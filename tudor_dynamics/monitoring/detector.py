@@ -12,21 +12,28 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From ratios to events: debounce, two levels, hysteresis, re-arming, and the link blamed."""
+"""From ratios to events: debounce, two levels, release, pushes upon pushes, the link blamed."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.monitoring.excess import Excess
+from tudor_dynamics.monitoring.features import NEVER
 from tudor_dynamics.small_arrays import largest
 
 FloatArray = NDArray[np.float64]
+
+SHARE = 0.15
+"""Part of an excess that comes back behind it and is no contact: the arm swings, teeth meet."""
+AFTERMATH = 1.0
+"""Time constant with which it is forgotten [s]."""
 
 
 class Level(IntEnum):
@@ -40,22 +47,19 @@ class Level(IntEnum):
 @dataclass(frozen=True)
 class DetectorSettings:
     """
-    Times and hysteresis.
+    Times.
 
     Attributes
     ----------
     debounce : float
         Time for which a threshold must be exceeded [s].
-    release : float
-        Fraction of the threshold below which a level is left.
     rearm : float
-        Time below it before that [s].
+        Time below a threshold after which its level is left [s].
 
     """
 
     debounce: float = 0.01
-    release: float = 0.5
-    rearm: float = 0.5
+    rearm: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -90,31 +94,60 @@ class CollisionEvent:
 
 @dataclass(slots=True)
 class _Track:
-    """Since when a method has been above, and whether it has been quiet since."""
+    """Since when a threshold has been exceeded, when it was last, and how far it is raised."""
 
     since: int | None = None
-    quiet: bool = True
-    begin: int | None = None
-    total: float = 0.0
-    count: int = 0
+    last: int = NEVER
+    raised: float = 1.0
+    stamp: int = 0
 
-    def listen(self, stamp: int, ratio: float, settings: DetectorSettings) -> None:
-        """
-        Judge whether it is quiet.
+    def follow(self, stamp: int, ratio: float, debounce: float) -> bool:
+        """Say whether the threshold has been exceeded long enough; NaN holds, and is no excess."""
+        faded = math.exp((self.stamp - stamp) * 1e-9 / AFTERMATH)
+        bar = max(1.0, self.raised * faded)
+        self.stamp = stamp
+        self.raised = max(bar, SHARE * ratio)
+        if not ratio < bar:
+            self.last = stamp
+        if not ratio > bar:
+            self.since = None
+            return False
+        if self.since is None:
+            self.since = stamp
+        return (stamp - self.since) * 1e-9 >= debounce - 1e-9
 
-        By the mean over a window, because the peaks of a good model's residual, which is noise,
-        come near the threshold all the time.
+    def holds(self, stamp: int, rearm: float) -> bool:
+        """Say whether it was exceeded within a time [s]."""
+        return (stamp - self.last) * 1e-9 < rearm
+
+
+@dataclass(slots=True)
+class _Onset:
+    """Since when a force has been changing suddenly, and when one was last told of, or passed."""
+
+    since: int | None = None
+    told: int = NEVER
+
+    def grows(self, stamp: int, sudden: FloatArray, settings: DetectorSettings) -> bool:
         """
-        if not ratio < 1.0:
-            self.quiet, self.begin = False, None
-            return
-        if self.begin is None:
-            self.begin, self.total, self.count = stamp, 0.0, 0
-        self.total += ratio
-        self.count += 1
-        if (stamp - self.begin) * 1e-9 >= settings.rearm:
-            self.quiet = self.quiet or self.total < settings.release * self.count
-            self.begin = None
+        Say whether a change has just become certain that adds to the residual.
+
+        One that takes from it is a force that goes. A change counts behind a time without any:
+        the arm rings behind each.
+        """
+        place = int(np.argmax(np.abs(sudden)))
+        if not abs(sudden[place]) > 1.0:
+            self.since = None
+            return False
+        if (stamp - self.told) * 1e-9 < settings.rearm:
+            self.since, self.told = None, stamp
+            return False
+        if self.since is None:
+            self.since = stamp
+        if (stamp - self.since) * 1e-9 < settings.debounce - 1e-9:
+            return False
+        self.told = stamp
+        return bool(sudden[place] > 0.0)
 
 
 class CollisionDetector:
@@ -124,7 +157,7 @@ class CollisionDetector:
     Parameters
     ----------
     settings : DetectorSettings
-        Times and hysteresis.
+        Times.
     channels : dict of str to sequence of str
         Method to its channels.
     links : dict of str to (int, str)
@@ -153,6 +186,7 @@ class CollisionDetector:
         self.level = Level.FREE
         self._tracks = {(method, level): _Track() for method in self.channels
                         for level in (Level.CONTACT, Level.COLLISION)}
+        self._onsets = {method: _Onset() for method in self.channels}
         self._stamps: dict[str, int] = {}
 
     def step(self, method: str, excess: Excess) -> CollisionEvent | None:
@@ -169,42 +203,39 @@ class CollisionDetector:
         Returns
         -------
         CollisionEvent or None
-            An event when the level rises to collision.
+            An event when the level rises to collision, and when the force grows suddenly again
+            while it is there.
 
         """
         stamp = excess.residual.motion.stamp
         if stamp < self._stamps.get(method, stamp):  # the clock was set back
             self.reset()
         self._stamps[method] = stamp
-        event = None
+        event, settings = None, self.settings
+        onset = self._onsets[method]
+        if onset.grows(stamp, excess.sudden, settings) and self.level is Level.COLLISION:
+            event = self._event(method, excess, onset.since)
         for level, ratios in ((Level.CONTACT, excess.contact),
                               (Level.COLLISION, excess.collision)):
-            sure = self._follow(self._tracks[method, level], stamp, largest(ratios))
+            track = self._tracks[method, level]
+            sure = track.follow(stamp, largest(ratios), settings.debounce)
             if sure and self.level < level:
                 if level is Level.COLLISION:
-                    event = self._event(method, excess)
+                    event = self._event(method, excess, track.since)
                 self.level = level
-        if self.level and not self._holds(self.level):
-            self.level = (Level.CONTACT if self.level is Level.COLLISION
-                          and self._holds(Level.CONTACT) else Level.FREE)
+        if event is not None:  # what other methods see of it later is not another one
+            for onset in self._onsets.values():
+                onset.told = stamp
+        while self.level and not self._holds(self.level, stamp):
+            self.level = Level(self.level - 1)
         return event
 
-    def _follow(self, track: _Track, stamp: int, ratio: float) -> bool:
-        """Say whether the threshold has been exceeded long enough."""
-        track.listen(stamp, ratio, self.settings)
-        if not ratio > 1.0:
-            track.since = None
-            return False
-        if track.since is None:
-            track.since = stamp
-        return (stamp - track.since) * 1e-9 >= self.settings.debounce - 1e-9
+    def _holds(self, level: Level, stamp: int) -> bool:
+        return any(track.holds(stamp, self.settings.rearm)
+                   for (_, of), track in self._tracks.items() if of >= level)
 
-    def _holds(self, level: Level) -> bool:
-        return any(not track.quiet for (_, of), track in self._tracks.items() if of is level)
-
-    def _event(self, method: str, excess: Excess) -> CollisionEvent:
+    def _event(self, method: str, excess: Excess, since: int | None) -> CollisionEvent:
         stamp = excess.residual.motion.stamp
-        since = self._tracks[method, Level.COLLISION].since
         names = self.channels[method]
         ratios = dict(zip(names, excess.collision.tolist(), strict=True))
         return CollisionEvent(

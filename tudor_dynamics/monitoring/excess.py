@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.monitoring.familiarity import Familiarity
 from tudor_dynamics.monitoring.features import MotionFeatures
 from tudor_dynamics.monitoring.onset import OnsetFilter
 from tudor_dynamics.monitoring.residuals import Residual
@@ -61,6 +63,8 @@ class Excess:
         Onset statistic, in the unit of the residual.
     contact, collision : ndarray of shape (n_channels,)
         Ratio to the threshold of each level, the larger of residual and onset; above 1 exceeds.
+    sudden : ndarray of shape (n_channels,)
+        Ratio of the onset to its collision threshold; negative where it takes from the residual.
     threshold : ndarray of shape (n_channels,)
         Collision threshold of the residual in force, in its unit.
 
@@ -70,6 +74,7 @@ class Excess:
     onset: FloatArray
     contact: FloatArray
     collision: FloatArray
+    sudden: FloatArray
     threshold: FloatArray
 
 
@@ -90,8 +95,14 @@ class ExcessStage:
         self.thresholds = thresholds
         self._features = MotionFeatures(thresholds.n_joints)
         self._onset = OnsetFilter(thresholds.taps, thresholds.step)
+        self._familiarity = Familiarity(thresholds.usual, thresholds.reach)
         self._last: int | None = None
         self.rates = rates
+
+    @property
+    def widening(self) -> FloatArray:
+        """Factor on the thresholds of each channel, for motion that they were not learned on."""
+        return self._familiarity.widening
 
     @property
     def rates(self) -> Rates:
@@ -123,32 +134,36 @@ class ExcessStage:
         """
         stamp = residual.motion.stamp
         first = first or self._last is None or stamp <= self._last
+        dt = 0.0 if first or self._last is None else (stamp - self._last) * 1e-9
         if first:
             self._features = MotionFeatures(self.thresholds.n_joints)
         self._last = stamp
         columns = self._features.step(stamp, residual.motion.row)
         onset = self._onset.step(stamp, residual.value, first)
-        levels = np.empty((3, len(onset)))
+        levels = np.empty((5, len(onset)))
         _compare(self.thresholds.profile, columns, residual.value, onset, self._contact,
-                 self._collision, levels)
-        return Excess(residual, onset, levels[0], levels[1], levels[2])
+                 self._collision, self.widening, levels)
+        self._familiarity.step(dt, columns[1:1 + self.thresholds.n_joints], levels[4])
+        return Excess(residual, onset, levels[0], levels[1], levels[2], levels[3])
 
 
 @compiled
 def _compare(
     profile: FloatArray, columns: FloatArray, value: FloatArray, onset: FloatArray,
-    contact: FloatArray, collision: FloatArray, out: FloatArray,
+    contact: FloatArray, collision: FloatArray, widening: FloatArray, out: FloatArray,
 ) -> None:
-    """Fill the ratios to contact and collision, and the threshold of the residual."""
+    """Fill ratios to contact and collision, onset's, residual's threshold, onset by profile."""
     n = len(value)
     for i in range(n):
         usual = soon = 0.0
         for k in range(len(columns)):
             usual += profile[i, k] * columns[k]
             soon += profile[n + i, k] * columns[k]
-        plain, sudden = abs(value[i]) / usual, abs(onset[i]) / soon
+        out[4, i] = abs(onset[i]) / soon
+        plain, sudden = abs(value[i]) / usual / widening[i], out[4, i] / widening[i]
         for level, ratio in enumerate((contact, collision)):
             a, b = plain / ratio[i], sudden / ratio[n + i]
             # NaN must win, as numpy has it
             out[level, i] = a if a > b or a != a else b
-        out[2, i] = usual * collision[i]
+        out[2, i] = math.copysign(sudden / collision[n + i], onset[i] * value[i])
+        out[3, i] = usual * collision[i] * widening[i]

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from scipy import optimize, sparse
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.monitoring.features import MotionFeatures
+from tudor_dynamics.monitoring.familiarity import levels, USUAL
+from tudor_dynamics.monitoring.features import MotionFeatures, REVERSAL_SPEED
 from tudor_dynamics.monitoring.onset import LAGS, learn_taps, OnsetFilter, STEP, WINDOW
 from tudor_dynamics.monitoring.thresholds import BLOCK, MethodThresholds, Tail
 
@@ -113,11 +114,13 @@ def learn_thresholds(
     rows = _Rows(records, step, period)
     halves = [_Rows([_half(r, which) for r in records], step, period) for which in (0, 1)]
     # Ratios to a profile that was not learned from them: others are too small.
-    ratios = np.vstack([judged.ratios(*learned.law(), round(BLOCK / period))
-                        for learned, judged in (halves, halves[::-1])])
+    laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
+    ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
+    usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL, axis=0)
     taps, profile = rows.law()
     return MethodThresholds(channels, step, taps, profile,
-                            tuple(_tail(column) for column in ratios.T), seconds)
+                            tuple(_tail(column) for column in ratios.T), seconds,
+                            np.asarray(usual), rows.reach())
 
 
 def _half(record: FreeMotion, which: int) -> FreeMotion:
@@ -150,6 +153,19 @@ class _Rows:
         """Give the largest ratio to a profile in each block."""
         return np.vstack([_largest(s / (c @ profile.T), block)
                           for c, s in zip(self._columns, self._sizes(taps), strict=True)])
+
+    def levels(self, taps: FloatArray, profile: FloatArray) -> FloatArray:
+        """Give the level of the onset statistics at each sample, as ratios to a profile."""
+        n = taps.shape[1]
+        return np.vstack([levels(np.diff(r.t[self._skip - 1:]), (s / (c @ profile.T))[:, n:])
+                          for r, c, s in zip(self._records, self._columns, self._sizes(taps),
+                                             strict=True)])
+
+    def reach(self) -> FloatArray:
+        """Give the largest speed of each joint; one that stood still moves from there on."""
+        joints = (self._columns[0].shape[1] - 1) // 4
+        largest = np.max([c[:, 1:1 + joints].max(axis=0) for c in self._columns], axis=0)
+        return np.asarray(np.maximum(largest, REVERSAL_SPEED))
 
     def _sizes(self, taps: FloatArray) -> list[FloatArray]:
         """Give the sizes of residuals and onset statistics, once the past is complete."""

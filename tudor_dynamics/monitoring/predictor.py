@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Collection
 
 import numpy as np
@@ -31,6 +32,10 @@ from tudor_dynamics.monitoring.state_filter import Motion
 FloatArray = NDArray[np.float64]
 
 OUTPUTS = ('effort', 'strain')
+KEPT = 16
+"""Readings of strain that wait for their motion: those of one instant come in any order."""
+APART = 3.0
+"""Readings farther apart say nothing of the time between them [steps of the motion]."""
 
 
 class Predictor:
@@ -72,13 +77,14 @@ class Predictor:
         self._elastic = (LiveElastic(elastic, observer if self.observing else 'off')
                          if elastic else None)
         self._stamp = 0
-        self._strain: tuple[int, FloatArray] | None = None
+        self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT)
 
     def add_strain(self, stamp: int, values: FloatArray) -> None:
         """
         Give a measured strain to the observer; of no effect without one.
 
-        It counts for the sample of the same stamp, if it comes before the next one.
+        It counts for the motion of the same stamp, whichever of the two comes first, if it comes
+        before the next motion. Between two readings their interpolation counts.
 
         Parameters
         ----------
@@ -89,7 +95,27 @@ class Predictor:
 
         """
         if self.observing:
-            self._strain = stamp, values
+            if self._strains and stamp <= self._strains[-1][0]:
+                self._strains.clear()  # the clock was set back
+            self._strains.append((stamp, values))
+
+    def _measured(self, dt: float) -> FloatArray | None:
+        """Give the strain at the newest motion, which took a step of ``dt`` [s]; None without."""
+        strains = self._strains
+        while len(strains) > 1 and strains[1][0] <= self._stamp:
+            strains.popleft()
+        if not strains or strains[0][0] > self._stamp:
+            return None
+        before, values = strains[0]
+        if before == self._stamp:
+            return values
+        if len(strains) == 1:
+            return None
+        after, later = strains[1]
+        if (after - before) * 1e-9 > APART * dt:
+            return None
+        share = (self._stamp - before) / (after - before)
+        return (1.0 - share) * values + share * later
 
     def step(
         self, motion: Motion, wanted: Collection[str] = OUTPUTS,
@@ -112,8 +138,9 @@ class Predictor:
         """
         if self._elastic is not None:
             # it follows every sample: what it predicts depends on all that was
-            if self._strain is not None and self._strain[0] == self._stamp:
-                self._elastic.measure(self._strain[1])
+            measured = self._measured(motion.dt)
+            if measured is not None:
+                self._elastic.measure(measured)
             self._stamp = motion.stamp
             predicted = self._elastic.step(motion.dt, motion.row, wanted)
             if predicted is None or not motion.settled(self.settle):

@@ -26,6 +26,7 @@ from tudor_dynamics.monitoring.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds import MethodThresholds, Tail
 
 DIGITS = 10
+DOMAIN = ('usual', 'reach')
 TAIL = ('location', 'scale', 'shape', 'share', 'largest', 'count')
 
 
@@ -55,14 +56,17 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
         'step': short(thresholds.step), 'taps': listed(thresholds.taps.tolist()),
         'profile': listed(thresholds.profile.tolist()),
         'tails': [{key: short(getattr(t, key)) for key in TAIL}
-                  for t in thresholds.tails]}
+                  for t in thresholds.tails],
+        # infinite means unknown, and is left out as in bundles that are older
+        **{key: listed(values.tolist()) for key in DOMAIN
+           if np.isfinite(values := getattr(thresholds, key)).all()}}
 
 
 def thresholds_from_dict(
     content: Any, channels: tuple[str, ...], n_joints: int,
 ) -> MethodThresholds:
     """
-    Read thresholds.
+    Read thresholds; older ones without ``usual`` and ``reach`` are never widened.
 
     Parameters
     ----------
@@ -92,10 +96,15 @@ def thresholds_from_dict(
         tails = tuple(Tail(*(float(tail[key]) for key in TAIL))
                       for tail in content['tails'])
         step, seconds = float(content['step']), float(content['seconds'])
+        usual, reach = (
+            np.asarray(content[key], dtype=float) if key in content else np.full(size, np.inf)
+            for key, size in zip(DOMAIN, (n, n_joints), strict=True))
         good = (named == channels and taps.shape == (LAGS + WINDOW, n, n)
                 and profile.shape == (2 * n, 1 + 4 * n_joints) and len(tails) == 2 * n
                 and np.isfinite(taps).all() and np.isfinite(profile).all()
                 and (profile >= 0).all() and (profile[:, 0] > 0).all() and step > 0
+                and usual.shape == (n,) and reach.shape == (n_joints,)
+                and (usual > 0).all() and (reach > 0).all()
                 and all(t.scale > 0 and t.location > 0 and 0 <= t.shape <= 1 and 0 < t.share <= 1
                         and t.largest > 0 and t.count >= 1
                         for t in tails))
@@ -106,7 +115,7 @@ def thresholds_from_dict(
         msg = ('the thresholds of the model do not fit its arm, or are no numbers; fit the model '
                'again')
         raise ModelError(msg)
-    return MethodThresholds(channels, step, taps, profile, tails, seconds)
+    return MethodThresholds(channels, step, taps, profile, tails, seconds, usual, reach)
 
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:

@@ -114,6 +114,10 @@ class MethodThresholds:
         One for each row of ``profile``.
     seconds : float
         Duration of free motion that this was learned from [s].
+    usual : ndarray of shape (n_channels,)
+        Usual level of the onset statistics there, see `Familiarity`; infinite where unknown.
+    reach : ndarray of shape (n_joints,)
+        Largest speeds there [rad/s or m/s]; infinite where unknown.
 
     """
 
@@ -123,6 +127,8 @@ class MethodThresholds:
     profile: FloatArray
     tails: tuple[Tail, ...]
     seconds: float
+    usual: FloatArray
+    reach: FloatArray
 
     @property
     def n_joints(self) -> int:

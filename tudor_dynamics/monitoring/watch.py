@@ -29,6 +29,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import (
     CollisionDetector, CollisionEvent, DetectorSettings, Level)
 from tudor_dynamics.monitoring.excess import Excess, ExcessStage, Rates
+from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import Pair, Pairing
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
@@ -224,6 +225,24 @@ class Watch:
     def level(self) -> Level:
         """State of the arm."""
         return self.detector.level
+
+    @property
+    def widened(self) -> dict[str, tuple[float, str]]:
+        """How much wider the thresholds of each method are than learned, and the channel."""
+        found = {}
+        for method, stage in self.stages.items():
+            place = int(np.argmax(stage.widening))
+            found[method] = float(stage.widening[place]), stage.thresholds.channels[place]
+        return found
+
+    @property
+    def unlike(self) -> str:
+        """Say where the arm does not move as it did for its thresholds; empty where it does."""
+        wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
+                if factor > UNLIKE]
+        return '' if not wide else (
+            f'the arm moves unlike what thresholds were learned from: widened {", ".join(wide)}; '
+            'learn them from such motion (~/calibrate, or more bags for tudor fit)')
 
     @property
     def settle(self) -> float:

@@ -98,8 +98,7 @@ class DetectNode(ModelNode):
             methods=self.value('methods'),
             rates=Rates(self.value('false_alarms_per_hour'),
                         self.value('contact_alarms_per_hour')),
-            detector=DetectorSettings(self.value('debounce'), self.value('release'),
-                                      self.value('rearm')),
+            detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
             observer_gain=self.value('observer_gain'),
             gap=self.value('gap') if 'gap' in self.params else 0.0)
 
@@ -322,6 +321,8 @@ class DetectNode(ModelNode):
         values['not judged [%]'] = f'{100.0 * verdict.share:.1f}'
         for cause, share in sorted(verdict.causes.items()):
             values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
+        for method, (factor, channel) in self.watch.widened.items():
+            values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link
@@ -344,7 +345,7 @@ class DetectNode(ModelNode):
             self._unserved if not self.watch.methods else '',
             verdict.text if verdict.sight is Sight.BLIND and not learning else '']
         warnings = [
-            verdict.text if not learning else '', self._unserved, self._note,
+            verdict.text if not learning else '', self._unserved, self._note, self.watch.unlike,
             f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
             'namespace' if rivals else '']
         for level, texts in ((ERROR, errors), (WARN, warnings)):
