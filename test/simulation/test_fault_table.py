@@ -423,3 +423,20 @@ def test_the_way_to_a_limit_is_no_swing() -> None:
         rig.run(rig.source.motion.remaining + 3.0)
     assert rig.controller.state is State.FOLLOWING and rig.controller.gains.excited == ''
     assert broken_limits(rig) == []
+
+
+def test_lost_samples_are_not_made_up_for_in_one_command() -> None:
+    """A controller that was held up for less than a timeout steps as in one period."""
+    machine = MotionMachine()  # found by bench/motion_sequences.py --seed 77
+    machine.start(delay=0.0, payload=0.2, seed=82, loss=0.05)
+    machine.cut(seconds=1.2951984502522442)
+    machine.reset()
+    machine.collide(seconds=0.1, strain=1.4)
+    machine.reset()
+    machine.reset()
+    machine.collide(seconds=0.9, strain=-270.3)
+    machine.collide(seconds=0.56, strain=0.0)
+    machine.wander(seconds=2.8133413538810172, seed=9)
+    machine.freeze(seconds=0.08763753888377589, who='controller')
+    assert machine.rig is not None
+    assert broken_limits(machine.rig) == []

@@ -268,8 +268,8 @@ class MotionController:
 
     def _learn_period(self, dt: float) -> None:
         """Take a time between samples [s]; the long ones lack some, so the short count more."""
-        share = dt if dt > self.period else QUICK * dt
-        self.period += min(share, 1.0) * (dt - self.period)
+        share = self.period if dt > self.period else min(QUICK * self.period, 1.0)
+        self.period += share * (min(dt, 2.0 * self.period) - self.period)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""

@@ -47,7 +47,7 @@ class Level(IntEnum):
 @dataclass(frozen=True)
 class DetectorSettings:
     """
-    Times.
+    Times of the detector.
 
     Attributes
     ----------
@@ -157,7 +157,7 @@ class CollisionDetector:
     Parameters
     ----------
     settings : DetectorSettings
-        Times.
+        How long a level lasts, and for how long it must be quiet before it is left.
     channels : dict of str to sequence of str
         Method to its channels.
     links : dict of str to (int, str)
