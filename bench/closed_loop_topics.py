@@ -16,7 +16,7 @@
 The closed loop over topics: simulator, reference, damper and monitor, each a process of its own.
 
 The arm makes a move, is pushed at the tip, and drives onto an elastic floor. Settling is compared
-with the loop inside one process (tudor_dynamics/simulation/closed_loop.py) on the same reference;
+with the loop inside one process (`ClosedLoop`) on the same reference;
 everything is judged by stamps, so that a slow machine may run the simulator below real time.
 """
 
@@ -35,8 +35,8 @@ import numpy as np
 import rclpy
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.nodes.messages import nanoseconds
-from tudor_dynamics.simulation.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.nodes.common.messages import nanoseconds
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
 
 BAND = 10.0  # um/m
 MOVE = np.radians([75.0, -45.0])

@@ -29,12 +29,12 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.simulation.lshape import l_shape, relative_rms
-from tudor_dynamics.simulation.mechanism import build_mechanism
-from tudor_dynamics.simulation.modes import modes
-from tudor_dynamics.simulation.outputs import Observer
-from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import run_plant
+from tudor_dynamics.reproduction.lshape import l_shape, relative_rms
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant.modes import modes
+from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.simulation.plant.run import run_plant
 
 ROOT = Path(__file__).resolve().parents[1]
 SECONDS = 2.0
@@ -47,7 +47,7 @@ def motion(elements: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     times = np.array([0.1, 0.105, 0.4, 0.405, 0.7, 0.705])
     torque = np.zeros((t.size, 2))
     torque[:, 0] = np.interp(t, times, [0.0, 0.6, 0.6, -0.6, -0.6, 0.0])
-    run = run_plant(plant, Observer(plant), torque, every=int(round(1e-3 / dt)))
+    run = run_plant(plant, Probe(plant), torque, every=int(round(1e-3 / dt)))
     return run.acceleration[:, plant.mechanism.tip], run.moment
 
 

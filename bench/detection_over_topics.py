@@ -35,7 +35,6 @@ import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm, load_arm
@@ -44,11 +43,10 @@ from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.watch import MonitorSettings
-from tudor_dynamics.simulation.arm_process import Sample
-from tudor_dynamics.simulation.campaign import START
-from tudor_dynamics.simulation.rig import Rig, Trace
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.simulation.loop.arm_process import Sample
+from tudor_dynamics.simulation.loop.campaign import START
+from tudor_dynamics.simulation.loop.rig import Rig, Trace
+from tudor_dynamics.typing import FloatArray
 
 PAYLOAD = 0.2  # kg
 FIRST = 6.0  # s before the first push: the damper has found its mean

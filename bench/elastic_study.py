@@ -40,7 +40,7 @@ from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.validation import trace
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 KINDS = ('analytical', 'elm', 'elastic')
@@ -69,7 +69,7 @@ def bags(arm: Arm, paths: list[str]) -> list[BagData]:
 
 def truth(arm: Arm) -> dict[str, float]:
     """Give the parameters of the simulation, as far as the elastic model has the same."""
-    from tudor_dynamics.simulation.driven import DrivenArm
+    from tudor_dynamics.models.elastic.arm import DrivenArm
     return {name: value for name, value in DrivenArm(arm).parameters.items() if name != 'payload'}
 
 

@@ -19,12 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import drive_stop, DriveStop, hard_limits, Limits
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 SLACK = 0.01
 """What a command may be late on its way [s]; its step may be larger by so much acceleration."""

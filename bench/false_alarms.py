@@ -37,7 +37,7 @@ from tudor_dynamics.identification.collisions import evaluate_collisions
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 TRAINING, LEARNING, FREE, PUSHED = 5, 5, 30, 8

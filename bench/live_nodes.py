@@ -43,12 +43,11 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.nodes.base import latched
-from tudor_dynamics.nodes.messages import floats, nanoseconds
-from tudor_dynamics.nodes.runner import new_executor, spin_for
-from tudor_dynamics.nodes.wire import JointStateDecoder, MotionDecoder
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.messages import floats, nanoseconds
+from tudor_dynamics.nodes.common.runner import new_executor, spin_for
+from tudor_dynamics.nodes.common.wire import JointStateDecoder, MotionDecoder
+from tudor_dynamics.typing import FloatArray
 
 PAYLOAD = 0.2
 """Mass at the tip of the arm and of its model [kg]."""

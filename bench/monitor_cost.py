@@ -35,7 +35,7 @@ from scipy.interpolate import CubicSpline
 
 from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
-from tudor_dynamics.models.elastic_live import OBSERVERS
+from tudor_dynamics.models.elastic.live import OBSERVERS
 from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse

@@ -32,7 +32,7 @@ from live_nodes import usage
 from node_rates import chains, Robot, start
 import rclpy
 
-from tudor_dynamics.nodes.runner import spin_for
+from tudor_dynamics.nodes.common.runner import spin_for
 
 ROUND = 100_000
 PER_SAMPLE = 2

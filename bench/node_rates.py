@@ -49,14 +49,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.bundle import load_bundle
-from tudor_dynamics.nodes.runner import new_executor, spin_for
-from tudor_dynamics.nodes.wire import JointStateEncoder
+from tudor_dynamics.nodes.common.runner import new_executor, spin_for
+from tudor_dynamics.nodes.common.wire import JointStateEncoder
 
 RELAY = """
 import gc, sys, rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from tudor_dynamics.nodes.runner import new_executor, spin_for
+from tudor_dynamics.nodes.common.runner import new_executor, spin_for
 rclpy.init()
 node = rclpy.create_node('relay_' + sys.argv[1])
 depth = int(sys.argv[2])

@@ -29,8 +29,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags.merit import COLUMNS, read_merit
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 MOVING = 0.05
 """Speed from which a sample counts [rad/s]."""

@@ -30,10 +30,10 @@ import numpy as np
 from scipy.linalg import lapack
 
 from tudor_dynamics.arm import load_arm
-from tudor_dynamics.simulation.lshape import l_shape
-from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
-from tudor_dynamics.simulation.outputs import Observer
-from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.reproduction.lshape import l_shape
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.simulation.plant.plant import Plant
 
 ROOT = Path(__file__).resolve().parents[1]
 REPEAT, SECONDS = 7, 5.0
@@ -52,7 +52,7 @@ def best(work, count=REPEAT) -> float:
 def time_plant(mechanism: Mechanism, dt: float, torque, q, *, observe: int = 0) -> dict:
     """Step a plant through a run; ``observe``: steps between two looks at loads and strains."""
     plant = Plant(mechanism, dt)
-    observer = Observer(plant) if observe else None
+    probe = Probe(plant) if observe else None
     steps = int(round(SECONDS / dt))
     values = np.array([torque(k * dt) for k in range(steps + 1)])
 
@@ -60,8 +60,8 @@ def time_plant(mechanism: Mechanism, dt: float, torque, q, *, observe: int = 0) 
         plant.reset(q)
         for k in range(1, steps + 1):
             plant.step(values[k])
-            if observer is not None and k % observe == 0:
-                observer.observe()
+            if probe is not None and k % observe == 0:
+                probe.observe()
 
     work()
     seconds = best(work)

@@ -32,12 +32,15 @@ import numpy as np
 from scipy.integrate import solve_bvp, trapezoid
 
 from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.simulation.erls import RigidLinkSystem
-from tudor_dynamics.simulation.lshape import l_shape
-from tudor_dynamics.simulation.mechanism import build_mechanism
-from tudor_dynamics.simulation.outputs import Observer
-from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.run import largest_rotation
+from tudor_dynamics.reproduction.lshape import l_shape
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.simulation.plant.run import largest_rotation
+
+sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
+
+from simulation.erls import RigidLinkSystem  # noqa: E402, I100
 
 HELD = np.array([False, True])
 
@@ -54,7 +57,7 @@ def cantilever(load: float) -> tuple[float, float]:
     plant = Plant(mechanism, 1e-3)
     plant.drive('root', 'hold')
     plant.reset(external_force=[0.0, load * mechanism.beams['root'].EIz, 0.0], equilibrium=True)
-    return float(Observer(plant).observe().position[mechanism.tip, 1]), largest_rotation(plant)
+    return float(Probe(plant).observe().position[mechanism.tip, 1]), largest_rotation(plant)
 
 
 def elastica(load: float) -> float:

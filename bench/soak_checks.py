@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.live import read_track
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.wire import JointStateDecoder
+from tudor_dynamics.nodes.common.wire import JointStateDecoder
 
 EDGE = 0.3
 """What was on its way when a node began, ended or was stopped [s]."""

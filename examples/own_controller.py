@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 import tudor_dynamics as td
-from tudor_dynamics.simulation.outputs import Observer
+from tudor_dynamics.simulation.plant.outputs import Probe
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 1e-4
@@ -46,13 +46,13 @@ def strain_of(feedback: float) -> np.ndarray:
     """Give the strain while the joint goes to its goal [um/m]."""
     arm = td.load_arm(ROOT / 'config' / 'single_flexible_link.yaml')
     plant = td.Plant(td.build_mechanism(arm), DT)
-    observer = Observer(plant, arm=arm)
+    probe = Probe(plant, arm=arm)
     motor = plant.mechanism.joints.index('motor')
-    weight = float(observer.observe().gauge_moment[0])  # of the horizontal blade, at rest
+    weight = float(probe.observe().gauge_moment[0])  # of the horizontal blade, at rest
     strain, torque = [], np.zeros(2)
     for _ in range(STEPS):
         q, dq = float(plant.state.q[motor]), float(plant.state.dq[motor])
-        seen = observer.observe()
+        seen = probe.observe()
         strain.append(float(seen.strain[0]))
         load = weight * math.cos(q)
         wanted = POSITION_GAIN * (GOAL - q) + feedback * (load - float(seen.gauge_moment[0]))

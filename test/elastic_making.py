@@ -19,14 +19,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sample_arms import gauge, planar_arm, recording_of
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.simulation.driven import DrivenArm, Response
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.models.elastic.arm import DrivenArm, Response
+from tudor_dynamics.typing import FloatArray
 
 STIFFNESS, DAMPING, BACKLASH = {'j1': 220.0, 'j2': 160.0}, 0.2, 0.01
 """Of the gears [N m/rad, N m s/rad, rad]."""

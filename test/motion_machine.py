@@ -29,8 +29,8 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control.motion_controller import WATCH
 from tudor_dynamics.control.reaction import REACTIONS
-from tudor_dynamics.simulation.arm_process import Sample
-from tudor_dynamics.simulation.rig import Rig
+from tudor_dynamics.simulation.loop.arm_process import Sample
+from tudor_dynamics.simulation.loop.rig import Rig
 
 PATH = Path(__file__).parent.parent / 'config' / 'tudor.yaml'
 FIRST, SECOND = np.radians([20.0, -60.0]), np.radians([170.0, 60.0])

@@ -17,14 +17,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 from sample_arms import gauge, LENGTH_2, planar_arm, random_inertia
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 def two_gauge_arm() -> Arm:

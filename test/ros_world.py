@@ -35,8 +35,8 @@ from patience import PATIENCE  # noqa: E402
 from tudor_dynamics.arm import load_arm  # noqa: E402
 from tudor_dynamics.bags import read_recording, Recording  # noqa: E402
 from tudor_dynamics.cli.main import main  # noqa: E402
-from tudor_dynamics.nodes.messages import floats, nanoseconds, time_message  # noqa: E402
-from tudor_dynamics.nodes.runner import new_executor  # noqa: E402
+from tudor_dynamics.nodes.common.messages import floats, nanoseconds, time_message  # noqa: E402
+from tudor_dynamics.nodes.common.runner import new_executor  # noqa: E402
 
 JOINTS, GAUGES = ['joint2', 'joint3'], ['link2_hub', 'link3_hub']
 

@@ -21,13 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 SIX_ROWS = [[0.0, pi / 2, 0.13, 0.0], [-0.61, 0.0, 0.0, 0.3], [-0.57, 0.0, 0.0, 0.0],
             [0.0, pi / 2, 0.16, -0.2], [0.0, -pi / 2, 0.12, 0.0], [0.0, 0.0, 0.09, 0.0]]

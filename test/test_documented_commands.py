@@ -36,7 +36,7 @@ import time
 import pytest
 
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
-from tudor_dynamics.nodes.interfaces import NODES
+from tudor_dynamics.nodes.common.interfaces import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([ROOT / 'README.md', ROOT / 'bags' / 'README.md', ROOT / 'examples' / 'README.md',

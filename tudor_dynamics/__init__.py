@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     from tudor_dynamics.bags.recording import Recording
     from tudor_dynamics.errors import TudorError
     from tudor_dynamics.identification.fit import FitSettings
-    from tudor_dynamics.identification.from_bags import fit
-    from tudor_dynamics.identification.prediction import predict
+    from tudor_dynamics.library.from_bags import fit
+    from tudor_dynamics.library.prediction import predict
     from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
     from tudor_dynamics.monitoring.monitor import Monitor
     from tudor_dynamics.monitoring.watch import MonitorSettings
-    from tudor_dynamics.simulation.mechanism import build_mechanism
-    from tudor_dynamics.simulation.modes import modes
-    from tudor_dynamics.simulation.plant import Plant
-    from tudor_dynamics.simulation.study import simulate
+    from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+    from tudor_dynamics.simulation.plant.modes import modes
+    from tudor_dynamics.simulation.plant.plant import Plant
+    from tudor_dynamics.simulation.studies.study import simulate
 
 __version__ = '0.1.0'
 __all__ = [
@@ -53,15 +53,15 @@ _HOMES = {
     'tudor_dynamics.bags.recording': ('Recording',),
     'tudor_dynamics.errors': ('TudorError',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
-    'tudor_dynamics.identification.from_bags': ('fit',),
-    'tudor_dynamics.identification.prediction': ('predict',),
+    'tudor_dynamics.library.from_bags': ('fit',),
+    'tudor_dynamics.library.prediction': ('predict',),
     'tudor_dynamics.models.bundle': ('ModelBundle', 'load_bundle', 'save_bundle'),
     'tudor_dynamics.monitoring.monitor': ('Monitor',),
     'tudor_dynamics.monitoring.watch': ('MonitorSettings',),
-    'tudor_dynamics.simulation.mechanism': ('build_mechanism',),
-    'tudor_dynamics.simulation.modes': ('modes',),
-    'tudor_dynamics.simulation.plant': ('Plant',),
-    'tudor_dynamics.simulation.study': ('simulate',),
+    'tudor_dynamics.simulation.mechanics.mechanism': ('build_mechanism',),
+    'tudor_dynamics.simulation.plant.modes': ('modes',),
+    'tudor_dynamics.simulation.plant.plant': ('Plant',),
+    'tudor_dynamics.simulation.studies.study': ('simulate',),
 }
 
 

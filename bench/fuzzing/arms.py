@@ -25,7 +25,7 @@ from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
 from tudor_dynamics.models.bundle_files import dump_yaml
-from tudor_dynamics.simulation.mechanism import build_mechanism
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 
 MAX_JOINTS = 12
 """More joints only make the check slow."""

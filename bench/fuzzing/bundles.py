@@ -29,10 +29,10 @@ from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.bundle_files import dump_yaml
-from tudor_dynamics.models.elastic import ElasticModel, PhysicalParameter
-from tudor_dynamics.monitoring.onset import LAGS, WINDOW
-from tudor_dynamics.monitoring.threshold_io import stored_thresholds, thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds import MethodThresholds, Tail
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.monitoring.thresholds.io import stored_thresholds, thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
 
 MARK = b'checksum: '
 JOINTS = ('j1', 'j2')

@@ -19,7 +19,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 from sample_arms import gauge, multisine, planar_arm, random_states, recording_of
 
@@ -34,8 +33,8 @@ from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegres
 from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.signals import prepare
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 ARM = planar_arm([{'name': 'j1', 'friction': ['viscous', 'coulomb'], 'friction_velocity': 0.2},
                   {'name': 'j2', 'friction': ['viscous'], 'effort': {
                       'unit': 'A', 'torque_constant': 5.0}}],

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 from sample_arms import multisine, recording_of
 from scipy import signal
@@ -26,8 +25,8 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.ringing import find_ringing
 from tudor_dynamics.signals import prepare
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 RATE = 100.0
 
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 from sample_arms import multisine, recording_of
 
@@ -28,8 +27,8 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.validation import (
     leave_one_bag_out, random_split, trace, validate)
 from tudor_dynamics.signals import prepare
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 SPEC = PreprocessingSpec(rate=20.0)
 
 

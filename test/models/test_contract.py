@@ -20,7 +20,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 from sample_arms import gauge, planar_arm, random_states
 
@@ -31,8 +30,8 @@ from tudor_dynamics.models import (
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.training import TrainingBlock
 from tudor_dynamics.signals import Decimation
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 ARM = planar_arm(gauges=[gauge('g1', 'j1', 0.1), gauge('g2', 'j2', 0.1)])
 
 MAKERS: dict[str, tuple[str, Callable[[], Any]]] = {

@@ -17,15 +17,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models import ExtremeLearningMachine
 from tudor_dynamics.models.training import TrainingBlock
 from tudor_dynamics.signals import Decimation
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 CHANNELS = ('a', 'b')
 
 

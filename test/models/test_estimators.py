@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
 
 from tudor_dynamics.errors import FitError, TudorWarning
@@ -26,8 +25,7 @@ from tudor_dynamics.models.estimators import huber_weights, LARGEST_GRAM_CONDITI
 from tudor_dynamics.models.products import Products, squared_residuals
 from tudor_dynamics.models.training import TrainingBlock
 from tudor_dynamics.signals import Decimation
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class Linear:

@@ -19,8 +19,8 @@ from __future__ import annotations
 import pytest
 from threshold_making import CHANNELS, ringing
 
-from tudor_dynamics.monitoring.learning import learn_thresholds
-from tudor_dynamics.monitoring.thresholds import MethodThresholds
+from tudor_dynamics.monitoring.thresholds.learning import learn_thresholds
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 
 
 @pytest.fixture(scope='package')

@@ -31,7 +31,7 @@ from tudor_dynamics.identification.collisions import watch_bag
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.following import observe_stretch, predict_stretch
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor

@@ -24,11 +24,11 @@ import pytest
 from threshold_making import CHANNELS, ringing, walk
 
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.monitoring.excess import ExcessStage, Rates
 from tudor_dynamics.monitoring.familiarity import Familiarity, levels, LOWEST, WIDEST
-from tudor_dynamics.monitoring.learning import FreeMotion
-from tudor_dynamics.monitoring.threshold_io import thresholds_from_dict, thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds import MethodThresholds
+from tudor_dynamics.monitoring.thresholds.excess import ExcessStage, Rates
+from tudor_dynamics.monitoring.thresholds.io import thresholds_from_dict, thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds.learning import FreeMotion
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 
 RATES = Rates(6.0, 60.0)
 

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from ros_world import series, values_of, World
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
-from tudor_dynamics.nodes.messages import floats, nanoseconds
+from tudor_dynamics.nodes.common.messages import floats, nanoseconds
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 

@@ -30,9 +30,9 @@ from rclpy.qos import QoSProfile
 from ros_world import feed, Hand, values_of, World
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
+from tudor_dynamics.nodes.common.model_node import ModelNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
-from tudor_dynamics.nodes.model_node import ModelNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR

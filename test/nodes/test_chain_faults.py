@@ -31,9 +31,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from ros_world import feed, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
+from tudor_dynamics.nodes.common.messages import floats, nanoseconds
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
-from tudor_dynamics.nodes.messages import floats, nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 

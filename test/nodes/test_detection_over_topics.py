@@ -28,15 +28,15 @@ from ros_world import feed, series, values_of, World
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
-from tudor_dynamics.models.elastic import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.onset import LAGS, WINDOW
-from tudor_dynamics.monitoring.threshold_io import thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds import MethodThresholds, Tail
+from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
 from tudor_dynamics.monitoring.watch import MonitorSettings
-from tudor_dynamics.nodes.messages import nanoseconds
+from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
-from tudor_dynamics.simulation.rig import Rig
+from tudor_dynamics.simulation.loop.rig import Rig
 
 PAYLOAD, RATE, START = 0.2, 100.0, 1_000_000_000
 PUSH = (6.0, 6.4)  # s

@@ -26,7 +26,7 @@ from std_srvs.srv import Trigger
 
 from ros_world import feed, GAUGES, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.nodes.base import latched
+from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 

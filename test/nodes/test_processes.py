@@ -32,7 +32,7 @@ import yaml
 from node_processes import finish, launch
 from patience import PATIENCE
 from ros_world import joint_message, JOINTS, node_class, World
-from tudor_dynamics.nodes.interfaces import NODES
+from tudor_dynamics.nodes.common.interfaces import NODES
 
 QOS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 

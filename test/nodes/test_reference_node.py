@@ -28,8 +28,8 @@ from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from ros_world import joint_message, JOINTS, World
-from tudor_dynamics.nodes.base import latched
-from tudor_dynamics.nodes.messages import floats, time_message
+from tudor_dynamics.nodes.common.base import latched
+from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 
 POSE = np.array([0.8, 0.1])

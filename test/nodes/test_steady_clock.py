@@ -24,8 +24,8 @@ import pytest
 from std_srvs.srv import Trigger
 
 from ros_world import Hand, joint_message, JOINTS, World
+from tudor_dynamics.nodes.common.meter import Meter
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
-from tudor_dynamics.nodes.meter import Meter
 from tudor_dynamics.nodes.monitor import MonitorNode
 
 

@@ -22,8 +22,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tudor_dynamics.identification.elastic_result import Identified
-from tudor_dynamics.models.elastic import PhysicalParameter
+from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.model import PhysicalParameter
 from tudor_dynamics.reproduction.elastic_fits import stimuli_for_search
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.one_model import one_model
@@ -32,7 +33,6 @@ from tudor_dynamics.reproduction.pushes import collisions
 from tudor_dynamics.reproduction.stages import Stages
 from tudor_dynamics.reproduction.table1 import build
 from tudor_dynamics.reproduction.table_text import markdown
-from tudor_dynamics.simulation.driven import DrivenArm
 
 
 class Search:
@@ -69,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def search(monkeypatch: pytest.MonkeyPatch) -> Search:
     """Replace the search."""
     made = Search()
-    monkeypatch.setattr('tudor_dynamics.identification.elastic.identify', made)
+    monkeypatch.setattr('tudor_dynamics.identification.elastic.trainer.identify', made)
     return made
 
 

@@ -79,7 +79,7 @@ def test_the_source_counts() -> None:
 @pytest.mark.parametrize(('changed', 'recorded'), [
     ('reproduction/judging.py', False), ('reproduction/plan.py', True),
     ('identification/metrics.py', False), ('identification/deeper/still.py', False),
-    ('simulation/drive.py', True), ('small_arrays.py', True)])
+    ('simulation/loop/drive.py', True), ('small_arrays.py', True)])
 def test_what_makes_a_stage_anew(tmp_path: Path, changed: str, recorded: bool) -> None:
     """A change in any part that computes makes fits anew, and recordings where they use it."""
     def write(content: str) -> Path:

@@ -21,13 +21,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from simulation.erls import RigidLinkSystem
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.erls import RigidLinkSystem
-from tudor_dynamics.simulation.lshape import l_shape
-from tudor_dynamics.simulation.mechanism import build_mechanism
-from tudor_dynamics.simulation.modes import modes
-from tudor_dynamics.simulation.plant import Plant
+from tudor_dynamics.reproduction.lshape import l_shape
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant.modes import modes
+from tudor_dynamics.simulation.plant.plant import Plant
 
 
 @pytest.fixture(scope='module')

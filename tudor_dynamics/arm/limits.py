@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.drives import DRIVE_TIMEOUT
 from tudor_dynamics.arm.schema import JointSpec, LimitSpec, PlannedSpec
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 UNLIMITED = 1e8
 """What a continuous joint of a URDF has as a limit is none."""

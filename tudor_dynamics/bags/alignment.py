@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr import FloatArray
+from tudor_dynamics.typing import FloatArray
 
 GAP_PERIODS = 5.0
 GAP_FLOOR = 0.02

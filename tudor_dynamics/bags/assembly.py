@@ -25,14 +25,14 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.alignment import (
     gap_limit, increasing, interpolate, split_at_gaps)
-from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.joint_states import check_lengths, JointStates
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.plan import Plan, resolve
-from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.bags.streams import check_finite, choose_clock, select, Stream
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.typing import FloatArray
 
 MIN_SEGMENT = 5
 """Fewer samples between two gaps are left out: nothing can be differentiated from them."""

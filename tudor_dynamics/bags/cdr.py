@@ -32,8 +32,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.cdr_layout import CdrError, Layout
 from tudor_dynamics.errors import BagError
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 MAX_LAYOUTS = 256
 """Layouts in one topic; more are no recording of one arm, but would take for ever."""

@@ -33,7 +33,7 @@ from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm
 from tudor_dynamics.bags.reader import assemble, stated_payload
-from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError
 
 

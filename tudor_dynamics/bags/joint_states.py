@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.cdr import Block, decode
 from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE, joint_state_layout
-from tudor_dynamics.bags.storage import Bag, RawMessages
+from tudor_dynamics.bags.storage.raw import Bag, RawMessages
 from tudor_dynamics.errors import BagError
 
 

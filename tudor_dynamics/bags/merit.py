@@ -30,11 +30,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.messages import JointStateSeries
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
+from tudor_dynamics.typing import FloatArray
 
 COLUMNS = ('t', 'q1', 'q2', 'q3', 'dq1', 'dq2', 'dq3', 'I1', 'I2', 'I3',
            'eps21', 'eps22', 'eps31', 'eps32', 'ddq1', 'ddq2', 'ddq3')

@@ -29,11 +29,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.cdr_layout import (
     FIELDS, HEADER, IMU, imu_layout, JOINT_STATE, joint_state_layout, Layout, wrench_layout,
     WRENCH_STAMPED)
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.typing import FloatArray
 
 LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 

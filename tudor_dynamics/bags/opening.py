@@ -21,12 +21,12 @@ from dataclasses import replace
 from pathlib import Path
 import re
 
-from tudor_dynamics.bags.mcap_summary import BreaksOff, mcap_topics
-from tudor_dynamics.bags.metadata import METADATA, Metadata, read_metadata
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.sqlite_scan import sqlite_topics
-from tudor_dynamics.bags.storage import Bag, one_line, storage_file, TopicInfo
-from tudor_dynamics.bags.unpacking import Damaged
+from tudor_dynamics.bags.storage.mcap_summary import BreaksOff, mcap_topics
+from tudor_dynamics.bags.storage.metadata import METADATA, Metadata, read_metadata
+from tudor_dynamics.bags.storage.raw import Bag, one_line, storage_file, TopicInfo
+from tudor_dynamics.bags.storage.sqlite_scan import sqlite_topics
+from tudor_dynamics.bags.storage.unpacking import Damaged
 from tudor_dynamics.bags.writer import scratch_prefix
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular

@@ -23,7 +23,7 @@ import math
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.schema import LimitSpec
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.storage import TopicInfo
+from tudor_dynamics.bags.storage.raw import TopicInfo
 from tudor_dynamics.errors import BagError
 
 MANY_TURNS = 4 * math.pi

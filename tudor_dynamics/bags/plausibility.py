@@ -22,11 +22,11 @@ import math
 
 import numpy as np
 
-from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.plan import Plan
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.typing import FloatArray
 
 DEGREES = 180 / math.pi
 WINDOW = 0.1

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import increasing
 from tudor_dynamics.bags.assembly import Assembly
-from tudor_dynamics.bags.cdr import decode, FloatArray
+from tudor_dynamics.bags.cdr import decode
 from tudor_dynamics.bags.cdr_layout import wrench_layout, WRENCH_STAMPED
 from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
@@ -34,8 +34,9 @@ from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
 from tudor_dynamics.bags.plausibility import check_units, moving_joints
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.storage import Bag
+from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError, check_type
+from tudor_dynamics.typing import FloatArray
 
 MIN_SAMPLES = 50
 MIN_DURATION = 1.0

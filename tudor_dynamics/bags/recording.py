@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

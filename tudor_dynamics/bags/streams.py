@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr import FloatArray
 from tudor_dynamics.bags.joint_states import JointStates
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.typing import FloatArray
 
 FEW = 0.05
 """Share of samples of a channel that may be no numbers and are left out with a warning."""

@@ -30,7 +30,7 @@ from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.storage import one_line
+from tudor_dynamics.bags.storage.raw import one_line
 from tudor_dynamics.errors import BagError
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}

@@ -32,14 +32,14 @@ from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.fit import MODEL_KINDS
-from tudor_dynamics.identification.prediction import predict_bags, warn_of_training
-from tudor_dynamics.identification.roc_plot import picture_path, write_roc
 from tudor_dynamics.identification.validation import Validation
+from tudor_dynamics.library.prediction import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.detector import DetectorSettings
-from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.report.roc import picture_path, write_roc
 
 EXAMPLES = """\
 examples:

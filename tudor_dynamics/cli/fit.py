@@ -29,17 +29,17 @@ from tudor_dynamics.cli.console import finite, print_json, print_table, score_ta
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import parse_choice
-from tudor_dynamics.identification.elastic import check_arm
+from tudor_dynamics.identification.elastic.trainer import check_arm
 from tudor_dynamics.identification.fit import (
     DEFAULT_KINDS, FitResult, FitSettings, MODEL_KINDS)
-from tudor_dynamics.identification.from_bags import check_choices, fit_bags, read_bags
 from tudor_dynamics.identification.payloads import parse_payloads
-from tudor_dynamics.identification.report import report_bytes
 from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.library.from_bags import check_choices, fit_bags, read_bags
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.units import output_units
+from tudor_dynamics.report.page import report_bytes
 
 EXAMPLES = """\
 examples:

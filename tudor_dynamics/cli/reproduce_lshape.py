@@ -24,12 +24,12 @@ import numpy as np
 from tudor_dynamics.cli.console import print_json
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import open_regular
-from tudor_dynamics.simulation.animation import animate, check_target
-from tudor_dynamics.simulation.lshape import agreement, l_shape, run_paper, run_reference
-from tudor_dynamics.simulation.mechanism import build_mechanism
-from tudor_dynamics.simulation.modes import modes
-from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.plots import pick_signal, plot_signal
+from tudor_dynamics.reproduction.lshape import agreement, l_shape, run_paper, run_reference
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant.modes import modes
+from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.simulation.studies.animation import animate, check_target
+from tudor_dynamics.simulation.studies.plots import pick_signal, plot_signal
 
 FIGURES = (
     ('figure_4_torque.png', 'effort:motor', 'torque of the motor'),

@@ -30,18 +30,19 @@ from rich.table import Table
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.cli.console import print_json, print_table
 from tudor_dynamics.errors import TudorWarning, UsageError
-from tudor_dynamics.simulation.animation import animate, check_target
-from tudor_dynamics.simulation.excitation import force_signal, motion_signal, torque_signal
-from tudor_dynamics.simulation.mechanism import build_mechanism, Mechanism
-from tudor_dynamics.simulation.modes import modes
-from tudor_dynamics.simulation.motor_links import left_out, with_motors
-from tudor_dynamics.simulation.outputs import Observer
-from tudor_dynamics.simulation.plant import Plant
-from tudor_dynamics.simulation.plots import (
-    pick_signal, plot_configuration, plot_signal, signal_names)
-from tudor_dynamics.simulation.results import save_run
-from tudor_dynamics.simulation.run import (
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.simulation.plant.modes import modes
+from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.simulation.plant.run import (
     LARGEST_ROTATION, largest_rotation, Run, run_plant, simulate_with_scipy, Steps)
+from tudor_dynamics.simulation.studies.animation import animate, check_target
+from tudor_dynamics.simulation.studies.motor_links import left_out, with_motors
+from tudor_dynamics.simulation.studies.plots import (
+    pick_signal, plot_configuration, plot_signal, signal_names)
+from tudor_dynamics.simulation.studies.results import save_run
+from tudor_dynamics.simulation.studies.torque_input import (
+    force_signal, motion_signal, torque_signal)
 
 EXAMPLES = """\
 examples:
@@ -154,7 +155,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
         check_target(Path(args.animate))
 
 
-def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active: tuple[str, ...],
+def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tuple[str, ...],
               ) -> Run:
     mechanism = plant.mechanism
     steps, every = Steps.of(args.seconds, args.dt, args.rate)
@@ -178,9 +179,9 @@ def _simulate(args: argparse.Namespace, plant: Plant, observer: Observer, active
                    '--force out')
             raise UsageError(msg)
         return run_with_bar(steps, lambda bar: simulate_with_scipy(
-            plant, observer, torque, every=every, method=args.integrator, progress=bar))
+            plant, probe, torque, every=every, method=args.integrator, progress=bar))
     return run_with_bar(steps, lambda bar: run_plant(
-        plant, observer, torque, every=every, motion=motion, force=force, progress=bar))
+        plant, probe, torque, every=every, motion=motion, force=force, progress=bar))
 
 
 def _default_signals(mechanism: Mechanism, arm: Arm) -> list[str]:
@@ -205,7 +206,7 @@ def run(args: argparse.Namespace) -> int:
     # The first call after installation compiles for some twenty seconds.
     with Console(file=sys.stderr).status('preparing the mechanism'):
         plant = Plant(mechanism, args.dt, rho=args.rho)
-        observer = Observer(plant, arm=arm)
+        probe = Probe(plant, arm=arm)
     for name in args.hold:
         plant.drive(name, 'hold')
     folder = Path(args.out) if args.out is not None else None
@@ -214,7 +215,7 @@ def run(args: argparse.Namespace) -> int:
     if args.modes is not None:
         print_modes(plant, args.modes, args.free, as_json=args.json)
     if args.plot and folder is not None:
-        plot_configuration(folder / 'initial.png', mechanism, observer.observe().position,
+        plot_configuration(folder / 'initial.png', mechanism, probe.observe().position,
                            f'{arm.name}: initial configuration')
         print(f'{folder / "initial.png"}: initial configuration', file=sys.stderr)
     if not _runs(args) and (args.plot or args.modes is not None):
@@ -226,7 +227,7 @@ def run(args: argparse.Namespace) -> int:
             msg = (f'there is no signal {name!r}; there are '
                    f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
             raise UsageError(msg)
-    result = _simulate(args, plant, observer, arm.active_joints)
+    result = _simulate(args, plant, probe, arm.active_joints)
     if folder is not None:
         save_run(folder, result, arm, mechanism)
     if args.plot and folder is not None:

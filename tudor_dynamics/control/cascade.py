@@ -35,8 +35,7 @@ from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control.envelope import Envelope
 from tudor_dynamics.errors import ArmError
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 # Columns of the gains of one joint.
 POSITION_GAIN = 0  # speed per position error [1/s]

@@ -31,14 +31,13 @@ from enum import IntEnum
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.control.damper_law import (
     damper_law, SETTINGS, STATES, STATUS, WINDOW)
 from tudor_dynamics.errors import ArmError
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class Status(IntEnum):

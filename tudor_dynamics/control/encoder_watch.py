@@ -17,11 +17,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm.limits import Limits
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 FROZEN_TIME = 0.015
 """A reading that stands still is frozen where the joint should have gone on for so long at its

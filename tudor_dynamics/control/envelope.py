@@ -25,8 +25,7 @@ from tudor_dynamics.arm.limits import DriveStop, Limits
 from tudor_dynamics.control.envelope_law import (
     ACCELERATION, BRAKE, BY_SPEED, COMMAND, CUT, envelope_law, LOWER,
     ROW, SATURATING, SPEED, STATES, TIME, UPPER)
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 ROOM = 0.002
 """A position limit is kept off by what the speed limit goes in this time, for readings that are

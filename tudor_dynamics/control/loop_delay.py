@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 LONGEST = 0.25
 """Longest delay that is looked for [s]."""

@@ -16,16 +16,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.arm.drives import DamperSpec
 from tudor_dynamics.control.cascade import velocity_lag
 from tudor_dynamics.control.delay_margin import damping_share, position_gain_limit
 from tudor_dynamics.control.loop_delay import DelayMeter
 from tudor_dynamics.control.swing_watch import SwingWatch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 RAMP_TIME = 0.5
 """In which the damper's share comes up or goes away [s]."""

@@ -26,7 +26,6 @@ from enum import IntEnum
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
@@ -39,8 +38,7 @@ from tudor_dynamics.control.reference_gate import ReferenceGate
 from tudor_dynamics.control.takeover import Takeover
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 NEAR_TIME = 0.07
 """A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg."""

@@ -25,13 +25,11 @@ from collections import deque
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 REACTIONS = ('none', 'hold', 'retreat', 'comply')
 RAMP = 0.15

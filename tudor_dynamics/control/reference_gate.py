@@ -20,11 +20,9 @@ from collections import Counter
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm.limits import Limits
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class ReferenceGate:

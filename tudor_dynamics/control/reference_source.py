@@ -24,7 +24,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
@@ -32,8 +31,7 @@ from tudor_dynamics.control.motion_controller import FOLLOWING_TIME, NEAR_TIME, 
 from tudor_dynamics.control.reaction import ReactingReference
 from tudor_dynamics.signals.excitation import aprbs, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 LONGEST = 600.0
 """Length of random targets before they begin anew [s]."""

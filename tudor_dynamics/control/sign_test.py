@@ -29,12 +29,11 @@ from enum import Enum
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfiltfilt
 
 from tudor_dynamics.errors import SignalError
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 STEP = math.radians(3.0)
 """Step that the test asks for [rad]."""

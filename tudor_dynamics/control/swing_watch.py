@@ -19,9 +19,8 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 WINDOW = 0.4
 """Time over which the size of a swing is taken: most of a period at 2 Hz [s]."""

@@ -19,9 +19,8 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 LOOK = 0.1
 """Time for which an arm is looked at first, beside the delay of the loop [s]: drives that hear

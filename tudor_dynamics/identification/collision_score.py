@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags import read_wrenches
 from tudor_dynamics.monitoring.detector import CollisionEvent
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 FORCE = 0.01
 """Less is no push [N]."""

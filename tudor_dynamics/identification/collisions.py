@@ -31,8 +31,7 @@ from tudor_dynamics.monitoring.detector import CollisionEvent
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.state_filter import StateFilter
 from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

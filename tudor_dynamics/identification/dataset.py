@@ -21,15 +21,13 @@ from dataclasses import dataclass, replace
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
 

@@ -20,15 +20,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.models.base_parameters import base_sets
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.signals.motion_profile import Reference
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 REPORT_RATE = 20.0
 """Rate at which the motion is looked at [Hz]."""

@@ -20,15 +20,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 import warnings
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.dataset import (
     BagData, common_outputs, OUTPUTS, training_blocks)
-from tudor_dynamics.identification.elastic import check_arm, ElasticTrainer, records_of
-from tudor_dynamics.identification.elastic_result import Identified
+from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.elastic.trainer import check_arm, ElasticTrainer, records_of
 from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
@@ -36,13 +33,13 @@ from tudor_dynamics.identification.validation import (
 from tudor_dynamics.identification.verdict import judge_model, Verdict
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import ESTIMATORS
 from tudor_dynamics.models.regressor import (
     EffortRegressor, Regressor, STRAIN_FORMS, StrainRegressor)
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MODEL_KINDS = ('analytical', 'elm', 'elastic')

@@ -26,12 +26,12 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.following import observe_stretch
-from tudor_dynamics.monitoring.learning import FreeMotion, learn_thresholds
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
-from tudor_dynamics.monitoring.threshold_io import thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds import MethodThresholds
+from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds.learning import FreeMotion, learn_thresholds
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.signals import prepare
 
 

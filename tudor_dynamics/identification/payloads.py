@@ -23,7 +23,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.payload import (
     payload_regressor, PayloadELM, PayloadModel, Range, SAME)
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor

@@ -20,15 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.following import predict_stretch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 LOWEST = 0.5
 """Below, the residual is the model's own error, not a vibration [Hz]."""

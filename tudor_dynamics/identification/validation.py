@@ -33,11 +33,10 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.following import predict_stretch
 from tudor_dynamics.signals import Stretch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,8 +36,7 @@ from tudor_dynamics.models.estimators import (
 from tudor_dynamics.models.products import Products
 from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.models.training import block_of, Blocks, check_block, check_motion
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.models.regressor import Regressor
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 RELATIVE_TOLERANCE = 1e-8
 SHOWN_TERMS = 4

@@ -27,8 +27,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from tudor_dynamics import __version__
@@ -38,14 +36,14 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
 from tudor_dynamics.models.bundle_head import read_head, sealed
-from tudor_dynamics.models.elastic import ElasticModel
-from tudor_dynamics.models.elastic_io import elastic_from_dict, elastic_to_dict
+from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.payload import payload_range_of, PayloadELM, PayloadModel, SAME
 from tudor_dynamics.models.serialise import (
     analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 Model = AnalyticalModel | ElasticModel | ExtremeLearningMachine
 
 

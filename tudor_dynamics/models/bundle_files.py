@@ -31,14 +31,12 @@ import zipfile
 import zlib
 
 import numpy as np
-from numpy.typing import NDArray
 import yaml
 
 from tudor_dynamics import bounded_yaml
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.files import read_bounded
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000}

@@ -23,15 +23,13 @@ ridge regression with lambda.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 from scipy.special import expit
 
 from tudor_dynamics.errors import FitError, NotFittedError
 from tudor_dynamics.models.training import (
     block_of, Blocks, check_block, check_motion, TrainingBlock)
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 2048
 

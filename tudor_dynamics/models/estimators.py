@@ -19,13 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.products import Products, squared_residuals, triangle
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 ESTIMATORS = ('ols', 'wls', 'huber')
 HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)

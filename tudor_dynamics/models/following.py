@@ -17,14 +17,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic import ElasticModel
-from tudor_dynamics.models.elastic_live import LiveElastic
+from tudor_dynamics.models.elastic.live import LiveElastic
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals import Stretch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 def sample_times(stretch: Stretch) -> FloatArray:

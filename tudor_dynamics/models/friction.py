@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import JointSpec
 from tudor_dynamics.compiled import compiled
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 (_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
  _CUBE_ROOT, _SQUARE) = range(10)

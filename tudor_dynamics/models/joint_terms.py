@@ -19,13 +19,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm.schema import JointSpec
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.friction import friction_codes, friction_term
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class JointTerms:

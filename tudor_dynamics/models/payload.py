@@ -26,7 +26,6 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
@@ -37,8 +36,8 @@ from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.estimators import Estimate
 from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 Range = tuple[float, float]
 
 SAME = 1e-6

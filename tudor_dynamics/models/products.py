@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 def triangle(matrix: FloatArray) -> FloatArray:

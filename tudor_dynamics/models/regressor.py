@@ -25,7 +25,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ArmError
@@ -33,8 +32,7 @@ from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.joint_terms import JointTerms
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS, in_model_order, torque_rows
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 STRAIN_FORMS = ('paper', 'exact')
 

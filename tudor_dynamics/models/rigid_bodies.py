@@ -32,9 +32,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
 from tudor_dynamics.compiled import compiled
-
-FloatArray = NDArray[np.float64]
-IndexArray = NDArray[np.intp]
+from tudor_dynamics.typing import FloatArray, IndexArray
 
 # Columns of the state of a body: rotation to its parent, rates, accelerations.
 _ROTATION, _OFFSET, _SPIN, _TURN, _PUSH = 0, 9, 12, 15, 18

@@ -19,7 +19,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
@@ -31,8 +30,7 @@ from tudor_dynamics.models.payload import (
     payload_regressor, PayloadELM, PayloadModel, PayloadRegressor)
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.models.units import column_unit, output_units
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 MAX_HIDDEN = 100_000
 MAX_COEFFICIENT = 1e15

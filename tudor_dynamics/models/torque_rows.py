@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 # Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.
 BODY_PARAMETERS = ('m', 'mx', 'my', 'mz', 'Ixx', 'Ixy', 'Iyy', 'Ixz', 'Iyz', 'Izz')

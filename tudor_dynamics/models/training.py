@@ -20,12 +20,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.signals.preprocessing import Decimation
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

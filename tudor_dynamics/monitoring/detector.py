@@ -22,13 +22,11 @@ from enum import IntEnum
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tudor_dynamics.monitoring.excess import Excess
-from tudor_dynamics.monitoring.features import NEVER
+from tudor_dynamics.monitoring.thresholds.excess import Excess
+from tudor_dynamics.monitoring.thresholds.features import NEVER
 from tudor_dynamics.small_arrays import largest
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 SHARE = 0.15
 """Part of an excess that comes back behind it and is no contact: the arm swings, teeth meet."""

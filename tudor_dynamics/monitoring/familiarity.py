@@ -26,11 +26,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 QUANTILE = 0.8
 """Share of the samples that stay below the level that is followed."""

@@ -20,13 +20,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.monitoring.pairing import Pairing
 from tudor_dynamics.monitoring.stamps import StampGate
 from tudor_dynamics.monitoring.state_filter import Motion
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class Gathering:

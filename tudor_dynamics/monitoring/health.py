@@ -19,11 +19,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 MOVING = 0.05
 """A joint that is faster moves [rad/s or m/s]."""

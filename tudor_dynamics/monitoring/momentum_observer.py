@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.monitoring.pairing import Pair
 from tudor_dynamics.monitoring.residuals import Residual
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 STEP = 1e-5
 """Change of position for the central difference [rad or m]."""

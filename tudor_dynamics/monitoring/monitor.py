@@ -16,17 +16,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.errors import check_type
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.state_filter import Motion, StateFilter
-from tudor_dynamics.monitoring.thresholds import MethodThresholds
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.monitoring.watch import Found, MonitorSettings, Watch
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 class Monitor:

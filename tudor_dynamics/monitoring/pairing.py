@@ -19,14 +19,10 @@ from __future__ import annotations
 from collections import Counter, deque
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.monitoring.stamps import StampGate
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.small_arrays import all_finite
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 WAITING = 400
 """Samples that may wait for their partner; more are dropped, oldest first."""

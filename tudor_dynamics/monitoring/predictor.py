@@ -19,17 +19,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import OutputModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic import ElasticModel
-from tudor_dynamics.models.elastic_live import LiveElastic
+from tudor_dynamics.models.elastic.live import LiveElastic
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.state_filter import Motion
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
 KEPT = 16

@@ -18,13 +18,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.monitoring.pairing import Pair
 from tudor_dynamics.monitoring.state_filter import LowPass, Motion
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make

@@ -19,15 +19,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.monitoring.stamps import StampGate
 from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain
 from tudor_dynamics.small_arrays import all_finite
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make

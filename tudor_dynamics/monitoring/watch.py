@@ -21,23 +21,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import (
     CollisionDetector, CollisionEvent, DetectorSettings, Level)
-from tudor_dynamics.monitoring.excess import Excess, ExcessStage, Rates
 from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import Pair, Pairing
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
 from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.monitoring.threshold_io import stored_thresholds
-from tudor_dynamics.monitoring.thresholds import MethodThresholds
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.monitoring.thresholds.excess import Excess, ExcessStage, Rates
+from tudor_dynamics.monitoring.thresholds.io import stored_thresholds
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
+from tudor_dynamics.typing import FloatArray
 
 METHODS = ('strain', 'effort', 'momentum')
 SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}

@@ -31,12 +31,12 @@ from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import SimulationError, TudorError
-from tudor_dynamics.nodes.base import ERROR, OK, TudorNode, WARN
-from tudor_dynamics.nodes.interfaces import (
+from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
-from tudor_dynamics.nodes.messages import joint_state, time_message
-from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.simulation.arm_process import ArmProcess, Floor
+from tudor_dynamics.nodes.common.messages import joint_state, time_message
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.simulation.loop.arm_process import ArmProcess, Floor
 
 BEHIND = 0.2
 """A process that is so late gives up real time instead of hurrying [s]."""

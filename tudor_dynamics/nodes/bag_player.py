@@ -30,10 +30,10 @@ from rosgraph_msgs.msg import Clock
 
 from tudor_dynamics.bags.live import read_track, Track
 from tudor_dynamics.errors import BagError, TudorError
-from tudor_dynamics.nodes.base import OK
-from tudor_dynamics.nodes.interfaces import CLOCK
-from tudor_dynamics.nodes.messages import time_message
-from tudor_dynamics.nodes.runner import EndingNode, run
+from tudor_dynamics.nodes.common.base import OK
+from tudor_dynamics.nodes.common.interfaces import CLOCK
+from tudor_dynamics.nodes.common.messages import time_message
+from tudor_dynamics.nodes.common.runner import EndingNode, run
 
 
 DELIVERY = Duration(seconds=2)

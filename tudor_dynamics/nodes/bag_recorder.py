@@ -28,7 +28,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tudor_dynamics.bags.live import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
-from tudor_dynamics.nodes.runner import EndingNode, run
+from tudor_dynamics.nodes.common.runner import EndingNode, run
 
 DEPTH = 1000
 LOOK, SAVE = 0.2, 1.0

@@ -27,11 +27,11 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.watch import Watch
-from tudor_dynamics.nodes.detect_node import DetectNode
-from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import MotionReader, NamedReader
-from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.nodes.wire import JointSample, PointSample
+from tudor_dynamics.nodes.common.detect_node import DetectNode
+from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.common.wire import JointSample, PointSample
 from tudor_dynamics.small_arrays import all_finite
 
 WAITING = 200

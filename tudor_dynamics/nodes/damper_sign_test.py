@@ -43,10 +43,10 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control.sign_test import check_sign, grows, Sign, SignResult, StepResponse
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.nodes.base import strong, weak
-from tudor_dynamics.nodes.interfaces import JOINT_TRAJECTORY
-from tudor_dynamics.nodes.messages import floats, NamedReader, nanoseconds
-from tudor_dynamics.nodes.runner import new_executor
+from tudor_dynamics.nodes.common.base import strong, weak
+from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY
+from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
+from tudor_dynamics.nodes.common.runner import new_executor
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
 RECORD = 3.5

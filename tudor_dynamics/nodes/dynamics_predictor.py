@@ -28,12 +28,12 @@ from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import MonitorSettings
-from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import MotionReader, NamedReader
-from tudor_dynamics.nodes.model_node import ModelNode
-from tudor_dynamics.nodes.outlets import Outlets
-from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, PointSample
+from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
+from tudor_dynamics.nodes.common.model_node import ModelNode
+from tudor_dynamics.nodes.common.outlets import Outlets
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, PointSample
 
 
 class DynamicsPredictorNode(ModelNode):

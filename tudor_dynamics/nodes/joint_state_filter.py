@@ -29,13 +29,13 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.monitoring.rehearsal import rehearse_filter
 from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
-from tudor_dynamics.nodes.base import TudorNode
-from tudor_dynamics.nodes.interfaces import (
+from tudor_dynamics.nodes.common.base import TudorNode
+from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
-from tudor_dynamics.nodes.messages import NamedReader
-from tudor_dynamics.nodes.outlets import Outlets
-from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, MotionEncoder
+from tudor_dynamics.nodes.common.messages import NamedReader
+from tudor_dynamics.nodes.common.outlets import Outlets
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
 
 
 class JointStateFilterNode(TudorNode):

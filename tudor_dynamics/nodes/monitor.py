@@ -29,11 +29,11 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.watch import Found, Watch
-from tudor_dynamics.nodes.detect_node import DetectNode
-from tudor_dynamics.nodes.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.messages import NamedReader
-from tudor_dynamics.nodes.runner import run
-from tudor_dynamics.nodes.wire import JointSample, JointStateEncoder, MotionEncoder
+from tudor_dynamics.nodes.common.detect_node import DetectNode
+from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.messages import NamedReader
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
 
 
 class MonitorNode(DetectNode):

@@ -34,11 +34,11 @@ from tudor_dynamics.control.damper_law import SEEN, STATUS
 from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.monitoring.stamps import StampGate
-from tudor_dynamics.nodes.base import ERROR, STALE, TudorNode, WARN
-from tudor_dynamics.nodes.clock_watch import ClockWatch
-from tudor_dynamics.nodes.interfaces import JOINT_REFERENCE, RESET, VELOCITY_COMMANDS
-from tudor_dynamics.nodes.messages import floats, NamedReader, nanoseconds
-from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.common.base import ERROR, STALE, TudorNode, WARN
+from tudor_dynamics.nodes.common.clock_watch import ClockWatch
+from tudor_dynamics.nodes.common.interfaces import JOINT_REFERENCE, RESET, VELOCITY_COMMANDS
+from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
+from tudor_dynamics.nodes.common.runner import run
 
 BRAKING = 2.0
 """A process that ends waits no longer than this for the arm to stand [s]."""

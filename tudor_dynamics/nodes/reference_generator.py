@@ -32,11 +32,11 @@ from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.reaction import yielding_speed
 from tudor_dynamics.control.reference_source import ReferenceSource
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.nodes.base import latched, OK, TudorNode, WARN
-from tudor_dynamics.nodes.interfaces import (
+from tudor_dynamics.nodes.common.base import latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, RESET, RESIDUALS)
-from tudor_dynamics.nodes.messages import joint_state, NamedReader
-from tudor_dynamics.nodes.runner import run
+from tudor_dynamics.nodes.common.messages import joint_state, NamedReader
+from tudor_dynamics.nodes.common.runner import run
 
 LOOK = 0.5
 """Between two looks at who watches for collisions [s]."""

@@ -28,7 +28,7 @@ from typing import Any
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, common_outputs
-from tudor_dynamics.identification.elastic import ElasticTrainer
+from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle

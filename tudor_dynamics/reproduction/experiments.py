@@ -19,22 +19,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import free_of_positions
+from tudor_dynamics.reproduction.lshape import run_paper
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.stages import RECORDING, Result
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
-from tudor_dynamics.simulation.campaign import stimulus_motion, stimulus_seeds
-from tudor_dynamics.simulation.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.drive import Imperfections
-from tudor_dynamics.simulation.lshape import run_paper
-from tudor_dynamics.simulation.plots import pick_signal, spectrum
+from tudor_dynamics.simulation.loop.campaign import stimulus_motion, stimulus_seeds
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
+from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.studies.plots import pick_signal, spectrum
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
-
-EXPERIMENT = (*RECORDING, 'reproduction/experiments.py')
+EXPERIMENT = (*RECORDING, 'reproduction/experiments.py', 'reproduction/lshape.py')
 """Parts of the package that these depend on."""
 MOVE = (45.0, -45.0)
 """Move that shows the damping, from stretched out and horizontal [deg]."""

@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, OUTPUTS
@@ -31,8 +30,7 @@ from tudor_dynamics.reproduction.elastic_fits import (
 from tudor_dynamics.reproduction.judging import figures, halves, judged, read
 from tudor_dynamics.reproduction.plan import Campaign, grams
 from tudor_dynamics.reproduction.stages import Result
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 SPLITS = ('stimulus', 'random')
 SAMPLEWISE = ('analytical', 'elm')

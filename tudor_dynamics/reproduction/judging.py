@@ -22,15 +22,13 @@ from typing import Any
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.dataset import BagChoice, BagData, load
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.validation import Trace
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 def hub_gauges(arm: Arm) -> list[int]:

@@ -50,7 +50,7 @@ def render(template: str, **values: Any) -> str:
 
     """
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([_HERE, _HERE.parent / 'identification']),
+        loader=jinja2.FileSystemLoader([_HERE, _HERE.parent / 'report' / 'templates']),
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     return environment.get_template(template).render(version=__version__, **values)
 

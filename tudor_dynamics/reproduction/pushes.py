@@ -26,7 +26,7 @@ from tudor_dynamics.identification.collisions import evaluate_collisions, Method
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import DetectorSettings
-from tudor_dynamics.monitoring.excess import Rates
+from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.reproduction.elastic_fits import ElasticFit, FOUND, KIND
 from tudor_dynamics.reproduction.fits import Fits

@@ -34,19 +34,17 @@ import shutil
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics import __version__
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle_files import write_directory
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 FOLDER = 'stages'
 PACKAGE = Path(__file__).resolve().parents[1]
 RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
-FITTING = (*RECORDING, 'models', 'identification', 'monitoring', 'reproduction')
+FITTING = (*RECORDING, 'models', 'identification', 'monitoring', 'report', 'reproduction')
 """Parts that a fit and its figures depend on."""
 
 

@@ -33,8 +33,7 @@ from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, motion_limits, MotionLimits, Reference)
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 # Feedback taps of shift registers whose sequence repeats only after 2^n - 1 clocks.
 TAPS = {5: (5, 3), 6: (6, 5), 7: (7, 6), 9: (9, 5), 10: (10, 7), 11: (11, 9)}

@@ -26,13 +26,11 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import signal
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

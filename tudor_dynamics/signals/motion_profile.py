@@ -28,15 +28,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_law import (
     CLOCK, FIRST, follow_all, follow_plan, PLAN, plan_motion, Q, stopping_distance, TARGET)
-
-FloatArray = NDArray[np.float64]
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

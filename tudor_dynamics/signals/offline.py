@@ -20,7 +20,8 @@ import numpy as np
 from scipy import signal
 
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.filters import FilteredStates, FloatArray
+from tudor_dynamics.signals.filters import FilteredStates
+from tudor_dynamics.typing import FloatArray
 
 
 def zero_phase(

@@ -35,8 +35,8 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.filters import CausalDifferentiator, FilteredStates, low_pass
 from tudor_dynamics.signals.offline import zero_phase
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 BLOCK = 4096
 COLUMNS_AT_A_TIME = 64
 FEWEST = 32

@@ -25,11 +25,9 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.errors import SignalError
-
-FloatArray = NDArray[np.float64]
 
 MOST_SAMPLES = 600
 """The signal is averaged down to no more than this: the pencil costs the cube of it."""

@@ -20,12 +20,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.excitation import evaluate_expression
+from tudor_dynamics.simulation.studies.torque_input import evaluate_expression
+from tudor_dynamics.typing import FloatArray
 
-FloatArray = NDArray[np.float64]
 Drive = ArrayLike | Callable[[float], float]
 """What drives a joint: a constant, an expression, values, or a function of the time."""
 

@@ -1,0 +1,195 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The elastic model: outputs, payloads, memory, and what it refuses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from elastic_making import blade_arm, even, FloatArray, GAINS, OFFSETS, recorded, travel
+import numpy as np
+import pytest
+
+from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.live import LiveElastic
+from tudor_dynamics.models.elastic.model import ElasticModel, physical_unit, PhysicalParameter
+from tudor_dynamics.models.friction import friction_columns
+
+RATE = 100.0
+ARM = blade_arm(joints=[{'name': 'j1', 'friction': ['viscous', 'coulomb']},
+                        {'name': 'j2', 'friction': ['viscous', 'coulomb'], 'asymmetric': True}])
+
+
+def model_of(output: str = 'strain', *physical: PhysicalParameter, **more: Any) -> ElasticModel:
+    """Make a model that has learned something."""
+    model = ElasticModel(ARM, output, physical, **more)
+    if output == 'strain':
+        model.coefficients_ = tuple(np.column_stack([GAINS, OFFSETS]))
+    else:
+        model.coefficients_ = tuple(np.arange(1.0, 1.0 + len(c)) for c in model.columns)
+    model.standard_errors_ = tuple(np.full(len(c), 0.1) for c in model.columns)
+    model.noise_ = np.array([2.0, 3.0])
+    return model
+
+
+def moving(seconds: float = 3.0) -> tuple[FloatArray, FloatArray]:
+    """Give ``[q, dq, ddq]`` and times between samples."""
+    q = travel(seconds, RATE, hold=1.5)
+    dq = np.gradient(q, 1.0 / RATE, axis=0)
+    return np.hstack([q, dq, np.gradient(dq, 1.0 / RATE, axis=0)]), even(len(q), RATE)
+
+
+def test_strain_is_gain_times_moment_and_offset() -> None:
+    """Along a motion, with parameters that differ from the description."""
+    motion, dt = moving()
+    values = {'bending(j1)': 14.0, 'payload': 0.3}
+    strain, _ = recorded(ARM, values, motion[:, :2], RATE, noise=0.0)
+    model = model_of('strain', PhysicalParameter('bending(j1)', 14.0, 'N m^2'),
+                     PhysicalParameter('payload', 0.3, 'kg'))
+    assert np.array_equal(model.follow(motion, dt), strain)
+    assert model.channels == ('g1', 'g2') and model.values == values
+
+
+def test_effort_is_torque_rotor_and_friction() -> None:
+    """Columns of each joint: gear, rotor inertia, friction, and one constant at most."""
+    model = model_of('effort')
+    assert model.columns == (
+        ('torque', 'Ia(j1)', 'viscous(j1)', 'coulomb(j1)', 'offset'),
+        ('torque', 'Ia(j2)', 'viscous+(j2)', 'viscous-(j2)', 'coulomb+(j2)', 'coulomb-(j2)'))
+    motion, dt = moving()
+    torque = DrivenArm(ARM).follow(motion[:, :2], dt).torque
+    found = model.follow(motion, dt)
+    dq, ddq = motion[:, 2:4], motion[:, 4:]
+    fast = np.abs(dq).min(axis=1) > 0.15
+    assert fast.sum() > 20
+    first = torque[:, 0] + 2.0 * ddq[:, 0] + 3.0 * dq[:, 0] + 4.0 * np.sign(dq[:, 0]) + 5.0
+    assert np.allclose(found[fast, 0], first[fast], atol=1e-6)
+    friction = friction_columns(ARM.joints[1], dq[:, 1]) @ [3.0, 4.0, 5.0, 6.0]
+    second = torque[:, 1] + 2.0 * ddq[:, 1] + friction
+    assert np.allclose(found[:, 1], second, atol=1e-9)
+
+
+def test_a_payload_put_in() -> None:
+    """``at`` changes the payload alone, keeps what was learned, and its old model as it was."""
+    motion, dt = moving()
+    base = model_of('strain', PhysicalParameter('bending(j1)', 15.0, 'N m^2'),
+                    payload_range=(0.0, 0.4))
+    heavy = base.at(0.35)
+    assert heavy.values == {'bending(j1)': 15.0, 'payload': 0.35}
+    assert heavy.coefficients_ is base.coefficients_ and heavy.noise_ is base.noise_
+    strain, _ = recorded(ARM, heavy.values, motion[:, :2], RATE, noise=0.0)
+    assert np.array_equal(heavy.follow(motion, dt), strain)
+    assert base.values == {'bending(j1)': 15.0}
+    twice = heavy.at(0.1)
+    assert [p.name for p in twice.physical].count('payload') == 1
+    for wrong in (-0.1, float('nan')):
+        with pytest.raises(FitError):
+            base.at(wrong)
+    with pytest.warns(TudorWarning, match='extrapolates'):
+        base.at(5.0)
+
+
+def test_no_prediction_without_a_past() -> None:
+    """Single samples, other joints, or nothing learned: refused with the reason."""
+    motion, dt = moving()
+    with pytest.raises(FitError, match='memory'):
+        model_of().predict(motion)
+    with pytest.raises(NotFittedError, match='no coefficients'):
+        ElasticModel(ARM, 'strain').follow(motion, dt)
+    with pytest.raises(FitError):
+        model_of().follow(motion[:, :3], dt)
+    with pytest.raises(ModelError, match='no parameter'):
+        model_of('strain', PhysicalParameter('spring', 1.0, 'N m')).follow(motion, dt)
+    rigid = blade_arm(links=[], motors=[])
+    with pytest.raises(ModelError, match='no links'):
+        LiveElastic({'strain': _of(rigid)})
+
+
+def _of(arm: Any) -> ElasticModel:
+    model = ElasticModel(arm, 'strain')
+    model.coefficients_ = tuple(np.ones((2, 2)))
+    return model
+
+
+def test_the_motion_before_counts() -> None:
+    """A stretch cut out of a motion: with what was before it, the very values of the whole."""
+    motion, dt = moving(4.0)
+    model = model_of()
+    whole = model.follow(motion, dt)
+    cut = 150
+    before = np.column_stack([dt[:cut], motion[:cut, :2]])
+    assert np.array_equal(model.follow(motion[cut:], dt[cut:], before), whole[cut:])
+    alone = model.follow(motion[cut:], dt[cut:])
+    assert np.abs(alone[:50] - whole[cut:cut + 50]).max() > 2.0
+
+
+def test_live_equals_the_whole_motion() -> None:
+    """Sample by sample, effort and strain on one arm, as ``follow`` gives them."""
+    motion, dt = moving()
+    models = {'strain': model_of('strain'), 'effort': model_of('effort')}
+    live = LiveElastic(models)
+    for k in range(len(motion)):
+        found = live.step(float(dt[k]), motion[k])
+        assert found is not None
+        if k == 0:
+            rows: dict[str, list[FloatArray]] = {name: [] for name in found}
+        for name, values in found.items():
+            rows[name].append(values)
+    for name, model in models.items():
+        assert np.abs(np.array(rows[name]) - model.follow(motion, dt)).max() < 1e-9
+
+
+def test_live_begins_anew_after_the_impossible() -> None:
+    """A jump of the joints that makes it diverge costs samples, not the process."""
+    live = LiveElastic({'strain': model_of()})
+    motion, dt = moving()
+    assert live.step(0.0, motion[0]) is not None
+    wild = motion[1].copy()
+    wild[0] = 1e9
+    assert live.step(0.01, wild) is None
+    found = live.step(0.01, motion[2])
+    rested = model_of().follow(motion[2:3], np.zeros(1))
+    assert found is not None and np.array_equal(found['strain'], rested[0])
+
+
+def test_impossible_observers() -> None:
+    """An observer needs a fitted model of the strain, of the same arm, with gains."""
+    with pytest.raises(ModelError, match='observer'):
+        LiveElastic({'strain': model_of()}, 'magic')
+    with pytest.raises(ModelError, match='no elastic model'):
+        LiveElastic({})
+    with pytest.raises(ModelError, match='strain'):
+        LiveElastic({'effort': model_of('effort')}, 'ringing')
+    with pytest.raises(ModelError, match='different arms'):
+        LiveElastic({'effort': model_of('effort', PhysicalParameter('payload', 0.1, 'kg')),
+                     'strain': model_of()})
+    dead = model_of()
+    dead.coefficients_ = (np.array([0.0, 1.0]), np.array([50.0, 0.0]))
+    with pytest.raises(ModelError, match='gain 0'):
+        LiveElastic({'strain': dead}, 'ringing')
+
+
+def test_units() -> None:
+    """Every parameter of an arm has a unit; gears of prismatic joints count in N and m."""
+    names = DrivenArm(ARM).parameters
+    assert {physical_unit(ARM, name) for name in names} == {
+        'N m^2', 'kg/m', 'kg', 'N m/rad', 'rad', 'N m s/rad', '1', '1/s', 's'}
+    slider = blade_arm(gauges=[], joints=[
+        {'name': 'j1', 'type': 'prismatic', 'effort': {'unit': 'N'}}, {'name': 'j2'}])
+    assert physical_unit(slider, 'gear(j1)') == 'N/m'
+    assert physical_unit(slider, 'play(j1)') == 'm'
+    assert physical_unit(slider, 'tight(j1)') == 'N s/m'
+    assert physical_unit(slider, 'gear(j2)') == 'N m/rad'

@@ -1,0 +1,259 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Data section of an MCAP file: topics, and raw messages of chosen ones.
+
+Record by record through file objects, as rosbags reads MCAP, costs more than everything that
+follows, and nothing there bounds what a chunk unpacks to. This scan walks the records of a chunk
+in memory and checks every length and checksum. A file that nobody finished, because the recorder
+was killed or its disk was full, ends before the first record that is not whole.
+
+Format: https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+import struct
+from typing import BinaryIO
+import zlib
+
+from tudor_dynamics.bags.storage.unpacking import Damaged, MAX_PIECE, Unpacker
+from tudor_dynamics.files import open_regular
+
+MAGIC = b'\x89MCAP0\r\n'
+HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06
+STATISTICS, DATA_END = 0x0B, 0x0F
+MAX_LOG_TIME = (1 << 63) - 1
+
+RECORD = struct.Struct('<BQ')
+_MESSAGE = struct.Struct('<BQHIQQ')
+_MESSAGE_BODY = _MESSAGE.size - RECORD.size
+_CHUNK = struct.Struct('<QQQI')
+_U16 = struct.Struct('<H')
+_U32 = struct.Struct('<I')
+_U64 = struct.Struct('<Q')
+
+
+@dataclass
+class Scan:
+    """
+    Raw messages of one topic.
+
+    Attributes
+    ----------
+    msgtypes : dict of str to None
+        Message types announced for it, in their order.
+    log_time : list of int
+        Time of recording [ns].
+    data : list of bytes
+        Messages as they were on the wire; left empty where only times were asked for.
+
+    """
+
+    msgtypes: dict[str, None] = field(default_factory=dict)
+    log_time: list[int] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)
+
+
+def _text(record: bytes, offset: int) -> tuple[str, int]:
+    (size,) = _U32.unpack_from(record, offset)
+    start = offset + _U32.size
+    if start + size > len(record):
+        raise Damaged('a string leaves its record')
+    return record[start:start + size].decode(), start + size
+
+
+class Channels:
+    """
+    Channels of a file and the topics they carry, as their records come by.
+
+    Attributes
+    ----------
+    topics : dict of int to (str, str)
+        Channel number to topic and message type.
+
+    """
+
+    def __init__(self) -> None:
+        self.topics: dict[int, tuple[str, str]] = {}
+        self._schemas = {0: '__schemaless__'}
+
+    def schema(self, record: bytes) -> None:
+        """
+        Take a schema; Damaged if it is another than before under its number.
+
+        Parameters
+        ----------
+        record : bytes
+            Content of a schema record.
+
+        """
+        (number,) = _U16.unpack_from(record)
+        name, _ = _text(record, 2)
+        if number == 0 or self._schemas.setdefault(number, name) != name:
+            raise Damaged('a schema changes its name')
+
+    def channel(self, record: bytes) -> int:
+        """
+        Take a channel and give its number; Damaged if it is another than before.
+
+        Parameters
+        ----------
+        record : bytes
+            Content of a channel record.
+
+        """
+        number, schema = _U16.unpack_from(record)[0], _U16.unpack_from(record, 2)[0]
+        topic, _ = _text(record, 4)
+        if schema not in self._schemas:
+            raise Damaged('a channel has no schema')
+        found = topic, self._schemas[schema]
+        if self.topics.setdefault(number, found) != found:
+            raise Damaged('a channel changes its topic or type')
+        return int(number)
+
+
+class _Walk:
+    """Goes through the records of one file."""
+
+    def __init__(
+        self, topics: Collection[str] | None, with_data: bool, channels: Channels,
+    ) -> None:
+        self.found: dict[str, Scan] = {} if topics is None else {name: Scan() for name in topics}
+        self._all = topics is None
+        self._with_data = with_data
+        self._channels = channels
+        self._sinks: dict[int, Scan | None] = {}
+
+    def _definition(self, code: int, record: bytes) -> None:
+        if code == SCHEMA:
+            self._channels.schema(record)
+            return
+        number = self._channels.channel(record)
+        topic, msgtype = self._channels.topics[number]
+        if self._all:
+            self.found.setdefault(topic, Scan())
+        sink = self._sinks[number] = self.found.get(topic)
+        if sink is not None:
+            sink.msgtypes[msgtype] = None
+
+    def records(self, chunk: bytes) -> None:
+        """Go through the records of a chunk."""
+        unpack = _MESSAGE.unpack_from
+        overhead, body, record_size = _MESSAGE.size, _MESSAGE_BODY, RECORD.size
+        end, position, with_data, sinks = len(chunk), 0, self._with_data, self._sinks
+        while position < end:
+            if chunk[position] == MESSAGE:
+                _, size, channel, _, log_time, _ = unpack(chunk, position)
+                stop = position + record_size + size
+                if size < body or stop > end:
+                    raise Damaged('a message leaves its chunk')
+                if channel not in sinks:
+                    raise Damaged('a message has no channel')
+                sink = sinks[channel]
+                if sink is not None:
+                    if log_time > MAX_LOG_TIME:
+                        raise Damaged('a log time out of range')
+                    sink.log_time.append(log_time)
+                    if with_data:
+                        sink.data.append(chunk[position + overhead:stop])
+            else:
+                code, size = RECORD.unpack_from(chunk, position)
+                stop = position + record_size + size
+                if stop > end or code not in (SCHEMA, CHANNEL):
+                    raise Damaged(f'a record of kind {code} does not belong into its chunk')
+                self._definition(code, chunk[position + record_size:stop])
+            position = stop
+
+    def file(self, stream: BinaryIO, size: int, unfinished: bool) -> None:
+        """Go through a file up to the end of its data."""
+        unpacker = Unpacker(size)
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise Damaged('no MCAP magic')
+        while True:
+            head = stream.read(RECORD.size)
+            whole = (len(head) == RECORD.size
+                     and RECORD.unpack(head)[1] <= size - stream.tell())
+            if unfinished and not (whole and head[0]):  # 0: never written, by a crash
+                return
+            if not whole:
+                raise Damaged('a record leaves the file')
+            code, length = RECORD.unpack(head)
+            if code in (DATA_END, FOOTER):
+                return
+            if code not in (CHUNK, SCHEMA, CHANNEL, MESSAGE):
+                stream.seek(length, 1)
+                continue
+            if length > MAX_PIECE:
+                msg = f'a record of {length} bytes; at most {MAX_PIECE} are read at once'
+                raise Damaged(msg)
+            record = stream.read(length)
+            self.records(_unpack_chunk(record, unpacker) if code == CHUNK else head + record)
+
+
+def _unpack_chunk(record: bytes, unpacker: Unpacker) -> bytes:
+    _, _, size, crc = _CHUNK.unpack_from(record)
+    compression, offset = _text(record, _CHUNK.size)
+    (packed,) = _U64.unpack_from(record, offset)
+    offset += _U64.size
+    if offset + packed != len(record):
+        raise Damaged('a chunk does not fill its record')
+    raw = unpacker.unpack(record[offset:], compression, size)
+    if crc and zlib.crc32(raw) != crc:
+        raise Damaged('a chunk does not have its checksum')
+    return raw
+
+
+def scan_mcap(
+    path: Path, topics: Collection[str] | None = None, *, with_data: bool = True,
+    channels: Channels | None = None, unfinished: bool = False,
+) -> dict[str, Scan]:
+    """
+    Read the raw messages of some topics.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file to walk through.
+    topics : collection of str, optional
+        Topics to read; all by default.
+    with_data : bool
+        Also keep the messages, not only their times.
+    channels : Channels, optional
+        What the summary says, which the data must not contradict.
+    unfinished : bool
+        The file breaks off anywhere; what is whole before is read.
+
+    Returns
+    -------
+    dict of str to Scan
+        Messages of each topic in the order of the file.
+
+    Raises
+    ------
+    Damaged
+        If the file contradicts itself, or asks for more than it may.
+
+    """
+    walk = _Walk(topics, with_data, channels or Channels())
+    with open_regular(path) as stream:
+        try:
+            walk.file(stream, path.stat().st_size, unfinished)
+        except (struct.error, UnicodeDecodeError) as err:
+            raise Damaged(f'cut short or garbled: {err}') from None
+    return walk.found

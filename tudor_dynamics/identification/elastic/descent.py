@@ -1,0 +1,135 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Improving the parameters of an elastic arm from where they are, in one search or several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from tudor_dynamics.identification.elastic.coordinates import Straight
+from tudor_dynamics.identification.elastic.problem import Problem
+from tudor_dynamics.identification.elastic.result import reweight
+from tudor_dynamics.typing import FloatArray
+
+GAIN = 0.3
+"""Typical change of a gauge's gain, as a logarithm."""
+FARTHEST = 6.0
+"""From the prior's centre, in its standard deviations."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """
+    A search by all parameters.
+
+    Attributes
+    ----------
+    bandwidth : float
+        How strongly the simulation is drawn towards the measured strain, see ``Problem.draw``
+        [1/s].
+    inner : float
+        Longest inner step [s].
+    evaluations : int
+        Of the errors, at most.
+    enough : float
+        Part of the sum of squares: a step that gains less ends the search.
+
+    """
+
+    bandwidth: float
+    inner: float
+    evaluations: int
+    enough: float
+
+
+def improve(
+    problem: Problem, x: FloatArray, evaluations: int, enough: float = 1e-4,
+) -> FloatArray:
+    """
+    Search by all parameters of the problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem with its weights.
+    x : ndarray of shape (n_names,) or (unknowns,)
+        Logarithms to start from.
+    evaluations : int
+        Of the errors, at most.
+    enough : float
+        Part of the sum of squares: a step that gains less ends the search.
+
+    Returns
+    -------
+    ndarray of shape (unknowns,)
+        Vector where the search ended, see ``Problem.moments``.
+
+    """
+    straight = Straight(problem.names, problem.center)
+    n = len(problem.names)
+
+    def of(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.back(u[:n]), u[n:]])
+
+    def slope(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.slope(u[:n]), np.ones(len(u) - n)])
+
+    start = problem.extended(x)
+    free = np.full(len(start) - n, np.inf)
+    bounds = np.sort([np.concatenate([
+        straight.of(problem.center + sign * FARTHEST * problem.width), sign * free])
+        for sign in (-1.0, 1.0)], axis=0)
+    found = optimize.least_squares(
+        lambda u: problem.residual(of(u)), np.concatenate([straight.of(start[:n]), start[n:]]),
+        lambda u: problem.jacobian(of(u)) * slope(u), method='trf', bounds=bounds,
+        x_scale=np.concatenate([problem.width, np.full(len(free), GAIN)]),
+        ftol=enough, xtol=0.1 * enough, gtol=1e-12, max_nfev=evaluations)
+    return of(found.x)
+
+
+def descend(
+    problem: Problem, x: FloatArray, stages: Sequence[Stage], told: Callable[[int], None],
+) -> FloatArray:
+    """
+    Improve the parameters stage by stage.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem; follows positions alone afterwards.
+    x : ndarray of shape (n_names,)
+        Logarithms to start from.
+    stages : sequence of Stage
+        Searches, one after the other.
+    told : callable
+        Given the number of each stage before it begins.
+
+    Returns
+    -------
+    ndarray of shape (n_names,)
+        Logarithms of the parameters where the last stage ended.
+
+    """
+    for number, stage in enumerate(stages):
+        told(number)
+        problem.inner = stage.inner
+        x = problem.draw(x, stage.bandwidth)
+        reweight(problem, x)
+        x = improve(problem, x, stage.evaluations, stage.enough)
+    return problem.draw(x, 0.0)

@@ -1,0 +1,362 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The least-squares problem behind the elastic model: simulated against measured strain.
+
+Output error: the arm is driven by measured positions and never corrected, so the whole oscillation
+has to come out of the parameters. These are searched as logarithms, each with a prior as wide as
+one can know it from drawings. Gain and offset of a gauge are linear and are eliminated (variable
+projection, Golub and Pereyra 1973, with Kaufman's Jacobian), so that only physics is searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+import os
+import queue
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.identification.elastic.record import Record
+from tudor_dynamics.models.elastic.arm import INNER_STEP
+from tudor_dynamics.models.elastic.corrected import CorrectedArm
+from tudor_dynamics.typing import FloatArray
+
+STEP = 1e-4
+"""Of the differences, in the logarithm: the simulation is smooth to 1e-9, and its phase curved."""
+HOPELESS = 1e3
+"""Residual of a sample for parameters that cannot be simulated, in standard deviations."""
+
+
+def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
+    """
+    Give robust standard deviations: half of the errors lie within 0.6745 of them.
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_samples, n_gauges)
+        Measured less simulated strain, in the units of the gauges.
+    strain : ndarray of shape (n_samples, n_gauges)
+        Measured strain, in the units of the gauges.
+
+    """
+    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
+                                 1e-3 * strain.std(axis=0) + 1e-12))
+
+
+class Problem:
+    """
+    Residuals and derivatives for a choice of parameters and records.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    records : sequence of Record
+        What to compare with.
+    names : tuple of str
+        Parameters to be searched, see ``DrivenArm.parameters``.
+    fixed : dict of str to float
+        Values of others that differ from the description.
+    center, width : ndarray of shape (n_names,)
+        Prior of the logarithms: mean and standard deviation.
+    inner : float
+        Longest inner step of the simulation [s].
+
+    Attributes
+    ----------
+    strain : ndarray of shape (n_samples, n_gauges)
+        What is compared with, all records one after the other.
+    weights : ndarray of shape (n_samples, n_gauges)
+        Square roots of the weights: one over the noise of the gauge, less for outliers.
+    runs : int
+        Simulations done so far.
+
+    """
+
+    def __init__(
+        self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
+        fixed: dict[str, float], center: FloatArray, width: FloatArray, *,
+        inner: float = INNER_STEP,
+    ) -> None:
+        self.arm, self.records, self.names = arm, tuple(records), names
+        self.fixed, self.center, self.width = fixed, center, width
+        self.strain = np.vstack([r.strain[r.skip:] for r in records])
+        spread = np.maximum(self.strain.std(axis=0), 1e-12)
+        self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
+        self.inner = inner
+        self.runs = 0
+        count = max(1, min(8, len(os.sched_getaffinity(0))))
+        self._pool = ThreadPoolExecutor(count)
+        self._arms: queue.SimpleQueue[CorrectedArm] = queue.SimpleQueue()
+        for _ in range(count + 1):
+            self._arms.put(CorrectedArm(arm))
+        self._last: tuple[FloatArray, FloatArray | None] | None = None
+        self._towards: list[tuple[FloatArray, FloatArray]] | None = None
+        self._gains: FloatArray | None = None
+
+    def __enter__(self) -> Problem:
+        """Give the problem itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the workers."""
+        self.close()
+
+    def close(self) -> None:
+        """End the workers."""
+        self._pool.shutdown()
+
+    @contextmanager
+    def _borrowed(self) -> Iterator[CorrectedArm]:
+        arm = self._arms.get()
+        try:
+            yield arm
+        finally:
+            self._arms.put(arm)
+
+    @property
+    def unknowns(self) -> int:
+        """Length of the vectors: parameters, and logarithms of gains where they draw."""
+        return len(self.names) + (0 if self._gains is None else self.strain.shape[1])
+
+    def extended(self, x: FloatArray) -> FloatArray:
+        """
+        Give the vector of these parameters, with the gains as they were when drawn.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_names,)
+            Logarithms of the parameters.
+
+        """
+        return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
+
+    def moments(self, x: FloatArray) -> FloatArray | None:
+        """
+        Simulate the moments that bend the gauges.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters; behind them, while drawn, of the gains of the gauges
+            relative to those at the time of ``draw``.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_gauges), or None
+            Moments at the samples that count [N m]; None where they cannot be simulated.
+
+        """
+        if self._last is not None and np.array_equal(self._last[0], x):
+            return self._last[1]
+        result = self._simulate(x)
+        self._last = x.copy(), result
+        return result
+
+    def _simulate(self, x: FloatArray) -> FloatArray | None:
+        self.runs += 1
+        n = len(self.names)
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x[:n]).tolist(), strict=True))}
+        parts = []
+        with self._borrowed() as driven:
+            driven.inner = self.inner
+            for k, record in enumerate(self.records):
+                try:
+                    driven.set_parameters(record.with_payload(values))
+                    driven.begin(record.before)
+                    if self._towards is None:
+                        response = driven.follow(record.q, record.times)
+                    else:
+                        measured, gains = self._towards[k]
+                        response = driven.follow_towards(
+                            record.q, record.times, measured / np.exp(x[n:]), gains)
+                except SimulationError:
+                    return None
+                parts.append(response.moment[record.skip:])
+        return np.vstack(parts)
+
+    def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
+        """
+        Draw the simulations towards the measured strain from now on.
+
+        An error of phase grows along a recording, and small differences where a gear crosses its
+        play grow by themselves; so an arm that only follows positions is far off wherever its
+        parameters are a little wrong. Drawn towards the strain it forgets errors within
+        1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains of
+        gauges then act on the simulation too, and are searched like the parameters.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Vector that the observer's gains belong to.
+        bandwidth : float
+            Rate at which an error dies out [1/s]; 0 to follow positions alone.
+
+        Returns
+        -------
+        ndarray of shape (unknowns,)
+            The parameters, as a vector of the problem as it is now.
+
+        """
+        moments = self.moments(x)
+        gauges = None if moments is None else self.gauges(moments, x)
+        if moments is not None and gauges is not None and bandwidth > 0.0:
+            noise = robust_scale(self.errors(moments, x), self.strain)
+            self._towards = self._observe(x, gauges, noise / np.abs(gauges[:, 0]), bandwidth)
+        else:
+            self._towards = None
+        self._gains = None if gauges is None or self._towards is None else gauges[:, 0]
+        self._last = None
+        return self.extended(x)
+
+    def _observe(
+        self, x: FloatArray, gauges: FloatArray, deviation: FloatArray, bandwidth: float,
+    ) -> list[tuple[FloatArray, FloatArray]] | None:
+        """Give measured moments and an observer's gains along each record, if it can be done."""
+        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=False))}
+        found = []
+        with self._borrowed() as driven:
+            driven.inner = self.inner
+            for record in self.records:
+                driven.set_parameters(record.with_payload(values))
+                measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
+                try:
+                    found.append((measured, driven.gains_along(
+                        record.q, record.times, measured, deviation, bandwidth, record.before)))
+                except SimulationError:
+                    return None
+        return found
+
+    def gauges(self, moments: FloatArray, x: FloatArray) -> FloatArray:
+        """
+        Find gain and offset of each gauge for given moments.
+
+        Parameters
+        ----------
+        moments : ndarray of shape (n_samples, n_gauges)
+            Simulated bending moments [N m].
+        x : ndarray of shape (unknowns,)
+            Vector that they belong to; its gains are taken while drawn, and the best otherwise.
+
+        Returns
+        -------
+        ndarray of shape (n_gauges, 2)
+            Gain [unit of the gauge per N m] and offset [unit of the gauge].
+
+        """
+        result = np.empty((moments.shape[1], 2))
+        for g in range(moments.shape[1]):
+            w = self.weights[:, g]
+            if self._gains is None:
+                columns = np.column_stack([moments[:, g] * w, w])
+                result[g] = np.linalg.lstsq(columns, self.strain[:, g] * w, rcond=None)[0]
+            else:
+                gain = self._gains[g] * np.exp(x[len(self.names) + g])
+                result[g] = gain, w**2 @ (self.strain[:, g] - gain * moments[:, g]) / (w @ w)
+        return result
+
+    def errors(self, moments: FloatArray, x: FloatArray) -> FloatArray:
+        """
+        Give measured less simulated strain, with the gains and offsets of ``gauges``.
+
+        Parameters
+        ----------
+        moments : ndarray of shape (n_samples, n_gauges)
+            Simulated bending moments [N m].
+        x : ndarray of shape (unknowns,)
+            Vector that they belong to.
+
+        """
+        gains = self.gauges(moments, x)
+        return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
+
+    def residual(self, x: FloatArray) -> FloatArray:
+        """
+        Give the weighted errors, and how far the parameters are from their prior.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters, and of the gains while drawn.
+
+        """
+        moments = self.moments(x)
+        prior = (x[:len(self.names)] - self.center) / self.width
+        if moments is None:
+            return np.concatenate([np.full(self.strain.size, HOPELESS), prior])
+        return np.concatenate([(self.errors(moments, x) * self.weights).ravel(), prior])
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """
+        Differentiate the moments by each unknown.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Vector, see ``moments``.
+
+        Returns
+        -------
+        ndarray of shape (unknowns, n_samples, n_gauges)
+            [N m]
+
+        """
+        here = self.moments(x)
+        if here is None:
+            return np.zeros((len(x), *self.strain.shape))
+
+        def one(i: int) -> FloatArray:
+            moved = x.copy()
+            moved[i] += STEP
+            there = self._simulate(moved)
+            return np.zeros_like(here) if there is None else (there - here) / STEP
+
+        return np.array(list(self._pool.map(one, range(len(x)))))
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """
+        Differentiate ``residual``; what a gain or an offset can take up is left out.
+
+        Parameters
+        ----------
+        x : ndarray of shape (unknowns,)
+            Logarithms of the parameters, and of the gains while drawn.
+
+        """
+        slopes = self.slopes(x)
+        moments = self.moments(x)
+        size, n = self.strain.size, len(self.names)
+        result = np.zeros((size + n, len(x)))
+        result[size:, :n] = np.diag(1.0 / self.width)
+        if moments is None:
+            return result
+        gains = self.gauges(moments, x)
+        shape = self.strain.shape
+        for g in range(shape[1]):
+            w = self.weights[:, g]
+            columns = -(slopes[:, :, g] * gains[g, 0] * w).T
+            if self._gains is None:
+                basis, _ = np.linalg.qr(np.column_stack([moments[:, g] * w, w]))
+            else:
+                columns[:, n + g] -= moments[:, g] * gains[g, 0] * w
+                basis = (w / np.linalg.norm(w))[:, None]
+            columns -= basis @ (basis.T @ columns)
+            result[g:size:shape[1]] = columns
+        return result

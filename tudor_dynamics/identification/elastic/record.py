@@ -1,0 +1,97 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What the search for elastic parameters is given: stretches of recordings, and what is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tudor_dynamics.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """
+    A gapless stretch to compare with.
+
+    Attributes
+    ----------
+    q : ndarray of shape (n_samples, n_joints)
+        Measured positions [rad or m].
+    dt : ndarray of shape (n_samples,)
+        Time since the sample before [s].
+    strain : ndarray of shape (n_samples, n_gauges)
+        Readings in their units.
+    skip : int
+        Samples at the beginning that do not count.
+    payload : float or None
+        Mass at the tip [kg]; None where it is among the parameters.
+    before : ndarray of shape (n_earlier, 1 + n_joints), or None
+        ``[dt, q]`` of the motion just before.
+
+    """
+
+    q: FloatArray
+    dt: FloatArray
+    strain: FloatArray
+    skip: int = 0
+    payload: float | None = None
+    before: FloatArray | None = None
+
+    @property
+    def times(self) -> FloatArray:
+        """Time since the sample before; 0 at the first where nothing was before it [s]."""
+        dt = np.array(self.dt, dtype=float)
+        if self.before is None or not len(self.before):
+            dt[0] = 0.0
+        return dt
+
+    def with_payload(self, values: dict[str, float]) -> dict[str, float]:
+        """
+        Give these parameters with the payload of this record where it is known.
+
+        Parameters
+        ----------
+        values : mapping of str to float
+            Parameters by name, in SI units.
+
+        """
+        return values if self.payload is None else {**values, 'payload': self.payload}
+
+    def head(self, seconds: float) -> Record:
+        """Take the first seconds of the record."""
+        n = int(np.searchsorted(np.cumsum(self.dt[1:]), seconds)) + 1
+        return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
+                      self.payload, self.before)
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """
+    What is known of the parameters before any recording.
+
+    Attributes
+    ----------
+    start : dict of str to float
+        Starting values by parameter.
+    width : dict of str to float
+        Standard deviation of their logarithms.
+
+    """
+
+    start: dict[str, float] = field(default_factory=dict)
+    width: dict[str, float] = field(default_factory=dict)

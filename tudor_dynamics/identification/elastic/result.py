@@ -1,0 +1,208 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""What a search for elastic parameters amounts to: weights, values, honest standard errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.elastic.problem import Problem, robust_scale
+from tudor_dynamics.models.elastic.model import physical_unit, PhysicalParameter
+from tudor_dynamics.typing import FloatArray
+
+HUBER = 2.0
+"""Errors beyond this many standard deviations count less."""
+TOGETHER = 0.25
+"""Errors nearer than this count as one in the search, against the prior [s]."""
+SMOOTH = 1.0
+"""How strongly simulations are drawn for standard errors [1/s]: slopes of an arm that follows
+positions alone over its plays are rough, and rough slopes promise too much."""
+CLUSTER = 2.0
+"""Errors nearer than this belong together, for the standard errors [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """
+    What was found out about an elastic arm.
+
+    Attributes
+    ----------
+    physical : tuple of PhysicalParameter
+        Parameters, with what the description knew of those that were not searched.
+    gauges, gauge_errors : ndarray of shape (n_gauges, 2)
+        Gain and offset of each gauge, and their standard deviations.
+    noise : ndarray of shape (n_gauges,)
+        Standard deviation of what is left over, without outliers [unit of the gauge].
+    fit : float
+        Of the strain on the records themselves, all channels together [%].
+    starts : tuple of (float, float)
+        Stiffness factors compared, with the fit each came to [%].
+    runs : int
+        Simulations done in all.
+
+    """
+
+    physical: tuple[PhysicalParameter, ...]
+    gauges: FloatArray
+    gauge_errors: FloatArray
+    noise: FloatArray
+    fit: float
+    starts: tuple[tuple[float, float], ...]
+    runs: int
+
+
+def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
+    """
+    Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
+
+    Parameters
+    ----------
+    errors : ndarray of shape (n_samples, n_gauges)
+        Measured less simulated strain, in the units of the gauges.
+    strain : ndarray of shape (n_samples, n_gauges)
+        Measured strain, in the units of the gauges.
+
+    """
+    spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
+    return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
+
+
+def reweight(problem: Problem, x: FloatArray) -> None:
+    """
+    Weigh each gauge by its own error, outliers less (Huber).
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem whose weights are changed.
+    x : ndarray of shape (unknowns,)
+        Vector at which the errors count.
+
+    """
+    moments = problem.moments(x)
+    if moments is None:
+        return
+    errors = problem.errors(moments, x)
+    scale = robust_scale(errors, problem.strain)
+    size = np.abs(errors) / scale
+    dt = float(np.median(np.concatenate([record.dt[1:] for record in problem.records])))
+    weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12)) * min(1.0, dt / TOGETHER)
+    problem.weights = np.sqrt(weight) / scale
+
+
+def result_of(
+    problem: Problem, x: FloatArray, starts: tuple[tuple[float, float], ...], runs: int,
+) -> Identified:
+    """
+    Collect what was found.
+
+    Parameters
+    ----------
+    problem : Problem
+        Problem as the search left it.
+    x : ndarray of shape (n_names,)
+        Logarithms of the parameters found.
+    starts : tuple of (float, float)
+        Stiffness factors compared, with the fit each came to [%].
+    runs : int
+        Simulations done before this problem's own.
+
+    Returns
+    -------
+    Identified
+        Values with standard errors.
+
+    Raises
+    ------
+    FitError
+        If the arm with these parameters cannot follow the records.
+
+    """
+    drawn = problem.draw(x, SMOOTH)
+    reweight(problem, drawn)
+    covariance = _covariance(problem, drawn)
+    x = problem.draw(drawn, 0.0)
+    moments = problem.moments(x)
+    if moments is None:
+        raise FitError(_impossible(problem))
+    errors = problem.errors(moments, x)
+    gains = problem.gauges(moments, x)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    physical = []
+    for i, name in enumerate(problem.names):
+        value = float(np.exp(x[i]))
+        physical.append(PhysicalParameter(
+            name, value, physical_unit(problem.arm, name), float(value * deviation[i]),
+            bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5)))
+    n = len(problem.names)
+    gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
+    return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),
+                      fit_percent(errors, problem.strain), starts, runs + problem.runs)
+
+
+def _impossible(problem: Problem) -> str:
+    return (f'{problem.arm.name}: the elastic model cannot be simulated along these bags; check '
+            'links and motors of the arm description')
+
+
+def _covariance(problem: Problem, x: FloatArray) -> FloatArray:
+    """
+    Covariance of the logarithms, gains and offsets.
+
+    The errors of neighbouring samples belong together, so each cluster of them counts as one
+    observation (Liang and Zeger 1986); plain least squares would promise ten times too much.
+    """
+    slopes = problem.slopes(x)
+    moments = problem.moments(x)
+    if moments is None:
+        raise FitError(_impossible(problem))
+    errors = problem.errors(moments, x)
+    gains = problem.gauges(moments, x)
+    n, gauges = len(problem.names), gains.shape[0]
+    p = n + 2 * gauges
+    # gains act on the moments as well while these are drawn
+    through = np.zeros((p, *moments.shape))
+    through[:n] = slopes[:n]
+    for h, slope in enumerate(slopes[n:]):
+        through[n + 2 * h] = slope / gains[h, 0]
+    information, meat = np.zeros((p, p)), np.zeros((p, p))
+    information[:n, :n] = np.diag(1.0 / problem.width**2)
+    begin = 0
+    for record in problem.records:
+        count = len(record.q) - record.skip
+        dt = float(np.median(record.dt[1:]))
+        size = max(1, int(round(CLUSTER / dt)))
+        for first in range(begin, begin + count, size):
+            part = slice(first, min(first + size, begin + count))
+            score = np.zeros(p)
+            for g in range(gauges):
+                w = problem.weights[part, g]
+                rows = (through[:, part, g] * gains[g, 0] * w).T
+                rows[:, n + 2 * g] += moments[part, g] * w
+                rows[:, n + 2 * g + 1] = w
+                information += rows.T @ rows
+                score += rows.T @ (errors[part, g] * w)
+            meat += np.outer(score, score)
+        begin += count
+    inverse = np.linalg.pinv(information, rcond=1e-14, hermitian=True)
+    clustered = inverse @ meat @ inverse
+    # Where the errors say too little to have a scatter, the prior's width is what remains.
+    prior = inverse[:, :n] @ np.diag(1.0 / problem.width**2) @ inverse[:n]
+    return np.asarray(clustered + prior)

@@ -1,0 +1,148 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The search for the parameters of an elastic arm.
+
+Starts are compared first (``starts``). Then everything is searched in stages, in which the
+simulated arm is drawn towards the measured strain less and less: each begins where the one before
+has left errors small enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.elastic.descent import descend, Stage
+from tudor_dynamics.identification.elastic.problem import Problem
+from tudor_dynamics.identification.elastic.record import Knowledge, Record
+from tudor_dynamics.identification.elastic.result import Identified, result_of
+from tudor_dynamics.identification.elastic.starts import COARSE, compare_starts
+from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP
+
+Progress = Callable[[str], None]
+
+WIDTHS = {'bending': 0.5, 'density': 0.1, 'lumped': 0.5, 'payload': 1.5, 'gear': 1.0,
+          'play': 1.0, 'edge': 0.5, 'tight': 1.5, 'loose': 2.0, 'beta': 1.5}
+"""How well one knows a parameter from drawings and data sheets: std of its logarithm."""
+LEAST = {'payload': 0.05, 'play': 0.002, 'tight': 0.1, 'loose': 0.1, 'beta': 3e-4}
+"""Starting values where the description says nothing or zero, in SI units."""
+ENOUGH = 100.0
+"""Length of what the first stages are done on [s]."""
+FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
+"""On part of the records: from where the scan ends, errors must be forgotten soon."""
+LAST = (*[Stage(0.7, INNER_STEP, 7, 1e-5)] * 2, Stage(0.0, INNER_STEP, 8, 1e-5))
+"""On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
+Last, as the model will be used, nothing draws."""
+
+
+def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
+    """
+    Collect starting values and their widths.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    payload : bool
+        Whether the payload is to be searched.
+
+    Returns
+    -------
+    Knowledge
+        Parameters to be searched.
+
+    """
+    start: dict[str, float] = {}
+    width: dict[str, float] = {}
+    for name, value in DrivenArm(arm).parameters.items():
+        kind = name.partition('(')[0]
+        if kind not in WIDTHS or (kind == 'payload' and not payload):
+            continue
+        start[name] = value if value > 0.0 else LEAST.get(kind, 0.0)
+        width[name] = WIDTHS[kind]
+        if start[name] <= 0.0:
+            del start[name], width[name]
+    return Knowledge(start, width)
+
+
+def identify(
+    arm: Arm, records: Sequence[Record], *, warm: dict[str, float] | None = None,
+    knowledge: Knowledge | None = None, progress: Progress = lambda _: None,
+) -> Identified:
+    """
+    Identify the physical parameters of an elastic arm from strain.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links`` and gauges.
+    records : sequence of Record
+        Gapless stretches of the training bags.
+    warm : dict of str to float, optional
+        Parameters of an arm that is nearly this one: the search begins there, without scan.
+    knowledge : Knowledge, optional
+        Starting values and widths; those of the description by default.
+    progress : callable
+        Told what is done next.
+
+    Returns
+    -------
+    Identified
+        Parameters, gauges, and how well they explain the records.
+
+    Raises
+    ------
+    FitError
+        If there is nothing to compare with, or nothing could be simulated.
+
+    """
+    if not records or not arm.gauges:
+        msg = (f'{arm.source}: the elastic model is identified from strain, and there is none; '
+               'give gauges and bags with their readings')
+        raise FitError(msg)
+    known = knowledge or knowledge_of(
+        arm, payload=any(record.payload is None for record in records))
+    names = tuple(known.start)
+    center = np.log([known.start[name] for name in names])
+    width = np.array([known.width[name] for name in names])
+    starts: tuple[tuple[float, float], ...] = ()
+    runs = 0
+    if warm is not None:
+        x = np.log([max(warm.get(name, known.start[name]), 1e-12) for name in names])
+    else:
+        compared = compare_starts(arm, records, names, center, width, progress)
+        x, starts, runs = compared.x, compared.compared, compared.runs
+        with Problem(arm, _some(records), names, {}, center, width) as part:
+            x = descend(part, x, FIRST, lambda k: progress(
+                f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
+            runs += part.runs
+    with Problem(arm, records, names, {}, center, width) as whole:
+        # From parameters that are nearly right, what draws the arm need not be renewed.
+        stages = LAST if warm is None else LAST[1:]
+        x = descend(whole, x, stages, lambda k: progress(
+            f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
+        return result_of(whole, x, starts, runs)
+
+
+def _some(records: Sequence[Record]) -> list[Record]:
+    """Take as much of each record as makes ENOUGH together."""
+    total = sum(float(record.dt[1:].sum()) for record in records)
+    if total <= ENOUGH:
+        return list(records)
+    return [record.head(float(record.dt[1:].sum()) * ENOUGH / total) for record in records]

@@ -1,0 +1,287 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From bags to elastic models: strain by search, effort by regression on what came out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError, TudorError
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.elastic.record import Record
+from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.elastic.search import identify, Progress
+from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.effort import effort_rows
+from tudor_dynamics.models.elastic.model import ElasticModel, follow_motion, PhysicalParameter
+from tudor_dynamics.models.following import sample_times
+from tudor_dynamics.signals import Stretch
+from tudor_dynamics.typing import FloatArray
+
+RUN_IN = 6.0
+"""Left out where a stretch begins in motion whose past is unknown [s]."""
+STILL = 0.02
+"""Speed below which a stretch begins at rest [rad/s or m/s]."""
+LEAST_SECONDS = 8.0
+"""Strain below which nothing can be said of oscillations [s]."""
+
+
+def record_of(stretch: Stretch, payload: float | None) -> Record | None:
+    """
+    Take from a stretch what the search compares with.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        Gapless motion with strain.
+    payload : float or None
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Record or None
+        None where it is too short.
+
+    """
+    if stretch.strain is None:
+        return None
+    dt = sample_times(stretch)
+    if stretch.before is not None:
+        dt[0] = stretch.since
+    skip = int(stretch.decimation.keep[0])
+    t = stretch.t - stretch.t[0]
+    moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
+    if moving and stretch.before is None:
+        skip = max(skip, int(np.searchsorted(t, RUN_IN)))
+    if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
+        return None
+    return Record(stretch.states.q, dt, stretch.strain, skip, payload, stretch.before)
+
+
+def check_arm(arm: Arm) -> None:
+    """
+    Refuse an arm of which no elastic model can be made, before hours of work and not after.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm whose description must have links.
+
+    Raises
+    ------
+    FitError
+        If it has no gauges, no links, none that is flexible, or a gauge on a rigid one.
+
+    """
+    reason = ''
+    if not arm.gauges:
+        reason = (f'{arm.source}: no gauges are described, and the elastic model is identified '
+                  'from strain')
+    else:
+        try:
+            DrivenArm(arm)
+        except TudorError as err:
+            reason = f'{err} (the elastic model needs links)'
+    if reason:
+        msg = f'{reason}; describe them, or leave it out of --models'
+        raise FitError(msg)
+
+
+def _records(bags: Sequence[BagData]) -> list[Record]:
+    return [record for bag in bags for stretch in bag.stretches
+            if (record := record_of(stretch, bag.payload)) is not None]
+
+
+def records_of(bags: Sequence[BagData]) -> list[Record]:
+    """
+    Take from bags what the search compares with.
+
+    Parameters
+    ----------
+    bags : sequence of BagData
+        Bags to learn from.
+
+    Returns
+    -------
+    list of Record
+        One for each stretch that is long enough.
+
+    Raises
+    ------
+    FitError
+        If there is none.
+
+    """
+    records = _records(bags)
+    if not records:
+        names = ', '.join(str(bag.choice) for bag in bags)
+        msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
+               'elastic model is identified from; record longer, or leave it out of --models')
+        if not any(bag.has('strain') for bag in bags):
+            msg = (f'no strain in {names}, which the elastic model is identified from; record '
+                   'the gauges as well, or leave it out of --models')
+        raise FitError(msg)
+    return records
+
+
+def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
+    return tuple(str(bag.choice) for bag in bags)
+
+
+class ElasticTrainer:
+    """
+    Fits elastic models to all bags, then to parts of them, each as if it had seen nothing else.
+
+    A search from nothing takes three times as long as one that begins nearly right. It may begin
+    where that for less ended, if that lies within what it is given: for all bags the part that
+    is kept where the rest is held out, for some of the bags a half of all. So nothing that is left
+    out to judge a model by has a hand in it.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links`` and gauges.
+    payload_range : (float, float) or None
+        Least and largest payload where the bags differ in it [kg].
+    progress : callable
+        Told what is done next.
+    warm : mapping of str to float, optional
+        Physical parameters of an arm that is nearly this one, where every search begins.
+    kept : BagData, optional
+        Part of the only bag, the rest of which is held out.
+
+    Attributes
+    ----------
+    identified : Identified or None
+        What was found for the first bags, which are all.
+
+    """
+
+    def __init__(
+        self, arm: Arm, payload_range: tuple[float, float] | None = None,
+        progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
+        kept: BagData | None = None,
+    ) -> None:
+        self.arm = arm
+        self.payload_range = payload_range
+        self.progress = progress
+        self.identified: Identified | None = None
+        self._warm = warm
+        self._kept = () if kept is None else (kept,)
+        self._all: Sequence[BagData] = ()
+        self._done: dict[tuple[str, ...], Identified] = {}
+
+    def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
+        """
+        Fit the model of one output.
+
+        Parameters
+        ----------
+        bags : sequence of BagData
+            Bags with strain, and with the output.
+        output : {'effort', 'strain'}
+            Output to be learned.
+
+        Returns
+        -------
+        ElasticModel
+            Fitted model.
+
+        Raises
+        ------
+        FitError
+            If the arm or the bags do not allow it.
+
+        """
+        found = self._identify(bags)
+        payloads = {bag.payload for bag in bags}
+        physical = found.physical
+        if self.payload_range is None and len(payloads) == 1 and None not in payloads:
+            (payload,) = payloads
+            assert payload is not None
+            physical = (*physical, PhysicalParameter('payload', payload, 'kg'))
+        model = ElasticModel(self.arm, output, physical, payload_range=self.payload_range)
+        if output == 'strain':
+            model.coefficients_ = tuple(found.gauges)
+            model.standard_errors_ = tuple(found.gauge_errors)
+            model.noise_ = found.noise
+        else:
+            self._effort(model, bags)
+        return model
+
+    def _identify(self, bags: Sequence[BagData]) -> Identified:
+        self._all = self._all or bags
+        key = _names(bags)
+        if key not in self._done:
+            check_arm(self.arm)
+            records = records_of(bags)
+            self._done[key] = identify(self.arm, records, warm=self._begin(bags),
+                                       progress=self.progress)
+            if key == _names(self._all):
+                self.identified = self._done[key]
+        return self._done[key]
+
+    def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
+        """Say where a search begins, by nothing but the bags it is given."""
+        if self._warm is not None:
+            return dict(self._warm)
+        middle = len(self._all) // 2
+        less: Sequence[BagData] = ()
+        if _names(bags) == _names(self._all):
+            less = self._kept
+        elif middle:
+            less = next((half for half in (self._all[:middle], self._all[middle:])
+                         if {*_names(half)} < {*_names(bags)}), ())
+        if not _records(less):  # nothing, or too short a part of what is long enough
+            return None
+        return {p.name: p.value for p in self._identify(less).physical}
+
+    def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
+        """Regress the efforts on torque of the gear, acceleration and friction."""
+        driven = driven_arm(self.arm, model.values)
+        rows: list[list[FloatArray]] = []
+        efforts: list[FloatArray] = []
+        for bag in bags:
+            if self.payload_range is not None and bag.payload is not None:
+                driven.set_parameters({'payload': bag.payload})
+            for stretch in bag.stretches:
+                dt = sample_times(stretch)
+                if stretch.before is not None:
+                    dt[0] = stretch.since
+                response = follow_motion(driven, stretch.states.q, dt, stretch.before)
+                made = effort_rows(self.arm, response, stretch.motion)
+                rows.append([stretch.decimation(columns) for columns in made])
+                assert stretch.effort is not None
+                efforts.append(stretch.decimation(stretch.effort))
+        effort = np.vstack(efforts)
+        values, errors, noises = [], [], []
+        for i in range(effort.shape[1]):
+            columns = np.vstack([part[i] for part in rows])
+            size = np.linalg.norm(columns, axis=0)
+            size[size == 0.0] = 1.0
+            scaled = columns / size
+            solution, _, rank, _ = np.linalg.lstsq(scaled, effort[:, i], rcond=1e-8)
+            left = effort[:, i] - scaled @ solution
+            noise = float(left @ left) / max(len(left) - int(rank), 1)
+            covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True) * noise
+            noises.append(math.sqrt(noise))
+            values.append(solution / size)
+            errors.append(np.array([math.sqrt(max(v, 0.0)) for v in np.diag(covariance)]) / size)
+        model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
+        model.noise_ = np.array(noises)

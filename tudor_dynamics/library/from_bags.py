@@ -1,0 +1,300 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""From the names of bags to fitted models: what ``tudor fit`` and ``td.fit`` have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+import os
+from pathlib import Path
+import warnings
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.errors import check_type, TudorWarning, UsageError
+from tudor_dynamics.identification.bundling import bundle_of
+from tudor_dynamics.identification.dataset import (
+    BagChoice, BagData, halves, load, parse_choice, refuse_copies)
+from tudor_dynamics.identification.elastic.trainer import check_arm
+from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.payloads import PAYLOAD_KINDS, payload_range
+from tudor_dynamics.models.bundle import check_target, ModelBundle, save_bundle
+from tudor_dynamics.report.page import report_bytes
+
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+Progress = Callable[[str], None]
+
+HELD_OUT = 0.4
+"""Part at the end of an only bag that is kept for validation."""
+
+
+def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
+    """
+    Read the names of bags, one or several.
+
+    Parameters
+    ----------
+    bags : str, path, or sequence of them
+        Bag directories or files, or parts of them: ``BAG@0-60%``.
+    name : str, default='bags'
+        Name of the argument, for messages.
+
+    Returns
+    -------
+    list of BagChoice
+        Paths and parts.
+
+    Raises
+    ------
+    ArgumentError
+        If something else than a name is given.
+    UsageError
+        If a part is empty or outside 0-100 %.
+
+    """
+    if isinstance(bags, (str, os.PathLike)):
+        bags = [bags]
+    advice = 'give the path of a bag, or a list of paths'
+    check_type(bags, (list, tuple), name, advice)
+    for bag in bags:
+        check_type(bag, (str, os.PathLike), f'one of {name}', advice)
+    return [parse_choice(os.fspath(bag)) for bag in bags]
+
+
+def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
+    """
+    Refuse parts of one bag that overlap.
+
+    Parameters
+    ----------
+    training, test : sequence of BagChoice
+        Bags to learn from and bags to judge by.
+
+    Raises
+    ------
+    UsageError
+        If there is nothing to learn from, or samples are used twice.
+
+    """
+    if not training:
+        msg = 'there is no bag to learn from: give the path of one, better of several'
+        raise UsageError(msg)
+    for i, one in enumerate(training):
+        for other in (*training[i + 1:], *test):
+            same = Path(one.path).resolve() == Path(other.path).resolve()
+            if same and one.overlaps(other):
+                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
+                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
+                raise UsageError(msg)
+
+
+def read_bags(
+    arm: Arm,
+    training: Sequence[BagChoice],
+    test: Sequence[BagChoice],
+    preprocessing: PreprocessingSpec,
+    payloads: Mapping[str, float],
+    progress: Progress = lambda _: None,
+) -> tuple[list[BagData], list[BagData]]:
+    """
+    Read and filter the bags of a fit.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    training, test : sequence of BagChoice
+        Bags to learn from and bags to judge by.
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+    payloads : mapping of str to float
+        Resolved path of a bag to its mass at the tip, in place of its metadata [kg].
+    progress : callable
+        Told which bag is read next.
+
+    Returns
+    -------
+    training, test : list of BagData
+        Bags ready for models.
+
+    Raises
+    ------
+    FitError
+        If a bag is a copy of another one.
+
+    """
+    def read(choice: BagChoice, *, learn: bool) -> BagData:
+        progress(f'read {choice}')
+        return load(choice, arm, preprocessing, learn=learn,
+                    payload=payloads.get(str(Path(choice.path).resolve())))
+
+    training_data = [read(choice, learn=True) for choice in training]
+    test_data = [read(choice, learn=False) for choice in test]
+    refuse_copies(training_data, test_data)
+    return training_data, test_data
+
+
+def fit_bags(
+    arm: Arm,
+    training: Sequence[BagData],
+    test: Sequence[BagData],
+    preprocessing: PreprocessingSpec,
+    settings: FitSettings,
+    progress: Progress = lambda _: None,
+    *,
+    ignore_payload: bool = False,
+) -> FitResult:
+    """
+    Fit models to bags that were read, of all payloads where the bags have several.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    training, test : sequence of BagData
+        Bags of ``read_bags``; of an only bag without a test, the end is held out to judge by.
+    preprocessing : PreprocessingSpec
+        Filters and rate that the bags went through.
+    settings : FitSettings
+        Kinds of models and their choices.
+    progress : callable
+        Told what is done next.
+    ignore_payload : bool, default=False
+        Fit as if all bags had the same payload.
+
+    Returns
+    -------
+    FitResult
+        Fitted and judged models.
+
+    Raises
+    ------
+    UsageError
+        If a payload is missing, or nothing of what is asked for can be fitted to several.
+
+    """
+    alone = len(training) == 1 and not test
+    holdout = halves(training[0], HELD_OUT, preprocessing) if alone else None
+    found = None if ignore_payload else payload_range(training, test)
+    if found is not None:
+        settings = _of_all_payloads(settings, found)
+    return fit_models(arm, training, test, holdout, preprocessing, settings, progress)
+
+
+def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
+    if settings.random_split:
+        msg = ('--random-split is for models of one payload, and these bags have several; leave '
+               'it out, or add --ignore-payload')
+        raise UsageError(msg)
+    kinds = tuple(kind for kind in settings.kinds if kind in PAYLOAD_KINDS)
+    left_out = [kind for kind in settings.kinds if kind not in kinds]
+    if left_out and kinds:
+        msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
+        warnings.warn(msg, TudorWarning, stacklevel=2)
+    if not kinds:
+        msg = (f'{", ".join(left_out)} cannot be fitted to several payloads at once; fit each '
+               'payload apart, or add --ignore-payload')
+        raise UsageError(msg)
+    return replace(settings, kinds=kinds, payloads=payloads)
+
+
+def fit(
+    bags: Paths,
+    arm: Arm,
+    *,
+    test: Paths = (),
+    settings: FitSettings = FitSettings(),
+    preprocessing: PreprocessingSpec | None = None,
+    payloads: Mapping[str, float] | None = None,
+    ignore_payload: bool = False,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    progress: Progress = lambda _: None,
+) -> ModelBundle:
+    """
+    Learn the models of an arm from bags, as ``tudor fit`` does.
+
+    Parameters
+    ----------
+    bags : str, path, or sequence of them
+        Bags to learn from, or parts of them: ``BAG@0-60%``.
+    arm : Arm
+        Arm that was recorded, see ``load_arm``.
+    test : str, path, or sequence of them
+        Bags to judge by; without them each training bag is left out once, and of an only bag the
+        last 40 %.
+    settings : FitSettings
+        Kinds of models and their choices; analytical model and extreme learning machine by
+        default.
+    preprocessing : PreprocessingSpec, optional
+        Filters and rate; those of the arm description by default.
+    payloads : mapping of str to float, optional
+        Bag, as it is named in ``bags`` or ``test``, to its mass at the tip, in place of what its
+        metadata say [kg].
+    ignore_payload : bool, default=False
+        Fit as if all bags had the same payload.
+    out : str or Path, optional
+        Directory for the bundle and its report; nothing is written by default.
+    overwrite : bool, default=False
+        Replace a bundle that stands at ``out``.
+    progress : callable
+        Told what is done next, in words.
+
+    Returns
+    -------
+    ModelBundle
+        Models of all outputs, with figures on unseen bags, verdicts and collision thresholds.
+
+    Raises
+    ------
+    TudorError
+        If an argument, a bag or the arm cannot be used; see ``errors`` for the kinds.
+
+    """
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
+    check_type(settings, FitSettings, 'settings', "such as FitSettings(kinds=('elastic',))")
+    training, judging = choices(bags), choices(test, 'test')
+    check_choices(training, judging)
+    if out is not None:
+        check_target(Path(out), overwrite=overwrite)
+    if 'elastic' in settings.kinds:
+        check_arm(arm)
+    spec = arm.spec.preprocessing if preprocessing is None else preprocessing
+    check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
+    data, test_data = read_bags(
+        arm, training, judging, spec,
+        _by_path(payloads or {}, [*training, *judging]), progress)
+    result = fit_bags(arm, data, test_data, spec, settings, progress,
+                      ignore_payload=ignore_payload)
+    progress('collision thresholds')
+    bundle = bundle_of(result)
+    if out is not None:
+        progress('report')
+        save_bundle(bundle, out, overwrite=overwrite, extra={'report.html': report_bytes(result)})
+    return bundle
+
+
+def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[str, float]:
+    known = {str(Path(choice.path).resolve()) for choice in bags}
+    found = {}
+    for bag, mass in payloads.items():
+        path = str(Path(bag).resolve())
+        if path not in known or not 0.0 <= mass < float('inf'):
+            msg = (f'payloads has {mass!r} kg for {os.fspath(bag)!r}; expected a mass of 0 or '
+                   f'more for one of the bags {[str(choice) for choice in bags]}')
+            raise UsageError(msg)
+        found[path] = float(mass)
+    return found

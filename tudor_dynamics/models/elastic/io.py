@@ -1,0 +1,138 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Elastic models to plain values and back, checked on the way in."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import ModelError, NotFittedError
+from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.model import ElasticModel, physical_unit, PhysicalParameter
+from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_from, plausible
+from tudor_dynamics.models.units import output_units
+
+
+def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
+    """
+    Turn a fitted elastic model into plain values.
+
+    Parameters
+    ----------
+    model : ElasticModel
+        Model that was fitted.
+
+    Returns
+    -------
+    dict
+        Physical parameters, and the coefficients of each channel.
+
+    Raises
+    ------
+    NotFittedError
+        If it has learned nothing yet.
+
+    """
+    if (model.coefficients_ is None or model.standard_errors_ is None
+            or model.noise_ is None):
+        msg = 'the elastic model has no coefficients yet: fit it before saving it'
+        raise NotFittedError(msg)
+    content: dict[str, Any] = {
+        'units': output_units(model.arm, model.output),
+        'physical': [
+            {'name': p.name, 'value': float(p.value), 'unit': p.unit,
+             'standard_error': None if math.isnan(p.standard_error) else float(p.standard_error),
+             'shown': p.shown} for p in model.physical],
+        'channels': [
+            {'channel': channel, 'residual_std': float(noise),
+             'coefficients': [
+                 {'column': column, 'value': float(value), 'standard_error': float(error)}
+                 for column, value, error in zip(columns, values, errors, strict=True)]}
+            for channel, columns, values, errors, noise in zip(
+                model.channels, model.columns, model.coefficients_, model.standard_errors_,
+                model.noise_, strict=True)]}
+    if model.payload_range is not None:
+        content['payload_range'] = [float(value) for value in model.payload_range]
+    return content
+
+
+def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
+    """
+    Build an elastic model from plain values.
+
+    Parameters
+    ----------
+    content : dict
+        As from `elastic_to_dict`.
+    arm : Arm
+        Arm it was fitted for.
+    output : {'effort', 'strain'}
+        What the model predicts.
+
+    Returns
+    -------
+    ElasticModel
+        Model that can predict.
+
+    Raises
+    ------
+    ModelError
+        If a parameter, channel or column is not one of the arm, or a number is not finite.
+
+    """
+    physical = []
+    for item in content['physical']:
+        error = item['standard_error']
+        physical.append(PhysicalParameter(
+            str(item['name']), float(item['value']), str(item['unit']),
+            math.nan if error is None else float(error), bool(item['shown'])))
+        if not plausible(physical[-1].value):
+            msg = f'parameter {physical[-1].name} is {physical[-1].value:g}, which no fit gives'
+            raise ModelError(msg)
+    payloads = payloads_from(content)
+    model = ElasticModel(arm, output, tuple(physical), payload_range=payloads)
+    known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
+    for parameter in physical:
+        if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
+            msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
+                   f'{physical_unit(arm, parameter.name)!r}')
+            raise ModelError(msg)
+    channels = [str(item['channel']) for item in content['channels']]
+    if channels != list(model.channels):
+        msg = f'{output} channels {channels} where {list(model.channels)} were expected'
+        raise ModelError(msg)
+    values, errors = [], []
+    for columns, item in zip(model.columns, content['channels'], strict=True):
+        rows = item['coefficients']
+        if [str(row['column']) for row in rows] != list(columns):
+            msg = (f'columns of {item["channel"]}: {[row["column"] for row in rows]} where '
+                   f'{list(columns)} were expected')
+            raise ModelError(msg)
+        values.append(np.array([float(row['value']) for row in rows]))
+        errors.append(np.array([float(row['standard_error']) for row in rows]))
+        if not plausible(values[-1]) or np.any(np.isnan(errors[-1])):
+            msg = (f'a coefficient of {item["channel"]} is not finite, or beyond '
+                   f'{MAX_COEFFICIENT:g}')
+            raise ModelError(msg)
+    model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
+    model.noise_ = np.array([float(item['residual_std']) for item in content['channels']])
+    if not plausible(model.noise_) or np.any(model.noise_ < 0.0):
+        msg = f'residual_std {model.noise_.tolist()} of {channels}; expected 0 or more'
+        raise ModelError(msg)
+    return model

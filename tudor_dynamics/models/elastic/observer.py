@@ -1,0 +1,325 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Extended Kalman filter for a driven arm: strain corrects twists, bending and a force at the tip.
+
+Linearised where it rests, the arm also shows its small vibrations (``tangents``).
+
+Between samples the covariance follows the arm linearised where it is, by the implicit midpoint
+rule, which is stable for the stiffest mode at any sample rate. The unknown is a force at the tip:
+white noise, that lets the state follow what nobody modelled, and a random walk, the contact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.statics import (
+    ACC, DAMPING, DDZ, DZ, FORCE, MASS, residual, STIFFNESS, Z)
+from tudor_dynamics.simulation.mechanics.cholesky import cholesky, solve
+from tudor_dynamics.typing import FloatArray
+
+FORCES = 3  # components of the force at the tip, base axes
+SMALL, CHOLESKY, PUSHED = range(3)
+
+
+@compiled
+def tip_directions(
+    vectors: NDArray, free: NDArray, tip: int, aim: NDArray, aim_rate: NDArray, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
+    pushed: NDArray,
+) -> None:
+    """Write the generalised forces of a unit force at the tip, shape (m, FORCES)."""
+    force = vectors[FORCE]
+    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+             body_float, coordinate, moving, reaction)
+    for a in range(free.shape[0]):
+        for j in range(FORCES):
+            pushed[a, j] = force[free[a]]
+    for j in range(FORCES):
+        wrench[tip, j] += 1.0
+        residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, True, body_int,
+                 body_float, coordinate, moving, reaction)
+        wrench[tip, j] -= 1.0
+        for a in range(free.shape[0]):
+            pushed[a, j] -= force[free[a]]
+
+
+@compiled
+def reduce_matrices(
+    vectors: NDArray, matrices: NDArray, free: NDArray, aim: NDArray, springs: NDArray,
+    spring_at: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray,
+) -> None:
+    """
+    Copy mass, damping and stiffness of the free coordinates, gears as they stand.
+
+    They are those of ``residual`` without what weight adds to the stiffness: that changes the
+    first frequency by less than a tenth, which a covariance does not show.
+    """
+    for a in range(free.shape[0]):
+        for c in range(free.shape[0]):
+            i, j = free[a], free[c]
+            mass[a, c] = matrices[MASS, i, j]
+            damping[a, c] = matrices[DAMPING, i, j]
+            stiffness[a, c] = matrices[STIFFNESS, i, j]
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+        for a in range(free.shape[0]):
+            if free[a] == i:
+                stiffness[a, a] += slope
+                damping[a, a] += rate_slope
+
+
+@compiled
+def propagate(
+    covariance: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray, pushed: NDArray,
+    dt: float, noise: float, walk: float,
+) -> bool:
+    """
+    Carry the covariance over one sample.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (2 m + FORCES, 2 m + FORCES)
+        Of coordinates, rates and force; overwritten.
+    mass, damping, stiffness : ndarray of shape (m, m)
+        Of the free coordinates.
+    pushed : ndarray of shape (m, FORCES)
+        Generalised forces of a unit force at the tip.
+    dt : float
+        Time between the samples [s].
+    noise : float
+        Power density of the white force [N^2 s].
+    walk : float
+        Growth of the variance of the contact force [N^2/s].
+
+    Returns
+    -------
+    bool
+        False where a matrix is singular.
+
+    """
+    m = mass.shape[0]
+    n = 2 * m + FORCES
+    s = mass + 0.5 * dt * damping + 0.25 * dt * dt * stiffness
+    if not cholesky(s):
+        return False
+    step = np.zeros((n, n))
+    column = np.empty(m)
+    for j in range(n):
+        for a in range(m):
+            if j < m:
+                column[a] = -dt * stiffness[a, j]
+            elif j < 2 * m:
+                k = j - m
+                column[a] = (mass[a, k] - 0.5 * dt * damping[a, k]
+                             - 0.25 * dt * dt * stiffness[a, k])
+            else:
+                column[a] = dt * pushed[a, j - 2 * m]
+        solve(s, column)
+        for a in range(m):
+            step[m + a, j] = column[a]
+            step[a, j] = 0.5 * dt * column[a]
+        if j < m:
+            step[j, j] += 1.0
+        elif j < 2 * m:
+            step[j - m, j] += 0.5 * dt
+        else:
+            step[j, j] = 1.0
+    covariance[:] = step @ covariance @ step.T
+    for j in range(FORCES):
+        for i in range(2 * m):
+            for k in range(2 * m):
+                covariance[i, k] += (noise / dt) * step[i, 2 * m + j] * step[k, 2 * m + j]
+        covariance[2 * m + j, 2 * m + j] += walk * dt
+    return True
+
+
+@compiled
+def correct(
+    covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray,
+    mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
+    contact: NDArray,
+) -> bool:
+    """
+    Correct the state by what the gauges say.
+
+    Parameters
+    ----------
+    covariance : ndarray of shape (n, n)
+        Covariance of the state, overwritten.
+    shown : ndarray of shape (n_gauges, m)
+        Moment at each gauge by coordinate [N m].
+    variance : ndarray of shape (n_gauges,)
+        Of the measured moments [N^2 m^2].
+    innovation : ndarray of shape (n_gauges,)
+        Measured less predicted moments; NaN for a gauge that does not count [N m].
+    mass, damping, stiffness, vectors, free
+        As above; the state in ``vectors`` is changed.
+    contact : ndarray of shape (FORCES,)
+        Force at the tip, changed [N].
+
+    Returns
+    -------
+    bool
+        False where a matrix is singular.
+
+    """
+    m = mass.shape[0]
+    n = covariance.shape[0]
+    change = np.zeros(n)
+    # one gauge after the other: their noise is independent
+    done = np.zeros(innovation.shape[0])
+    for g in range(innovation.shape[0]):
+        if math.isnan(innovation[g]):
+            continue
+        row = np.zeros(n)
+        for i in range(n):
+            for a in range(m):
+                row[i] += covariance[i, a] * shown[g, a]
+        spread = variance[g]
+        expected = 0.0
+        for a in range(m):
+            spread += row[a] * shown[g, a]
+            expected += change[a] * shown[g, a]
+        left = innovation[g] - expected
+        done[g] = left
+        for i in range(n):
+            change[i] += row[i] / spread * left
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] -= row[i] * row[k] / spread
+    bent = np.empty(m)
+    for a in range(m):
+        bent[a] = 0.0
+        for c in range(m):
+            bent[a] -= stiffness[a, c] * change[c] + damping[a, c] * change[m + c]
+    factor = mass.copy()
+    if not cholesky(factor):
+        return False
+    solve(factor, bent)
+    for a in range(m):
+        i = free[a]
+        vectors[Z, i] += change[a]
+        vectors[DZ, i] += change[m + a]
+        vectors[DDZ, i] += bent[a]
+        vectors[ACC, i] += bent[a]
+    for j in range(FORCES):
+        contact[j] += change[2 * m + j]
+    return True
+
+
+NUDGE = 1e-6
+"""Of coordinates and rates, for the differences: far below a play's rounding [rad, m, 1/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """
+    Small motion about an equilibrium, drives held.
+
+    Attributes
+    ----------
+    mass, damping, stiffness : ndarray of shape (m, m)
+        Of the coordinates that move; with weight, and with the gears as they stand there.
+
+    """
+
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+
+
+def white_force(
+    small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float,
+) -> float:
+    """
+    Give the density of a white force at the tip, for a filter of a given bandwidth.
+
+    An oscillator that a white force of density q drives and white noise of density r hides has a
+    filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation).
+
+    Parameters
+    ----------
+    small : Linearised
+        Arm where it starts.
+    pushed : ndarray of shape (m, 3)
+        Generalised forces of a unit force at the tip.
+    shown : ndarray of shape (n_gauges, m)
+        Reading of each gauge by coordinate, in standard deviations of its noise.
+    bandwidth : float
+        Rate at which an error of the slowest vibration dies out [1/s].
+
+    Returns
+    -------
+    float
+        Density of the force over that of the noise [N^2].
+
+    """
+    lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
+    slowest = float(np.sqrt(np.linalg.eigvals(
+        np.linalg.solve(small.mass, small.stiffness)).real.min()))
+    return float((2.0 * bandwidth / max(lever * slowest, 1e-12)) ** 2)
+
+
+@compiled
+def tangents(
+    vectors: NDArray, free: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray,
+    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
+    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray, result: NDArray,
+) -> None:
+    """
+    Differentiate the missing forces by coordinates, rates and accelerations, from rest.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State at rest; the same afterwards.
+    free : ndarray of int, shape (m,)
+        Coordinates that move.
+    aim, aim_rate, springs, spring_at, base, wrench, loaded
+        As in ``kernel.advance``.
+    body_int, body_float, coordinate, moving, reaction
+        As in ``kernel.advance``.
+    result : ndarray of shape (3, m, m)
+        Result: stiffness, damping, mass.
+
+    """
+    force = vectors[FORCE]
+    for kind in range(3):
+        # linear in the accelerations: there a large nudge is as exact, and rounds less
+        nudge = 1.0 if kind == 2 else NUDGE
+        row = vectors[Z] if kind == 0 else (vectors[DZ] if kind == 1 else vectors[DDZ])
+        for c in range(free.shape[0]):
+            here = row[free[c]]
+            for side in range(2):
+                sign = 1.0 - 2.0 * side
+                row[free[c]] = here + sign * nudge
+                residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded,
+                         body_int, body_float, coordinate, moving, reaction)
+                for a in range(free.shape[0]):
+                    result[kind, a, c] += sign * force[free[a]] / (2.0 * nudge)
+            row[free[c]] = here
+    # what follows from the coordinates that move is still that of the last nudge
+    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
+             body_float, coordinate, moving, reaction)

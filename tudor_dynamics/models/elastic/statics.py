@@ -1,0 +1,140 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What is missing for a driven arm's motion to be a true one, and how it rests, compiled."""
+
+from __future__ import annotations
+
+import math
+
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.shortening import add_lean, shorten
+from tudor_dynamics.simulation.mechanics.cholesky import cholesky, solve
+from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
+
+Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_DDZ, OLD_ACC = range(8)
+VECTORS = 8
+MASS, STIFFNESS, DAMPING = range(3)
+MATRICES = 3
+
+
+@compiled
+def residual(
+    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
+    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
+    coordinate: NDArray, moving: NDArray, reaction: NDArray,
+) -> None:
+    """Write into FORCE what is missing for the present motion to be a true one."""
+    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    shorten(z, dz, vectors[DDZ], body_int, body_float)
+    inverse_dynamics(z, dz, vectors[DDZ], base, wrench, loaded, 1.0, body_int, body_float,
+                     coordinate, moving, reaction, force)
+    add_lean(z, body_int, body_float, force)
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        force[i] += gear(springs[s], z[i] - aim[s], dz[i] - aim_rate[s])[0]
+
+
+@compiled
+def factorise(
+    vectors: NDArray, matrices: NDArray, factor: NDArray, free: NDArray, speed_gain: float,
+    place_gain: float, aim: NDArray, springs: NDArray, spring_at: NDArray,
+) -> bool:
+    """Factorise M + speed_gain C + place_gain K over the free coordinates."""
+    mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
+    for a in range(free.shape[0]):
+        i = free[a]
+        for c in range(a + 1):
+            j = free[c]
+            factor[a, c] = (speed_gain * damping[i, j] + place_gain * stiffness[i, j])
+            if speed_gain > 0.0:
+                factor[a, c] += mass[i, j]
+    for s in range(springs.shape[0]):
+        i = spring_at[s]
+        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+        for a in range(free.shape[0]):
+            if free[a] == i:
+                factor[a, a] += speed_gain * rate_slope + place_gain * slope
+    return cholesky(factor)
+
+
+@compiled
+def settle(
+    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
+    aim: NDArray, still: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray,
+    wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray, coordinate: NDArray,
+    moving: NDArray, reaction: NDArray,
+) -> bool:
+    """
+    Bend gears and links as they rest where the drives stand.
+
+    Parameters
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State of all coordinates, overwritten.
+    matrices, factor, delta
+        Working memory, with the stiffness in ``matrices``.
+    free : ndarray of int, shape (m,)
+        Coordinates that move.
+    aim, still : ndarray of shape (n_springs,)
+        Position of the drives, and zeros.
+    springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
+        As in ``advance``.
+
+    Returns
+    -------
+    bool
+        False where no equilibrium was found.
+
+    """
+    for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
+        vectors[row, :] = 0.0
+    for a in range(free.shape[0]):
+        vectors[Z, free[a]] = 0.0
+    for s in range(springs.shape[0]):
+        vectors[Z, spring_at[s]] = aim[s]
+    residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int, body_float,
+             coordinate, moving, reaction)
+    for _ in range(200):
+        if not factorise(vectors, matrices, factor, free, 0.0, 1.0, aim, springs, spring_at):
+            return False
+        for a in range(free.shape[0]):
+            delta[a] = -vectors[FORCE, free[a]]
+        solve(factor, delta)
+        largest, downhill = 0.0, 0.0
+        for a in range(free.shape[0]):
+            largest = max(largest, abs(delta[a]))
+            downhill += delta[a] * vectors[FORCE, free[a]]
+        if not math.isfinite(largest):
+            return False
+        # A weak part or a play lets it overshoot: back to where the way down ends.
+        done, step = 0.0, min(1.0, 0.2 / max(largest, 1e-300))
+        for _ in range(30):
+            for a in range(free.shape[0]):
+                vectors[Z, free[a]] += (step - done) * delta[a]
+            done = step
+            residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
+                     body_float, coordinate, moving, reaction)
+            uphill = 0.0
+            for a in range(free.shape[0]):
+                uphill += delta[a] * vectors[FORCE, free[a]]
+            if largest < 1e-9 or uphill <= -0.5 * downhill:
+                break
+            step *= min(0.9, max(0.1, downhill / (downhill - uphill)))
+        if largest < 1e-9:
+            return True
+    return False

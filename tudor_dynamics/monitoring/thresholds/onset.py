@@ -1,0 +1,212 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The onset statistic: what the residual of the last 100 ms does that its past does not explain.
+
+The residual of a rigid-body model rings with the links, and a threshold above that ringing finds a
+touch late. Ringing can be foretold from its own past: a vector autoregression, learned from free
+motion, predicts the residual one step ahead, and the statistic is the sum of its errors over a
+window. A contact pushes all of them the same way, long before it rises above the ringing. It
+answers to onsets only; what lasts is the business of the residual itself.
+
+The steps are 10 ms long whatever the sample rate is: the past is interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.typing import FloatArray
+
+STEP = 0.01
+"""Step of the autoregression; longer where samples come more slowly [s]."""
+LAGS = 10
+"""Steps of the past that foretell the next."""
+WINDOW = 10
+"""Steps over which errors are summed."""
+GROWTH = 1024
+
+
+def learn_taps(
+    records: Sequence[tuple[FloatArray, FloatArray]], step: float,
+) -> FloatArray:
+    """
+    Learn the autoregression and fold it with the window into one filter.
+
+    Parameters
+    ----------
+    records : sequence of (t (n_samples,), residual (n_samples, n_channels))
+        Gapless stretches of free motion.
+    step : float
+        Time between the taps [s].
+
+    Returns
+    -------
+    ndarray of shape (LAGS + WINDOW, n_channels, n_channels)
+        Weights of the residual now and at each step of the past.
+
+    """
+    n = records[0][1].shape[1]
+    gram, moment = np.zeros((LAGS * n, LAGS * n)), np.zeros((LAGS * n, n))
+    for t, residual in records:
+        lagged = _lagged(t, residual, step, LAGS + 1)[_complete(t, step, LAGS + 1)]
+        past = lagged[:, 1:].reshape(len(lagged), -1)
+        gram += past.T @ past
+        moment += past.T @ lagged[:, 0]
+    scale = np.sqrt(np.diag(gram)) + 1e-300
+    scaled = gram / np.outer(scale, scale) + 1e-9 * np.eye(len(gram))
+    weights = (np.linalg.solve(scaled, moment / scale[:, None]) / scale[:, None])
+    weights = weights.reshape(LAGS, n, n)
+    taps = np.zeros((LAGS + WINDOW, n, n))
+    for k in range(WINDOW):
+        taps[k] += np.eye(n)
+        taps[k + 1:k + 1 + LAGS] -= weights
+    return taps
+
+
+def _lagged(t: FloatArray, x: FloatArray, step: float, count: int) -> FloatArray:
+    """Give x at t, t - step, ...; shape (n_samples, count, n_channels)."""
+    out = np.empty((len(t), count, x.shape[1]))
+    for lag in range(count):
+        for channel in range(x.shape[1]):
+            out[:, lag, channel] = np.interp(t - lag * step, t, x[:, channel])
+    return out
+
+
+def _complete(t: FloatArray, step: float, count: int) -> NDArray[np.bool_]:
+    return np.asarray(t - t[0] >= (count - 1) * step - 1e-6 * step)
+
+
+class OnsetFilter:
+    """
+    Evaluates the statistic.
+
+    Parameters
+    ----------
+    taps : ndarray of shape (n_taps, n_channels, n_channels)
+        Weights, as from `learn_taps`.
+    step : float
+        Time between the taps [s].
+
+    """
+
+    def __init__(self, taps: FloatArray, step: float) -> None:
+        self.taps = taps
+        self.step_time = step
+        self._ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
+        # interp wants increasing times: the oldest first
+        self._weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        channels = self.taps.shape[1]
+        self._t = np.empty(2 * GROWTH)
+        self._x = np.empty((2 * GROWTH, channels))
+        self._count = 0
+        self._origin = 0
+        self._begin = 0
+
+    def process(self, t: FloatArray, residual: FloatArray) -> FloatArray:
+        """
+        Evaluate a gapless record at once.
+
+        Parameters
+        ----------
+        t : ndarray of shape (n_samples,)
+            Times of the samples [s].
+        residual : ndarray of shape (n_samples, n_channels)
+            Residuals of a gapless stretch, in their units.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Statistic, zero while the past is too short.
+
+        """
+        lagged = _lagged(t, residual, self.step_time, len(self.taps))
+        out = np.einsum('tkc,kcd->td', lagged, self.taps)
+        out[~_complete(t, self.step_time, len(self.taps))] = 0.0
+        return np.asarray(out)
+
+    def step(self, stamp: int, residual: FloatArray, first: bool) -> FloatArray:
+        """
+        Evaluate one sample.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        residual : ndarray of shape (n_channels,)
+            Residual of one sample, in its unit.
+        first : bool
+            Whether the past does not count.
+
+        Returns
+        -------
+        ndarray of shape (n_channels,)
+            Statistic, zero while the past is too short.
+
+        """
+        if first or self._count == 0:
+            self._count = self._begin = 0
+            self._origin = stamp
+        now = (stamp - self._origin) * 1e-9
+        if self._count == len(self._x):
+            self._make_room()
+        self._t[self._count] = now
+        self._x[self._count] = residual
+        self._count += 1
+        if self._count < 2 or now < self._ages[0] - 1e-6 * self.step_time:
+            return np.zeros(len(residual))
+        out = np.empty(len(residual))
+        self._begin = _weigh(self._t, self._x, self._begin, self._count, self._ages,
+                             self._weights, out)
+        return out
+
+    def _make_room(self) -> None:
+        keep = self._count - self._begin
+        t, x = self._t, self._x
+        if keep > len(x) // 2:
+            t, x = np.empty(2 * len(x)), np.empty((2 * len(x), x.shape[1]))
+        t[:keep] = self._t[self._begin:self._count].copy()
+        x[:keep] = self._x[self._begin:self._count].copy()
+        self._t, self._x, self._count, self._begin = t, x, keep, 0
+
+
+@compiled
+def _weigh(
+    t: FloatArray, x: FloatArray, begin: int, count: int, ages: FloatArray, weights: FloatArray,
+    out: FloatArray,
+) -> int:
+    """Interpolate the past at the ages, oldest first, and weigh it; gives the new beginning."""
+    n, now, j = len(out), t[count - 1], begin
+    out[:] = 0.0
+    for k in range(len(ages)):
+        at = now - ages[k]
+        while j + 2 < count and t[j + 1] <= at:
+            j += 1
+        if k == 0:
+            begin = j
+        share = max(0.0, (at - t[j]) / (t[j + 1] - t[j]))
+        for channel in range(n):
+            value = x[j, channel] + share * (x[j + 1, channel] - x[j, channel])
+            for i in range(n):
+                out[i] += value * weights[k * n + channel, i]
+    return begin

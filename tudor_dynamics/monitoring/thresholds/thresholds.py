@@ -1,0 +1,156 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Thresholds for a false-alarm rate.
+
+Each statistic of each channel has a profile, its typical size as a function of speed, acceleration
+and recent reversals, and a tail: the distribution of the largest ratio to that profile in a second
+of free motion. The threshold is the profile times the ratio which the tail exceeds as often as
+the user allows, a number in false alarms per hour, and never a multiple of sigma.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from tudor_dynamics.typing import FloatArray
+
+BLOCK = 1.0
+"""Time of which the largest ratio counts: longer than the ringing's memory of one event [s]."""
+
+
+@dataclass(frozen=True)
+class Tail:
+    """
+    How the largest ratio in a second is distributed where it is large.
+
+    A generalised Pareto distribution, exponential or with a bound: residuals of free motion are
+    bounded by physics. Seconds at rest and in motion are mixed, and only the upper part of that
+    mixture follows one law.
+
+    Attributes
+    ----------
+    location : float
+        Ratio that a share of the seconds exceeds.
+    scale : float
+        Scale of their excess.
+    shape : float
+        0 for an exponential tail; otherwise the excess is below scale / shape.
+    share : float
+        Share of the samples above that value.
+    largest : float
+        Largest ratio that was seen.
+    count : float
+        Peaks that the distribution was fitted to.
+
+    """
+
+    location: float
+    scale: float
+    shape: float
+    share: float
+    largest: float
+    count: float
+
+    def ratio(self, per_hour: float) -> float:
+        """
+        Give the ratio that is exceeded so often.
+
+        The scale is known as well as its peaks are many. What is left of the doubt is counted
+        in: the ratio is that of the predictive distribution, which for an exponential tail is
+        (1 + x / (n scale))^-n, and larger than that of the tail itself.
+
+        Parameters
+        ----------
+        per_hour : float
+            Seconds per hour in which it is exceeded, > 0.
+
+        Returns
+        -------
+        float
+            Ratio of statistic to profile.
+
+        """
+        certain = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
+        relative = -self.count * math.expm1(-certain / self.count)
+        if self.shape == 0.0:
+            return self.location - self.scale * relative
+        return self.location - self.scale * math.expm1(self.shape * relative) / self.shape
+
+
+@dataclass(frozen=True, eq=False)
+class MethodThresholds:
+    """
+    All that is learned for one method: strain, effort or momentum observer.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Gauges or joints.
+    step : float
+        Step of the onset statistic [s].
+    taps : ndarray of shape (n_taps, n_channels, n_channels)
+        Weights of the onset statistic.
+    profile : ndarray of shape (2 n_channels, 1 + 4 n_joints)
+        Typical size of the residuals, then of the onset statistics, in the unit of the output per
+        column of `MotionFeatures`.
+    tails : tuple of Tail
+        One for each row of ``profile``.
+    seconds : float
+        Duration of free motion that this was learned from [s].
+    usual : ndarray of shape (n_channels,)
+        Usual level of the onset statistics there, see `Familiarity`; infinite where unknown.
+    reach : ndarray of shape (n_joints,)
+        Largest speeds there [rad/s or m/s]; infinite where unknown.
+
+    """
+
+    channels: tuple[str, ...]
+    step: float
+    taps: FloatArray
+    profile: FloatArray
+    tails: tuple[Tail, ...]
+    seconds: float
+    usual: FloatArray
+    reach: FloatArray
+
+    @property
+    def n_joints(self) -> int:
+        """Give the number of active joints of the arm."""
+        return (self.profile.shape[1] - 1) // 4
+
+    def ratios(self, per_hour: float) -> FloatArray:
+        """
+        Share a false-alarm rate out among all statistics.
+
+        Parameters
+        ----------
+        per_hour : float
+            False alarms per hour of free motion, all channels together.
+
+        Returns
+        -------
+        ndarray of shape (2 n_channels,)
+            Ratios to the profile.
+
+        """
+        each = per_hour / len(self.tails)
+        # Alarms rarer than once in what was seen: what was seen must not be one.
+        rare = each * self.seconds < 3600.0
+        return np.array([max(tail.ratio(each), tail.largest if rare else 0.0)
+                         for tail in self.tails])

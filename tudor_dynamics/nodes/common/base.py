@@ -1,0 +1,337 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What all nodes share: parameters from one table, quality of service, diagnostics, services."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import (
+    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
+from tudor_dynamics.nodes.common.level_log import LevelLog
+from tudor_dynamics.nodes.common.meter import Meter
+from tudor_dynamics.nodes.common.wire import (
+    JointSample, JointStateDecoder, MotionDecoder, PointSample)
+
+DEPTH = 10
+"""One is too few: at 1 kHz it loses samples."""
+UNUSABLE = {
+    'unknown_names': 'the names in it are not those of the arm',
+    'short_array': 'its arrays are shorter than its names',
+    'not_finite': 'its values are no numbers',
+    'not_one_point': 'it is no trajectory of one point',
+    'impossible_command': 'it is no command for these joints',
+    'duplicate_stamp': 'its stamps are repeated',
+    'backward_stamp': 'its stamps go backwards'}
+"""Drops that are the fault of who sends, and what they mean."""
+TOO_MANY = 0.2
+"""Share of such messages that is worth a warning."""
+OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
+                          DiagnosticStatus.STALE)
+OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
+"""Topics that every node has."""
+
+
+def weak() -> QoSProfile:
+    """Ask for what any driver offers: best effort, keep last 10."""
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def strong() -> QoSProfile:
+    """Offer what any subscriber takes: reliable, keep last 10."""
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def latched() -> QoSProfile:
+    """Offer the last message to those who come later."""
+    return QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def declared(default: Value) -> Any:
+    """Give a default as ROS wants it: an empty list has no type there, so it holds a blank."""
+    return (list(default) or ['']) if isinstance(default, tuple) else default
+
+
+def _descriptor(param: Param) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=param.describe(), read_only=not param.dynamic)
+    if param.low is not None and param.high is not None:
+        if isinstance(param.default, float):
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(param.low), to_value=float(param.high),
+                                   step=0.0)]
+        else:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(param.low), to_value=int(param.high), step=1)]
+    if param.choices:
+        descriptor.additional_constraints = f'one of {", ".join(param.choices)}'
+    return descriptor
+
+
+class TudorNode(Node):
+    """
+    Base of the nodes.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node, which is also its key in the table of parameters.
+    steady : callable, default=time.monotonic
+        Clock by which the node tells ages, never that of ROS, which stops with a simulator [s].
+    **kwargs
+        Of rclpy's Node: context, namespace, parameter_overrides, ...
+
+    Attributes
+    ----------
+    meter : Meter
+        Rate and latency.
+    drops : collections.Counter
+        Messages that the node itself left out, by cause.
+    fault : str
+        What keeps the node from its work; empty for nothing.
+    ended : str
+        Why a managed node will not work any more, see `end`; empty while it may.
+
+    """
+
+    def __init__(
+        self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
+    ) -> None:
+        super().__init__(name, **kwargs)
+        self.steady = steady
+        self._steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self.meter = Meter(lambda: self.steady())
+        self.drops: Counter[str] = Counter()
+        self.fault = self.ended = ''
+        self._level_log = LevelLog(self.get_logger(), lambda: self.steady())
+        self._before: Counter[str] = Counter()
+        self.params = {param.name: param for param in NODES[name]}
+        for param in NODES[name]:
+            self.declare_parameter(param.name, declared(param.default), _descriptor(param))
+        self._check_choices([self.get_parameter(param) for param in self.params])
+        self.add_on_set_parameters_callback(self._validate)
+        self.add_post_set_parameters_callback(self._applied)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, DIAGNOSTICS, QoSProfile(depth=1))
+        self._timer = self.every(1.0, self.publish_diagnostics)
+        self._start = self.every(0.0, self._announce)  # once the node is made
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """
+        Call something again and again, whatever the clock of ROS does.
+
+        Parameters
+        ----------
+        period : float
+            Time between two calls on the steady clock [s].
+        callback : callable
+            What to call.
+
+        Returns
+        -------
+        rclpy.timer.Timer
+            Timer.
+
+        """
+        return self.create_timer(period, callback, clock=self._steady_clock)
+
+    def value(self, name: str) -> Any:
+        """Give the value of a parameter; lists of strings as tuples."""
+        value = self.get_parameter(name).value
+        if isinstance(value, (list, tuple)):
+            return tuple(item for item in value if item != '')
+        return value
+
+    def _check_choices(self, parameters: Iterable[Parameter]) -> None:
+        for parameter in parameters:
+            param = self.params.get(parameter.name)
+            if param is not None and param.choices and parameter.value not in param.choices:
+                msg = (f'parameter {param.name} is {parameter.value!r}; expected one of '
+                       f'{", ".join(param.choices)}')
+                raise TudorError(msg)
+
+    def _validate(self, parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            self._check_choices(parameters)
+            self.check({p.name: p.value for p in parameters})
+        except TudorError as err:
+            return SetParametersResult(successful=False, reason=str(err))
+        return SetParametersResult(successful=True)
+
+    def _applied(self, parameters: list[Parameter]) -> None:
+        if any(parameter.name in self.params for parameter in parameters):
+            self.apply()
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse values that go beyond what ranges say, by a TudorError."""
+
+    def apply(self) -> None:
+        """Take changed parameters into use."""
+
+    def subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> Subscription:
+        """Subscribe as any driver allows; overridable by the standard parameters."""
+        return self.create_subscription(
+            kind, topic, callback, weak(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def subscribe_raw(
+        self, kind: Any, topic: str, decoder: Any, callback: Callable[[Any], None],
+    ) -> Subscription:
+        """Subscribe as `subscribe` does, with messages decoded by a decoder of `wire`."""
+        decode = decoder.decode
+
+        def take(data: bytes) -> None:
+            message = decode(data)
+            if message is not None:
+                callback(message)
+        return self.create_subscription(
+            kind, topic, take, weak(), raw=True,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def hear_joint_states(self, topic: str, callback: Callable[[JointSample], None],
+                          ) -> Subscription:
+        """Subscribe to JointStates."""
+        return self.subscribe_raw(JointState, topic, JointStateDecoder(self.drops), callback)
+
+    def hear_motions(self, topic: str, callback: Callable[[PointSample], None]) -> Subscription:
+        """Subscribe to JointTrajectories of one point."""
+        return self.subscribe_raw(JointTrajectory, topic, MotionDecoder(self.drops), callback)
+
+    def publish_on(self, kind: Any, topic: str, *, latch: bool = False) -> Publisher:
+        """Make a publisher that any subscriber matches; overridable by the standard parameters."""
+        return self.create_publisher(
+            kind, topic, latched() if latch else strong(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+
+    def publishing(self, topic: str) -> list[str]:
+        """Name the nodes that publish on a topic, given by its whole name."""
+        return [f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+                for info in self.get_publishers_info_by_topic(topic)]
+
+    def rivals(self, publisher: Publisher) -> list[str]:
+        """Name the other nodes that publish on the topic of a publisher of this node."""
+        names = self.publishing(publisher.topic_name)
+        if self.get_fully_qualified_name() in names:
+            names.remove(self.get_fully_qualified_name())
+        return sorted(names)
+
+    def serve(self, name: str, action: Callable[[], str]) -> None:
+        """
+        Offer a Trigger service.
+
+        Parameters
+        ----------
+        name : str
+            Name of the service.
+        action : callable
+            Does it and says what was done; a TudorError is the answer of a failure.
+
+        """
+        def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message = action()
+                response.success = True
+            except TudorError as err:
+                response.message = str(err)
+                response.success = False
+            return response
+        self.create_service(Trigger, name, answer)
+
+    def hardware(self) -> str:
+        """Give the hardware_id of the diagnostics."""
+        return str(self.value('robot')) or 'none'
+
+    def counters(self) -> list[Counter[str]]:
+        """Give all counters of drops."""
+        return [self.drops]
+
+    def about(self) -> dict[str, str]:
+        """Give what the line at the start tells; subclasses add to it."""
+        told: dict[str, str] = {
+            name: str(self.get_parameter(name).value)
+            for name in ('model', 'kind', 'arm', 'bag', 'rate') if name in self.params}
+        for name, of in (('hears', self.subscriptions), ('publishes', self.publishers)):
+            told[name] = ' '.join(item.topic_name for item in of
+                                  if item.topic_name not in OWN_TOPICS) or 'nothing'
+        return told
+
+    def _announce(self) -> None:
+        self._start.cancel()
+        told = ', '.join(f'{name} {value or "none"}' for name, value in self.about().items())
+        self.get_logger().info(f'started: {told}')
+
+    def end(self, why: str) -> None:
+        """Tell for ever, and at once, that a managed node was shut down and will not work."""
+        self.ended = why
+        self.publish_diagnostics()
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Give level, message and more values; subclasses add to them."""
+        if self.ended:
+            return WARN, self.ended, {}
+        if self.fault:
+            return ERROR, self.fault, {}
+        if self.meter.stale(float(self.value('timeout'))):
+            return STALE, 'no input', {}
+        return OK, 'running', {}
+
+    def _unusable(self) -> str:
+        """Say why much of what came since the last diagnosis could not be used; empty if not."""
+        now: Counter[str] = Counter({'used': self.meter.count})
+        for item in self.counters():
+            now.update({cause: count for cause, count in item.items() if cause in UNUSABLE})
+        since, self._before = now - self._before, now
+        used = since.pop('used', 0)
+        if not since or since.total() < TOO_MANY * (used + since.total()):
+            return ''
+        cause, count = since.most_common(1)[0]
+        return f'{count} messages in a second cannot be used, {cause}: {UNUSABLE[cause]}'
+
+    def publish_diagnostics(self, extra: DiagnosticStatus | None = None) -> None:
+        """Publish the state of the node; called once a second."""
+        level, message, more = self.status()
+        unusable = self._unusable()
+        if level == OK and unusable:
+            level, message = WARN, unusable
+        values = {**self.meter.report(self.counters()), **more}
+        status = DiagnosticStatus(
+            level=level, name=f'{self.get_name()}: {self.get_namespace()}', message=message,
+            hardware_id=self.hardware(),
+            values=[KeyValue(key=key, value=value) for key, value in values.items()])
+        array = DiagnosticArray(status=[status] if extra is None else [status, extra])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+        self._level_log.take(level, message)
+
+    def close(self) -> None:
+        """End what runs beside the executor, before the node is destroyed."""

@@ -1,0 +1,354 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What collision_detector and monitor share: residuals, collisions, calibration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from threading import Thread
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Header
+
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.coverage import Coverage
+from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.gathering import Gathering
+from tudor_dynamics.monitoring.health import MOVING, SensorHealth
+from tudor_dynamics.monitoring.judged import Sight
+from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.monitoring.thresholds.calibration import Calibration
+from tudor_dynamics.monitoring.thresholds.excess import Rates
+from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.nodes.common.base import ERROR, OK, WARN
+from tudor_dynamics.nodes.common.interfaces import (
+    CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
+from tudor_dynamics.nodes.common.messages import NamedReader, time_message
+from tudor_dynamics.nodes.common.model_node import ModelNode
+from tudor_dynamics.nodes.common.outlets import Outlet, Outlets
+from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder
+from tudor_dynamics.small_arrays import largest_size
+
+
+class DetectNode(ModelNode):
+    """
+    Base of the nodes that find collisions.
+
+    Attributes
+    ----------
+    watch : Watch or None
+        Residuals, thresholds and detector.
+    health : dict of str to SensorHealth
+        Output to the health of its sensors.
+    gathering : dict of str to Gathering
+        Output to what puts its topics together.
+    coverage : Coverage
+        Which share of the samples was judged.
+
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.watch: Watch | None = None
+        self.health: dict[str, SensorHealth] = {}
+        self._calibration: Calibration | None = None
+        self._note = ''
+        self._told: dict[Level, bool] = {}
+        self._last_event: CollisionEvent | None = None
+        self._readers: dict[tuple[str, str], NamedReader] = {}
+        self._sensor_drops: dict[str, Counter[str]] = {}
+        self._unserved = ''
+        self.coverage = Coverage()
+        self.gathering: dict[str, Gathering] = {}
+        self.outlets = Outlets()
+        self._residuals = {m: self.outlets.add(self.publish_on(JointState, RESIDUALS[m]))
+                           for m in METHODS}
+        self._thresholds = {m: self.outlets.add(self.publish_on(JointState, THRESHOLDS[m]))
+                            for m in METHODS}
+        self._encoders: dict[str, JointStateEncoder] = {}
+        self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
+                       Level.CONTACT: self.publish_on(Bool, CONTACT, latch=True)}
+        self._events = self.publish_on(Header, COLLISION_EVENT)
+        self.serve(RESET, self._reset)
+        self.serve(CALIBRATE, self._calibrate)
+        self._tell_level(Level.FREE)
+
+    def settings(self) -> MonitorSettings:
+        """Give the settings that the parameters stand for."""
+        return MonitorSettings(
+            kind=self.value('kind'),
+            observer=self.value('observer') if 'observer' in self.params else 'off',
+            methods=self.value('methods'),
+            rates=Rates(self.value('false_alarms_per_hour'),
+                        self.value('contact_alarms_per_hour')),
+            detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
+            observer_gain=self.value('observer_gain'),
+            gap=self.value('gap') if 'gap' in self.params else 0.0)
+
+    def adopt(
+        self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
+        predictions: dict[str, str],
+    ) -> None:
+        """
+        Put another model into use.
+
+        Parameters
+        ----------
+        bundle : ModelBundle
+            Fitted models with their thresholds.
+        watch : Watch
+            What works with it.
+        motion : str
+            Topic of the motion.
+        drops : sequence of collections.Counter
+            Motions left out, by cause.
+        predictions : dict of str to str
+            Output to the topic of its predictions, where they come on one.
+
+        """
+        self.bundle, self.watch = bundle, watch
+        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
+        topics = {output: of for output, of in self.sensor_topics(bundle).items()
+                  if output in watch.outputs}
+        self._sensor_drops = {output: Counter() for output in topics}
+        self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
+                         for output, of in topics.items() for topic, channels in of.items()}
+        self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
+        self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
+                       for output in watch.outputs}
+        self._encoders = {
+            method: JointStateEncoder(names[SOURCE[method]], (FIELD[method],))
+            for method in watch.methods}
+        self.coverage.begin()
+        for output, of in topics.items():
+            self.coverage.add(
+                output, motion, predictions.get(output), tuple(of),
+                [*drops, watch.counts[output]],
+                [self._sensor_drops[output], *self.gathering[output].drops,
+                 watch.pairing[output].drops], watch.settle)
+        self._calibration = None
+        self._note = self._say_missing(watch)
+
+    def _say_missing(self, watch: Watch) -> str:
+        """Say which methods were asked for in vain, and which have no thresholds."""
+        unserved = [m for m in self.value('methods') if m not in watch.methods]
+        self._unserved = '' if not unserved else (
+            f'methods {", ".join(unserved)}: the model has no {self.value("kind")} model for that')
+        missing = [m for m in watch.methods if m not in watch.stages]
+        return '' if not missing else (
+            f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
+            'call ~/calibrate while the arm moves freely')
+
+    def came(self, topic: str, stamp: int) -> None:
+        """Count a message that the detector needs; tell at once where it sees less than before."""
+        if self.coverage.came(topic, stamp, self.meter.last_arrival or 0.0):
+            self.publish_diagnostics()
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse a contact rate below that of collisions."""
+        super().check(values)
+        collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
+        contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
+        if contact < collision:
+            msg = (f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
+                   f'{collision:g}: the level that only tells must be the more sensitive one')
+            raise TudorError(msg)
+
+    def apply(self) -> None:
+        """Take changed rates and times into use."""
+        super().apply()
+        if self.watch is None:
+            return
+        settings = self.settings()
+        self.watch.set_rates(settings.rates)
+        self.watch.detector.settings = settings.detector
+        for health in self.health.values():
+            health.stuck_time = self.value('stuck_time')
+
+    def measured(self, output: str, topic: str, message: JointSample) -> None:
+        """Hand a sensor message to the detector and tell what it found."""
+        watch, reader = self.watch, self._readers.get((output, topic))
+        if watch is None or reader is None:
+            return
+        values = reader.read(message, FIELD[output])
+        if values is None:
+            return
+        for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
+            self.health[output].step(stamp, whole)
+            self.tell(self.take(watch, output, stamp, whole))
+
+    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
+        """Take a whole measurement into account."""
+        return watch.add_measured(output, stamp, values)
+
+    def moving(self, row: Any) -> None:
+        """Tell the health of the sensors whether the arm moves."""
+        n = len(row) // 3
+        moving = largest_size(row, n, 2 * n) > MOVING
+        for health in self.health.values():
+            health.moving = moving
+
+    def tell(self, found: Found) -> None:
+        """Publish what was found."""
+        for method, residual in found.residuals:
+            if self._calibration is not None and method in self._calibration.channels:
+                self._collect(method, residual)
+            outlet = self._residuals[method]
+            if outlet.wanted:
+                self._publish(outlet, method, residual.motion.stamp, residual.value)
+        for method, excess in found.excesses:
+            outlet = self._thresholds[method]
+            if outlet.wanted:
+                self._publish(outlet, method, excess.residual.motion.stamp, excess.threshold)
+        for event in found.events:
+            self._tell_event(event)
+        if self.watch is not None and found.excesses:
+            self._tell_level(self.watch.level)
+
+    def _publish(self, outlet: Outlet, method: str, stamp: int, values: Any) -> None:
+        outlet.publish(self._encoders[method].encode(stamp, values))
+
+    def _tell_level(self, level: Level) -> None:
+        for of, publisher in self._flags.items():
+            state = level >= of
+            if self._told.get(of) is not state:
+                self._told[of] = state
+                publisher.publish(Bool(data=state))
+
+    def _tell_event(self, event: CollisionEvent) -> None:
+        self._last_event = event
+        header = Header(frame_id=event.link)
+        header.stamp = time_message(event.onset)
+        self._events.publish(header)
+        values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
+                  'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
+                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()},
+                  **{f'ratio {k}': f'{v:.3f}' for k, v in event.ratios.items()}}
+        self.publish_diagnostics(DiagnosticStatus(
+            level=WARN, name=f'{self.get_name()}: collision', hardware_id=self.hardware(),
+            message=f'collision at {event.link}, by {event.method}',
+            values=[KeyValue(key=k, value=v) for k, v in values.items()]))
+
+    def _reset(self) -> str:
+        if self.watch is not None:
+            self.watch.detector.reset()
+        self._tell_level(Level.FREE)
+        return 'armed'
+
+    def _calibrate(self) -> str:
+        if self.watch is None or self.bundle is None:
+            msg = f'nothing to calibrate: {self.fault or "no model"}'
+            raise TudorError(msg)
+        if self.meter.stale(float(self.value('timeout'))):
+            msg = 'nothing to learn from: no samples come in; start the robot and call again'
+            raise TudorError(msg)
+        arm = self.bundle.arm
+        seconds = float(self.value('calibration_time'))
+        self._calibration = Calibration(
+            {m: arm.gauge_names if m == 'strain' else arm.active_joints
+             for m in self.watch.methods}, seconds)
+        self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
+        return self._note
+
+    def _collect(self, method: str, residual: Residual) -> None:
+        calibration = self._calibration
+        assert calibration is not None
+        calibration.add(method, residual)
+        if not calibration.done or self._loader is not None:
+            return
+        self._calibration = None
+        bundle, settings = self.bundle, self.settings()
+
+        def learn() -> None:
+            try:
+                learned = calibration.learn()
+            except TudorError as err:
+                text = f'calibration failed, the thresholds before stay in use: {err}'
+
+                def refuse() -> None:
+                    self._note = text
+                    self.get_logger().error(text)
+                self._ready = refuse
+                return
+
+            def take() -> None:
+                if self.bundle is bundle and self.watch is not None:
+                    self.watch.use_thresholds(learned, replace(settings))
+                    self._note = 'thresholds of ~/calibrate in use'
+            self._ready = take
+        self._loader = Thread(target=learn, daemon=True)
+        self._loader.start()
+        self._poll.reset()
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the drops of sensors and pairing."""
+        if self.watch is None:
+            return [self.drops]
+        return [self.drops, *self._sensor_drops.values(),
+                *(pairing.drops for pairing in self.watch.pairing.values()),
+                *(drops for item in self.gathering.values() for drops in item.drops)]
+
+    def about(self) -> dict[str, str]:
+        """Add the methods in use."""
+        methods = self.watch.methods if self.watch is not None else ()
+        return {**super().about(), 'methods': ', '.join(methods) or 'none'}
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell level, what was not judged, dead sensors and the last event."""
+        level, message, values = super().status()
+        if self.watch is None:
+            return level, message, values
+        verdict = self.coverage.look(self.steady())
+        values['level'] = self.watch.level.name.lower()
+        values['methods'] = ', '.join(self.watch.stages) or 'none'
+        values['not judged [%]'] = f'{100.0 * verdict.share:.1f}'
+        for cause, share in sorted(verdict.causes.items()):
+            values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
+        for method, (factor, channel) in self.watch.widened.items():
+            values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
+        if self._last_event is not None:
+            values['last collision [ns]'] = str(self._last_event.onset)
+            values['last link'] = self._last_event.link
+        own, text = self._judge_itself()
+        if level in (OK, WARN) and own > level:
+            level, message = own, text
+        elif level == own == WARN:
+            message = f'{message}; {text}'
+        return level, message, values
+
+    def _judge_itself(self) -> tuple[bytes, str]:
+        """Give level and message of a detector that has a model and input."""
+        assert self.watch is not None
+        rivals = self.rivals(self._flags[Level.COLLISION])
+        dead = [name for health in self.health.values() for name in health.dead()]
+        verdict = self.coverage.verdict
+        learning = self._calibration is not None and not self.watch.stages
+        errors = [
+            f'no change in {", ".join(dead)} while the arm moves: dead sensor' if dead else '',
+            self._unserved if not self.watch.methods else '',
+            verdict.text if verdict.sight is Sight.BLIND and not learning else '']
+        warnings = [
+            verdict.text if not learning else '', self._unserved, self._note, self.watch.unlike,
+            f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
+            'namespace' if rivals else '']
+        for level, texts in ((ERROR, errors), (WARN, warnings)):
+            if any(texts):
+                return level, '; '.join(text for text in texts if text)
+        return OK, 'running'

@@ -1,0 +1,177 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A node that works with a model bundle, and takes another one without stopping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from threading import Thread
+from typing import Any
+
+from std_srvs.srv import Trigger
+
+from tudor_dynamics.errors import ModelError, TudorError
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.interfaces import RELOAD
+
+
+class ModelNode(TudorNode):
+    """
+    Base of nodes with a model.
+
+    A model that cannot be loaded does not end the node: it says why in its diagnostics, gives no
+    output, and tries again on ``~/reload``.
+
+    Attributes
+    ----------
+    bundle : ModelBundle or None
+        Model in use.
+
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.bundle: ModelBundle | None = None
+        self._loaded: ModelBundle | None = None
+        self._source = str(self.value('model'))
+        self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
+        self._reload_fault = ''
+        self._ready: Callable[[], None] | None = None
+        self._loader: Thread | None = None
+
+    def start(self) -> None:
+        """Load the model and offer to do so again; to be called at the end of the constructor."""
+        try:
+            self._loaded = self._load()
+            bundle = self._carrying(self._loaded)
+            self.use(bundle, self.prepare(bundle))
+        except TudorError as err:
+            self.fault = str(err)
+        self.create_service(Trigger, RELOAD, self._on_reload)
+        self._poll = self.every(0.05, self._take_over)
+        self._poll.cancel()
+
+    def _load(self) -> ModelBundle:
+        if not self._source:
+            msg = 'no model: set the parameter model to a bundle made by tudor fit'
+            raise ModelError(msg)
+        arm = None if self.bundle is None else self.bundle.arm
+        return load_bundle(self._source, arm=arm)
+
+    def _carrying(self, bundle: ModelBundle) -> ModelBundle:
+        """Put the payload into a model; it may be one of all payloads."""
+        return bundle.at(float(self.value('payload'))) if 'payload' in self.params else bundle
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse a payload that the model knows nothing of."""
+        if 'payload' in values and self._loaded is not None:
+            self._loaded.at(float(values['payload']))
+
+    def apply(self) -> None:
+        """Take a changed payload into use."""
+        if self._loaded is None or 'payload' not in self.params:
+            return
+        payload = float(self.value('payload'))
+        if payload != self._payload:
+            self._payload = payload
+            bundle = self._carrying(self._loaded)
+            self.use(bundle, self.prepare(bundle))
+
+    def prepare(self, bundle: ModelBundle) -> Any:
+        """Build what works with a model; slow, in a thread of its own when reloading."""
+        raise NotImplementedError
+
+    def use(self, bundle: ModelBundle, prepared: Any) -> None:
+        """Put what was prepared into use, between two samples."""
+        raise NotImplementedError
+
+    def _on_reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Load beside the running model, and answer at once: the diagnostics tell the outcome."""
+        if self._loader is not None:
+            response.success, response.message = False, 'still loading'
+            return response
+
+        def load() -> None:
+            try:
+                loaded = self._load()
+                bundle = self._carrying(loaded)
+                prepared = self.prepare(bundle)
+            except TudorError as err:
+                text = str(err)
+
+                def refuse() -> None:
+                    self._reload_fault = text
+                    self.get_logger().error(f'{text}; the model before stays in use')
+                self._ready = refuse
+                return
+
+            def take() -> None:
+                self.fault = self._reload_fault = ''
+                self._loaded = loaded
+                self.use(bundle, prepared)
+                self.get_logger().info(f'model {self._source} in use')
+            self._ready = take
+        self._loader = Thread(target=load, daemon=True)
+        self._loader.start()
+        self._poll.reset()
+        response.success, response.message = True, f'loading {self._source}'
+        return response
+
+    def _take_over(self) -> None:
+        if self._ready is None:
+            return
+        ready, self._ready, self._loader = self._ready, None, None
+        self._poll.cancel()
+        ready()
+
+    def sensor_topics(self, bundle: ModelBundle) -> dict[str, dict[str, list[str]]]:
+        """Give for each output its topics with their channels, in the order of the arm."""
+        arm = bundle.arm
+        topics: dict[str, dict[str, list[str]]] = {'effort': {}, 'strain': {}}
+        for joint in arm.joints:
+            topics['effort'].setdefault(joint.effort.topic, []).append(joint.name)
+        for gauge in arm.gauges:
+            topics['strain'].setdefault(gauge.topic, []).append(gauge.name)
+        return topics
+
+    def hardware(self) -> str:
+        """Give the name of the robot, by default that of the model's arm."""
+        arm = '' if self.bundle is None else self.bundle.arm.name
+        return str(self.value('robot')) or arm or 'none'
+
+    def about(self) -> dict[str, str]:
+        """Add the arm."""
+        arm = 'none' if self.bundle is None else self.bundle.arm.name
+        return {**super().about(), 'arm': arm}
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell which model is in use."""
+        level, message, values = super().status()
+        values['model'] = self._source if self.bundle is not None else 'none'
+        if self.bundle is not None:
+            values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
+        known = None if self._loaded is None else self._loaded.payload_range
+        if self._loaded is not None and self._loaded.payload is not None:
+            values['payload [kg]'] = f'{self._loaded.payload:g}'
+        if known is not None and 'payload' in self.params:
+            payload = float(self.value('payload'))
+            values['payload [kg]'] = f'{payload:g}'
+            if level == OK and not known[0] <= payload <= known[1]:
+                return WARN, (f'payload {payload:g} kg: the model was fitted to {known[0]:g} to '
+                              f'{known[1]:g} kg'), values
+        if self._reload_fault and level == OK:
+            return ERROR, f'reload refused: {self._reload_fault}', values
+        return level, message, values

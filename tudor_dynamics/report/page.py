@@ -1,0 +1,189 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The report of a fit: one HTML file that needs nothing else, neither network nor scripts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from tudor_dynamics import __version__
+from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
+from tudor_dynamics.models.units import output_units
+from tudor_dynamics.report import data as report_data, tables as report_tables
+from tudor_dynamics.report.coverage import density_figure, pair_figure
+from tudor_dynamics.report.elastic import elastic_section
+from tudor_dynamics.report.plots import error_figure, LABELS, signal_figure
+from tudor_dynamics.report.wording import number, pretty_unit
+
+TITLES = {'effort': 'Effort', 'strain': 'Strain'}
+
+
+@dataclass(frozen=True, eq=False)
+class SignalPlot:
+    """
+    Figure of one channel, as data URI.
+
+    Attributes
+    ----------
+    channel : str
+        Name of the channel.
+    figure : str
+        The figure as data URI.
+
+    """
+
+    channel: str
+    figure: str
+
+
+@dataclass(frozen=True, eq=False)
+class OutputSection:
+    """
+    All that the page shows of one output; ``unit`` is empty where channels differ in it.
+
+    Attributes
+    ----------
+    key : str
+        Output, ``effort`` or ``strain``.
+    title : str
+        Heading of the section.
+    unit : str
+        Unit of all channels; empty where they differ.
+    units : dict of str to str
+        Unit of each channel.
+    fitted : tuple of FittedOutput
+        Models of the output.
+    bag : str
+        Bag that is drawn.
+    signals : tuple of SignalPlot
+        A figure for each channel.
+    errors : str
+        Figure of the errors as data URI.
+    groups : tuple of CoefficientGroup
+        Coefficients of the analytical model.
+
+    """
+
+    key: str
+    title: str
+    unit: str
+    units: dict[str, str]
+    fitted: tuple[FittedOutput, ...]
+    bag: str
+    signals: tuple[SignalPlot, ...]
+    errors: str
+    groups: tuple[report_tables.CoefficientGroup, ...]
+
+
+def report_bytes(result: FitResult, *, date: str | None = None) -> bytes:
+    """
+    Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit with its validation.
+    date : str, optional
+        Date on the page; today by default.
+
+    """
+    return render(result, date=date).encode('utf-8', errors='replace')
+
+
+def render(result: FitResult, *, date: str | None = None) -> str:
+    """
+    Render the report of a fit.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit with its validation.
+    date : str, optional
+        Date to stand in the head; without it the same fit gives the same page.
+
+    Returns
+    -------
+    str
+        HTML; everything in it that comes from bags or descriptions is escaped.
+
+    """
+    axes = report_data.joint_axes(result)
+    pairs = report_data.joint_pairs(axes)
+    return _environment().get_template('page.html.j2').render(
+        arm=result.arm.name,
+        date=date,
+        version=__version__,
+        settings=result.settings,
+        overall=report_tables.overall(result.fitted),
+        fitted=result.fitted,
+        outputs=[_section(result, output) for output in
+                 dict.fromkeys(item.output for item in result.fitted)],
+        analytical=any(item.kind == 'analytical' for item in result.fitted),
+        ringing=_ringing(result),
+        elastic=elastic_section(result),
+        joints=result.arm.active_joints,
+        coverage=report_data.coverage(result),
+        density=density_figure(axes),
+        pairs=pair_figure(pairs) if pairs else None,
+        separate=bool(result.test),
+        preprocessing=report_tables.preprocessing_rows(
+            result.preprocessing, report_tables.sample_rate(result)),
+        bags=report_tables.bag_rows(result),
+        warnings=report_tables.other_warnings(result),
+        uncertain=report_tables.UNCERTAIN,
+        good_condition=report_tables.GOOD_CONDITION,
+        good_fit=GOOD_FIT,
+        usable_fit=USABLE_FIT,
+    )
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True,
+        undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters['number'] = number
+    environment.filters['unit'] = pretty_unit
+    environment.filters['kind'] = LABELS.__getitem__
+    return environment
+
+
+def _section(result: FitResult, output: str) -> OutputSection:
+    fitted = tuple(item for item in result.fitted if item.output == output)
+    units = output_units(result.arm, output)
+    unit = units[fitted[0].validation.channels[0]]
+    trace = fitted[0].validation.traces[0]
+    stretch = report_data.liveliest(trace, (*result.test, *result.training))
+    return OutputSection(
+        output, TITLES[output], unit if set(units.values()) == {unit} else '', units, fitted,
+        trace.bag,
+        tuple(SignalPlot(series.name, signal_figure(series, stretch))
+              for series in report_data.channel_series(fitted, result.arm)),
+        error_figure(report_data.channel_errors(fitted, result.arm)),
+        tuple(group for item in fitted
+              for group in report_tables.coefficient_groups(item, result.arm)))
+
+
+def _ringing(result: FitResult) -> list[dict[str, Any]]:
+    """Vibrations with their units: they stand in the last output with an analytical model."""
+    rigid = [item.output for item in result.fitted if item.kind == 'analytical']
+    units = output_units(result.arm, rigid[-1]) if rigid else {}
+    return [{'channel': item.channel, 'frequency': item.frequency, 'rms': item.rms,
+             'share': 100.0 * item.share, 'unit': units[item.channel]}
+            for item in result.ringing]

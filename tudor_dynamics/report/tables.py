@@ -1,0 +1,308 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rows of the report's tables, and the words for verdict, conditioning and preprocessing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.verdict import LARGEST_CONDITION, Level
+from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.units import column_unit
+from tudor_dynamics.report.plots import LABELS
+
+UNCERTAIN = 30.0
+"""Relative standard error above which a coefficient is marked [%]."""
+GOOD_CONDITION = 100.0
+"""Condition number up to which least squares is said to be well conditioned (Gautier)."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """
+    One row of the table of coefficients; ``relative_error`` in percent.
+
+    Attributes
+    ----------
+    name : str
+        Name of the parameter.
+    value : float
+        Estimate in its unit.
+    unit : str
+        Unit of the value.
+    standard_error : float
+        Standard deviation, in the same unit.
+    relative_error : float
+        Standard deviation over value [%].
+    note : str
+        Whether it is uncertain, or not excited.
+
+    """
+
+    name: str
+    value: float
+    unit: str
+    standard_error: float
+    relative_error: float
+    note: str
+
+
+@dataclass(frozen=True)
+class CoefficientGroup:
+    """
+    Coefficients that some channels share, with their conditioning in words.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Channels that share them.
+    condition : float
+        Condition number of the scaled regressor.
+    conditioning : str
+        What that number means, in words.
+    rows : tuple of Coefficient
+        A row for each parameter.
+
+    """
+
+    channels: tuple[str, ...]
+    condition: float
+    conditioning: str
+    rows: tuple[Coefficient, ...]
+
+
+@dataclass(frozen=True)
+class BagRow:
+    """
+    A bag of the fit; times in seconds.
+
+    Attributes
+    ----------
+    name : str
+        Bag, or part of one.
+    role : str
+        Whether it was learned from or judged by.
+    recorded : int
+        Samples as recorded.
+    used : int
+        Samples that are left after decimation.
+    duration : float
+        Length of the bag [s].
+    rate : float
+        Samples per second as recorded [Hz].
+    gaps : int
+        Number of gaps.
+    longest_gap : float
+        Length of the longest gap [s].
+    dropped : str
+        Messages that were left out, in words.
+    checksum : str
+        SHA-256 over the storage files.
+    warnings : tuple of str
+        What is odd about the bag.
+
+    """
+
+    name: str
+    role: str
+    recorded: int
+    used: int
+    duration: float
+    rate: float
+    gaps: int
+    longest_gap: float
+    dropped: str
+    checksum: str
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Overall:
+    """
+    Verdict over all models: a level for the colour, a word, and a sentence.
+
+    Attributes
+    ----------
+    level : str
+        Level of the worst output, for the colour.
+    word : str
+        Verdict in a word.
+    sentence : str
+        Verdict in a sentence.
+
+    """
+
+    level: str
+    word: str
+    sentence: str
+
+
+def model_name(item: FittedOutput) -> str:
+    """Name a model: its output and kind."""
+    return f'{item.output} {LABELS[item.kind]}'
+
+
+def overall(fitted: Sequence[FittedOutput]) -> Overall:
+    """
+    Sum the verdicts up.
+
+    Parameters
+    ----------
+    fitted : sequence of FittedOutput
+        Models of all outputs.
+
+    Returns
+    -------
+    Overall
+        ``do not use`` only where it holds for every model, as for the command's exit code.
+
+    """
+    names = {level: [model_name(item) for item in fitted if item.verdict.level is level]
+             for level in Level}
+    levels = [level for level in Level if names[level]]
+    if len(levels) == 1:
+        sentence = {
+            Level.GOOD: 'Every model may be used on motion like that of the bags.',
+            Level.USABLE: 'Every model may be used with care: mind the reasons below.',
+            Level.DO_NOT_USE: 'None of the models predicts well enough to be relied on.'}
+        only = levels[0]
+        return Overall(only.name.lower(), only.value, sentence[only])
+    text = '; '.join(f'{level.value}: {", ".join(names[level])}' for level in levels) + '.'
+    worst = Level.USABLE
+    word = 'usable in part' if names[Level.DO_NOT_USE] else 'usable'
+    return Overall(worst.name.lower(), word, text[0].upper() + text[1:])
+
+
+def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
+    """
+    List the coefficients of an analytical model.
+
+    Parameters
+    ----------
+    item : FittedOutput
+        Model; another kind has no coefficients that mean anything by themselves.
+    arm : Arm
+        Arm whose units are written.
+
+    Returns
+    -------
+    list of CoefficientGroup
+        One for each group of channels.
+
+    """
+    model = item.model
+    if not isinstance(model, AnalyticalModel):
+        return []
+    groups = []
+    for group in model.groups_:
+        names = tuple(model.channels[i] for i in group.base.channels)
+        rows = []
+        for k, column in enumerate(group.base.kept):
+            value = float(group.estimate.parameters[k])
+            error = float(group.estimate.standard_errors[k])
+            relative = 100.0 * error / abs(value) if value else math.inf
+            note = 'uncertain' if relative > UNCERTAIN else ''
+            if k in group.estimate.unexcited:
+                note = 'not excited'
+            unit = column_unit(arm, item.output, names, model.regressor.columns[column])
+            rows.append(Coefficient(group.base.names[k], value, unit, error, relative, note))
+        groups.append(CoefficientGroup(names, float(group.estimate.condition),
+                                       _conditioning(group), tuple(rows)))
+    return groups
+
+
+def _conditioning(group: Group) -> str:
+    condition = group.estimate.condition
+    if group.estimate.unexcited:
+        return 'the motion does not show every parameter; the rest are determined'
+    if condition <= GOOD_CONDITION:
+        return 'well conditioned'
+    if condition <= LARGEST_CONDITION:
+        return 'some parameters are hard to tell apart; their standard errors say which'
+    return 'badly conditioned: predictions hold on similar motion only'
+
+
+def bag_rows(result: FitResult) -> list[BagRow]:
+    """List the bags of a fit, training first."""
+    return [_bag_row(bag, role) for role, bags in
+            (('training', result.training), ('validation', result.test)) for bag in bags]
+
+
+def _bag_row(bag: BagData, role: str) -> BagRow:
+    recording = bag.recording
+    t = recording.t
+    parts = recording.segments
+    holes = [float(t[after.start] - t[before.stop - 1])
+             for before, after in zip(parts, parts[1:], strict=False)]
+    dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(recording.dropped.items())
+                        if count)
+    return BagRow(str(bag.choice), role, len(t), bag.samples, float(t[-1]), 1.0 / recording.dt,
+                  len(holes), max(holes, default=0.0), dropped or 'none', recording.checksum[:12],
+                  recording.warnings)
+
+
+def other_warnings(result: FitResult) -> list[str]:
+    """Give the warnings that no single bag is to blame for."""
+    of_bags = {warning for bag in (*result.training, *result.test)
+               for warning in bag.recording.warnings}
+    return [warning for warning in result.warnings if warning not in of_bags]
+
+
+def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tuple[str, str]]:
+    """
+    Describe filters and rate.
+
+    Parameters
+    ----------
+    spec : PreprocessingSpec
+        Settings of the fit.
+    sample_rate : float
+        Rate of the first bag [Hz].
+
+    Returns
+    -------
+    list of (str, str)
+        What, and how.
+
+    """
+    rows = []
+    if spec.filter == 'causal':
+        rows += [
+            ('Filters', 'causal, as they run next to the robot'),
+            ('Velocity', f'difference quotient, first-order low-pass {spec.velocity_cutoff:g} Hz'),
+            ('Acceleration', 'difference quotient of the velocity, first-order low-pass '
+                             f'{spec.acceleration_cutoff:g} Hz'),
+            ('Low-pass over positions, velocities and outputs',
+             'none' if spec.output_cutoff is None else f'{spec.output_cutoff:g} Hz')]
+    else:
+        cutoff = spec.cutoff or sample_rate / 10.0
+        rows += [('Filters', f'zero-phase (offline only), Butterworth {cutoff:g} Hz')]
+    rows += [
+        ('Velocity of the driver', 'used where a bag has it' if spec.measured_velocity else
+         'not used'),
+        ('Rate', 'every sample' if spec.rate is None else f'decimated to {spec.rate:g} Hz'),
+        ('Left out at the start of each stretch' +
+         (', and at its end' if spec.filter == 'zero_phase' else ''), f'{spec.settle:g} s')]
+    return rows
+
+
+def sample_rate(result: FitResult) -> float:
+    """Give the rate of the first training bag [Hz]."""
+    return 1.0 / result.training[0].recording.dt

@@ -1,0 +1,244 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recordings of the simulated arm: stimuli, pushes, and the bags that they become."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.writer import recording_series, write_bag
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
+from tudor_dynamics.signals.motion_profile import motion_limits, Reference
+from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop, Signals, with_payload
+from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.push_truth import push_wrenches, random_pushes
+from tudor_dynamics.simulation.loop.pushes import Push
+
+START = 1_000_000_000
+"""Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
+
+
+@dataclass(frozen=True)
+class StimulusSpec:
+    """
+    One recording.
+
+    Attributes
+    ----------
+    payload : float
+        Mass at the tip [kg].
+    seconds : float
+        Length of the stimulus [s].
+    rate : float
+        Of the messages [Hz].
+    damping : float
+        Part of the damper's gains, 0 for none.
+    excitation : {'aprbs', 'fourier'}
+        Kind of motion.
+    motion_seed, noise_seed, push_seed : int
+        Of motion, noise and pushes.
+    pushes : int
+        Number of pushes.
+    imperfections : Imperfections
+        What is not ideal.
+
+    """
+
+    payload: float
+    seconds: float
+    rate: float
+    damping: float
+    excitation: str
+    motion_seed: int
+    noise_seed: int
+    push_seed: int
+    pushes: int = 0
+    imperfections: Imperfections = Imperfections()  # noqa: RUF009 (frozen)
+
+
+@dataclass(frozen=True)
+class StimulusResult:
+    """
+    What a recording came to.
+
+    Attributes
+    ----------
+    bag : str
+        Directory of the bag.
+    samples : int
+        Messages of each topic.
+    pushes : tuple of Push
+        Pushes, the truth about ``/applied_wrench``.
+    damper : dict
+        How long the damper of each joint was in which state [s].
+    notes : tuple of str
+        What is odd, one sentence each.
+
+    """
+
+    bag: str
+    samples: int
+    pushes: tuple[Push, ...]
+    damper: dict[str, dict[str, float]]
+    notes: tuple[str, ...]
+
+    def content(self) -> dict[str, Any]:
+        """Give it as plain values for YAML and JSON."""
+        result = asdict(self)
+        result['pushes'] = [{**item, 'force': list(item['force'])} for item in result['pushes']]
+        result['notes'] = list(self.notes)
+        return result
+
+
+def stimulus_seeds(seed: int, stimulus: int) -> tuple[int, int, int]:
+    """Give the seeds of motion, noise and pushes of a stimulus."""
+    state = np.random.SeedSequence([seed, stimulus]).generate_state(3)
+    return int(state[0]), int(state[1]), int(state[2])
+
+
+def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: float) -> Reference:
+    """
+    Make the motion of a stimulus.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with limits.
+    excitation : {'aprbs', 'fourier'}
+        Kind of motion.
+    seconds : float
+        Length of the motion [s].
+    seed : int
+        Of the motion.
+    dt : float
+        Sample time [s].
+
+    Returns
+    -------
+    Reference
+        Motion of the active joints.
+
+    """
+    if excitation == 'aprbs':
+        return aprbs_motion(arm, seconds, seed, dt)
+    return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)
+
+
+def record_stimulus(
+    arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None,
+) -> StimulusResult:
+    """
+    Simulate one stimulus and write its bag.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm, its own payload is replaced.
+    spec : StimulusSpec
+        What to do.
+    path : Path
+        Directory of the bag; must not exist.
+    progress : callable, optional
+        Told the number of steps done since its last call.
+
+    Returns
+    -------
+    StimulusResult
+        What was done.
+
+    Raises
+    ------
+    SimulationError, BagError
+        If the run diverges, or the bag cannot be written.
+
+    """
+    loop = ClosedLoop(with_payload(arm, spec.payload), damping=spec.damping,
+                      imperfections=spec.imperfections, seed=spec.noise_seed)
+    every = steps_per_message(loop.dt, spec.rate)
+    reference = stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
+    pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed)
+    loop.reset(reference.q[0])
+    loop.set_pushes(pushes)
+    parts = []
+    for begin in range(0, len(reference.q), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        parts.append(loop.run(reference.q[part], reference.dq[part], every=every))
+        if progress is not None:
+            progress(len(reference.q[part]))
+    signals = Signals(*(np.concatenate([getattr(part, name) for part in parts])
+                        for name in Signals.__dataclass_fields__))
+    stamp = START + np.round(signals.t * 1e9).astype(np.int64)
+    series: list[JointStateSeries | WrenchSeries] = [
+        *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
+        JointStateSeries('/joint_reference', stamp, arm.active_joints, signals.q_ref,
+                         signals.dq_ref)]
+    if pushes:
+        series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
+    write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
+    return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
+
+
+def steps_per_message(dt: float, rate: float) -> int:
+    """
+    Give the number of steps between two messages.
+
+    Raises
+    ------
+    SimulationError
+        If the rate does not divide that of the loop.
+
+    Parameters
+    ----------
+    dt : float
+        Step of the loop [s].
+    rate : float
+        Messages per second [Hz].
+
+    """
+    every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
+    if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:
+        msg = (f'a rate of {rate:g} Hz does not divide that of the loop, {1.0 / dt:g} Hz; '
+               'give e.g. 100')
+        raise SimulationError(msg)
+    return int(round(every))
+
+
+def _recording(arm: Arm, signals: Signals, stamp: NDArray[np.int64]) -> Recording:
+    motors = {motor.joint: motor for motor in arm.spec.motors}
+    scale = [1.0 if joint.effort.unit == 'A' else motors[joint.name].joint_torque_constant
+             for joint in arm.joints]
+    return Recording(
+        '', stamp, signals.q, signals.dq, signals.current * scale,
+        signals.strain if arm.gauges else None, (slice(0, len(stamp)),),
+        float(signals.t[1] - signals.t[0]) if len(stamp) > 1 else 0.0)
+
+
+def _notes(loop: ClosedLoop) -> tuple[str, ...]:
+    notes = []
+    for joint, times in loop.status_seconds.items():
+        for state, seconds in times.items():
+            if state not in ('damping', 'starting') and seconds > 0.01:
+                notes.append(f'{joint}: the damper was faded out for {seconds:.2f} s ({state})')
+    return tuple(notes)

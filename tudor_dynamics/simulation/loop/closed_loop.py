@@ -1,0 +1,316 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The arm in closed loop: plant, drives, sensors, joint cascade and damper at the rate of the damper.
+
+``run`` takes a whole reference and is compiled from end to end; ``step`` is the same for one step,
+for a process that gets its references one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.limits import drive_stop, hard_limits
+from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN, velocity_lag
+from tudor_dynamics.control.damper import arm_damping, Damper, Status
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.signals.motion_profile import motion_limits
+from tudor_dynamics.simulation.loop import drive as dr
+from tudor_dynamics.simulation.loop.drive import drive_row, Imperfections
+from tudor_dynamics.simulation.loop.kernel import (
+    ControlTables, MISSING, NO_FAULT, PlantTables, run_loop, SensorTables, STUCK)
+from tudor_dynamics.simulation.loop.pushes import Push, push_table
+from tudor_dynamics.simulation.loop.sensors import drive_sensor_row, gauge_rows
+from tudor_dynamics.simulation.loop.signals import Signals, with_payload
+from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant import integrator as gen
+from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.typing import FloatArray
+
+__all__ = ['ClosedLoop', 'Signals', 'with_payload']
+
+CHUNK = 2000
+"""Steps between two looks from outside."""
+AT_REST = 1e4
+"""Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance."""
+FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
+
+
+class ClosedLoop:
+    """
+    An arm under control, with the state of all its parts.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with links, motors and damper; see ``with_payload``.
+    damping : float
+        Part of the damper's gains in use, 0 for none.
+    imperfections : Imperfections
+        What is not ideal about drives and sensors.
+    seed : int
+        Of all noise.
+    position_loop : bool
+        Whether the cascade closes the position loop, or takes the reference speed alone.
+
+    Raises
+    ------
+    ArmError, SimulationError
+        If the description lacks what is needed.
+
+    """
+
+    def __init__(
+        self, arm: Arm, *, damping: float = 1.0,
+        imperfections: Imperfections = Imperfections(),  # noqa: B008 (frozen)
+        seed: int = 0, position_loop: bool = True,
+    ) -> None:
+        self.arm = arm
+        gains = arm_gains(arm)  # says what is missing, damper or motors
+        assert arm.spec.damper is not None
+        self.dt = 1.0 / arm.spec.damper.rate
+        self._seed = seed
+        motors = {motor.joint: motor for motor in arm.spec.motors}
+        chosen = [motors[name] for name in arm.active_joints]
+        mechanism = build_mechanism(arm)
+        self._joints = [mechanism.joints.index(name) for name in arm.active_joints]
+        index = mechanism.q_index[self._joints]
+        self._drive = np.array([drive_row(motor, self.dt, imperfections) for motor in chosen])
+        mechanism.coordinate[index, at.STIFFNESS] = self._drive[:, dr.STIFFNESS]
+        mechanism.coordinate[index, at.DAMPING] = self._drive[:, dr.DAMPING]
+        self.plant = Plant(mechanism, self.dt, rho=0.8, tolerance=1e-5)
+        probe = Probe(self.plant, [], arm)
+        # Without the position loop it is a robot that takes speeds: who commands bounds them.
+        self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
+                               velocity_lag(arm.spec.damper), drive_stop(arm))
+        if not position_loop:
+            self.cascade.gains[:, POSITION_GAIN] = 0.0
+        settings = [item for item in arm_damping(arm, share=damping)
+                    if item.joint in arm.active_joints] if damping != 0.0 else []
+        self.damper = Damper(settings, self.dt)
+        n, count, gauges = len(index), len(settings), len(arm.gauges)
+        plant = self.plant
+        self._plant = PlantTables(
+            plant._vectors, plant._matrices, plant._settings, plant._prescribed, plant._torque,
+            plant._motion, plant._base, plant._wrench, plant._columns, plant._owner,
+            plant._inertias, plant._moving, plant._reaction, mechanism.body_int,
+            mechanism.body_float, mechanism.coordinate, np.zeros(mechanism.size), index,
+            np.zeros((mechanism.points, 6)))
+        self._sensors = SensorTables(
+            self._drive, np.zeros((n, dr.STATES)),
+            np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
+            gauge_rows(arm, probe, imperfections), probe._bodies, probe._places,
+            probe._loads, np.zeros(gauges, dtype=np.int64),
+            1.0 - math.exp(-2.0 * math.pi * arm.spec.preprocessing.velocity_cutoff * self.dt),
+            np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
+        self._control = ControlTables(
+            self.cascade.gains, self.cascade.state, self.cascade.envelope.rows,
+            self.cascade.envelope.state, self.damper.settings, self.damper.state,
+            self.damper.past,
+            np.array([arm.active_joints.index(s.joint) for s in settings], dtype=np.int64),
+            np.array([arm.gauge_names.index(s.gauge) for s in settings], dtype=np.int64),
+            np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
+        self._pushes = push_table([], mechanism)
+        self._acting = self._loaded = False
+        self._done = 0
+        self.reset(self._described())
+
+    def _described(self) -> FloatArray:
+        spec = self.arm.spec
+        hold = {joint.name: joint.hold for joint in spec.joints}
+        return np.array([spec.simulation.initial.get(name, hold[name])
+                         for name in self.arm.active_joints])
+
+    @property
+    def t(self) -> float:
+        """Time since the last ``reset`` [s]."""
+        return self._done * self.dt
+
+    @property
+    def saturated(self) -> NDArray[np.bool_]:
+        """Which joints have current or speed at a limit."""
+        return np.asarray(self.cascade.saturated
+                          | (self._sensors.drive_state[:, dr.LIMITED] > 0.0))
+
+    @property
+    def status_seconds(self) -> dict[str, dict[str, float]]:
+        """How long the damper of each joint was in each state since the last ``reset`` [s]."""
+        return {joint: {status.name.lower(): float(row[status]) for status in Status
+                        if row[status] > 0.0}
+                for joint, row in zip(self.damper.joints, self._control.status_time, strict=True)}
+
+    def reset(self, q: ArrayLike) -> None:
+        """
+        Put the arm at rest, held by its motors; noise begins anew.
+
+        Parameters
+        ----------
+        q : array of shape (n_joints,)
+            Angles of the active joints that the encoders of the motors show [rad].
+
+        """
+        plant, state = self.plant, self._sensors.drive_state
+        wanted = np.broadcast_to(np.asarray(q, dtype=float), len(self._joints))
+        stiffness, play = self._drive[:, dr.STIFFNESS], self._drive[:, dr.PLAY]
+        index = self._plant.driven
+        place = plant.mechanism.initial[plant.mechanism.q_index].copy()
+        place[self._joints] = wanted
+        zero = np.zeros(plant.mechanism.size)
+        for _ in range(20):  # the load hardly depends on the twist of the gear
+            plant.reset(place, equilibrium=True)
+            need = plant.imbalance(plant.coordinates, zero, zero)[index]
+            load = need - stiffness * plant.coordinates[index]
+            twist = load / stiffness + np.where(np.abs(load) > 1e-9, np.sign(load), 0.0) * play
+            change = wanted - twist - place[self._joints]
+            place[self._joints] += change
+            if np.abs(change).max() < 1e-12:
+                break
+        torque = np.zeros(len(plant.mechanism.joints))
+        torque[self._joints] = need
+        plant.start_torque(torque)
+        plant._settings[gen.PEAK] = AT_REST
+        state[:] = 0.0
+        state[:, dr.ANGLE], state[:, dr.GEAR] = wanted, load
+        state[:, dr.CURRENT] = load / self._drive[:, dr.TORQUE]
+        self._sensors.angle[:] = wanted
+        self._sensors.speed[:] = 0.0
+        counts = self._sensors.sensor[:, 0]
+        rough = counts > 0.0
+        self._sensors.angle[rough] = np.floor(wanted[rough] / counts[rough]) * counts[rough]
+        self.cascade.reset(state[:, dr.CURRENT])
+        self.damper.reset()
+        self._control.status_time[:] = 0.0
+        self._plant.external[:] = 0.0
+        self._acting = self._loaded = False
+        self._done = 0
+        self._random = np.random.default_rng(self._seed)
+
+    def set_pushes(self, pushes: Sequence[Push]) -> None:
+        """Give the pushes by their times since the last ``reset``."""
+        self._pushes = push_table(pushes, self.plant.mechanism)
+
+    def set_force(self, force: ArrayLike, point: int | None = None) -> None:
+        """
+        Let a constant force act until it is changed.
+
+        Parameters
+        ----------
+        force : array of shape (3,) or (6,)
+            Force, or force and moment, in the base frame [N, N m].
+        point : int, optional
+            Node, see ``Mechanism.point``; the tip by default.
+
+        """
+        values = np.asarray(force, dtype=float)
+        if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
+            msg = f'a force has 3 or, with a moment, 6 finite components, found {values.tolist()}'
+            raise SimulationError(msg)
+        row = self.plant.mechanism.tip if point is None else point
+        self._plant.external[row] = 0.0
+        self._plant.external[row, :values.size] = values
+        self._loaded = bool(np.any(self._plant.external))
+
+    def set_gauge_fault(self, gauge: str, fault: str) -> None:
+        """
+        Let a gauge fail: 'stuck' at its last reading, 'missing', or 'none' to mend it.
+
+        Parameters
+        ----------
+        gauge : str
+            Name of the gauge.
+        fault : {'stuck', 'missing', 'none'}
+            How it fails.
+
+        """
+        if fault not in FAULTS or gauge not in self.arm.gauge_names:
+            msg = (f'fault {fault!r} of gauge {gauge!r}: gauges are '
+                   f'{list(self.arm.gauge_names)}, faults {list(FAULTS)}')
+            raise SimulationError(msg)
+        self._sensors.fault[self.arm.gauge_names.index(gauge)] = FAULTS[fault]
+
+    def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> Signals:
+        """
+        Advance by one step.
+
+        Parameters
+        ----------
+        q_ref, dq_ref : array of shape (n_joints,)
+            Position and speed of the reference [rad, rad/s].
+
+        Returns
+        -------
+        Signals
+            The readings at the start of the step, one row.
+
+        """
+        return self.run(np.atleast_2d(np.asarray(q_ref, dtype=float)),
+                        np.atleast_2d(np.asarray(dq_ref, dtype=float)))
+
+    def run(self, q_ref: FloatArray, dq_ref: FloatArray, *, every: int = 1) -> Signals:
+        """
+        Run through a reference.
+
+        Parameters
+        ----------
+        q_ref, dq_ref : ndarray of shape (n_steps, n_joints)
+            Reference at the start of each step [rad, rad/s].
+        every : int
+            Steps between two records, counted from the last ``reset``.
+
+        Returns
+        -------
+        Signals
+            Records.
+
+        Raises
+        ------
+        SimulationError
+            If a reference is not finite or the run diverges.
+
+        """
+        joints, gauges = len(self._joints), len(self.arm.gauges)
+        q_ref, dq_ref = (np.ascontiguousarray(item, dtype=float) for item in (q_ref, dq_ref))
+        steps = len(q_ref)
+        if q_ref.shape != (steps, joints) or dq_ref.shape != q_ref.shape:
+            msg = (f'references have shapes {q_ref.shape} and {dq_ref.shape}; expected '
+                   f'({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
+            raise SimulationError(msg)
+        if not (np.isfinite(q_ref).all() and np.isfinite(dq_ref).all()):
+            msg = f'{self.arm.name}: a reference is not finite; check the motion'
+            raise SimulationError(msg)
+        begun = self._done
+        rows = (begun + steps - 1) // every - (begun - 1) // every
+        out = np.empty((rows, 6 * joints + gauges))
+        noise = self._random.standard_normal((steps, joints + gauges))
+        count, status, self._acting = run_loop(
+            self._plant, self._sensors, self._control, self._pushes, q_ref, dq_ref, noise,
+            begun, self.dt, every, self._acting, self._loaded, out)
+        self._done += count
+        self.plant._time_steps = self._done
+        if status != gen.OK:
+            self.plant._fail(status)
+        first = -(-begun // every)
+        t = (first + np.arange(rows)) * every * self.dt
+        cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
+        parts = [np.asarray(part) for part in np.split(out, cuts, axis=1)]
+        return Signals(np.asarray(t, dtype=np.float64), *parts)

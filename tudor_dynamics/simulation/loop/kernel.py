@@ -1,0 +1,243 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The arm in closed loop, compiled: sensors, controller, drives and plant of one step after another.
+
+The laws are those of ``control`` and of the other modules of this room; here they only follow each
+other: readings at the start of a step, current from them, rotor and link to its end.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.control.cascade import position_law, SATURATED, velocity_law
+from tudor_dynamics.control.damper_law import damper_law, moving_share, STATUS
+from tudor_dynamics.control.envelope_law import CUT, envelope_law, SATURATING
+from tudor_dynamics.simulation.loop import drive as dr, sensors as sn
+from tudor_dynamics.simulation.loop.pushes import put_pushes
+from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
+from tudor_dynamics.simulation.plant import integrator as gen
+from tudor_dynamics.simulation.plant.outputs import section_loads
+
+
+class PlantTables(NamedTuple):
+    """Arrays of a plant, and the coordinates of the driven joints."""
+
+    vectors: NDArray
+    matrices: NDArray
+    settings: NDArray
+    prescribed: NDArray
+    torque: NDArray
+    motion: NDArray
+    base: NDArray
+    wrench: NDArray
+    columns: NDArray
+    owner: NDArray
+    inertias: NDArray
+    moving: NDArray
+    reaction: NDArray
+    body_int: NDArray
+    body_float: NDArray
+    coordinate: NDArray
+    force: NDArray
+    driven: NDArray
+    external: NDArray
+
+
+class SensorTables(NamedTuple):
+    """Drives with their sensors, gauges with their sections; readings of the present step."""
+
+    drive: NDArray
+    drive_state: NDArray
+    sensor: NDArray
+    gauge: NDArray
+    bodies: NDArray
+    places: NDArray
+    loads: NDArray
+    fault: NDArray
+    velocity_share: float
+    angle: NDArray
+    speed: NDArray
+    current: NDArray
+    strain: NDArray
+
+
+class ControlTables(NamedTuple):
+    """Cascade, envelope and damper."""
+
+    gains: NDArray
+    state: NDArray
+    envelope: NDArray
+    envelope_state: NDArray
+    damper: NDArray
+    damper_state: NDArray
+    past: NDArray
+    joint: NDArray
+    gauge: NDArray
+    yielding: NDArray
+    status_time: NDArray
+    planned_speed: NDArray
+
+
+NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
+
+
+@compiled
+def sense(
+    plant: PlantTables, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
+) -> None:
+    """Read all sensors at the present state."""
+    v = plant.vectors
+    inverse_dynamics(
+        v[gen.Z], v[gen.DZ], v[gen.DDZ], plant.base, plant.wrench, loaded, 1.0, plant.body_int,
+        plant.body_float, plant.coordinate, plant.moving, plant.reaction, plant.force)
+    section_loads(
+        v[gen.Z], v[gen.DZ], v[gen.DDZ], plant.wrench, plant.body_int, plant.body_float,
+        plant.moving, sensors.bodies, sensors.places, sensors.loads)
+    joints = plant.driven.shape[0]
+    for j in range(joints):
+        row = sensors.sensor[j]
+        angle = sn.encoder_reading(
+            row, sensors.drive_state[j, dr.ANGLE], v[gen.Z, plant.driven[j]])
+        quotient = (angle - sensors.angle[j]) / dt
+        sensors.speed[j] += sensors.velocity_share * (quotient - sensors.speed[j])
+        sensors.angle[j] = angle
+        sensors.current[j] = sn.current_reading(
+            row, sensors.drive_state[j, dr.CURRENT], sensors.drive_state[j, dr.ANGLE], noise[j])
+    for g in range(sensors.gauge.shape[0]):
+        if sensors.fault[g] == NO_FAULT:
+            sensors.strain[g] = sn.gauge_reading(
+                sensors.gauge[g], sensors.loads[g], noise[joints + g])
+        elif sensors.fault[g] == MISSING:
+            sensors.strain[g] = float('nan')
+
+
+@compiled
+def control(
+    sensors: SensorTables, tables: ControlTables, dt: float, q_ref: NDArray, dq_ref: NDArray,
+) -> None:
+    """Run damper, envelope and cascade on the readings, then the rotors with the currents."""
+    moving = 0.0
+    for j in range(tables.yielding.shape[0]):
+        tables.yielding[j] = 0.0
+        moving = max(moving, moving_share(dq_ref[j], tables.planned_speed[j]))
+    for i in range(tables.joint.shape[0]):
+        j = tables.joint[i]
+        limited = (tables.state[j, SATURATED] > 0.0
+                   or int(tables.envelope_state[j, CUT]) & SATURATING > 0
+                   or sensors.drive_state[j, dr.LIMITED] > 0.0)
+        tables.yielding[j] += damper_law(
+            tables.damper[i], tables.damper_state[i], tables.past[i], dt,
+            sensors.strain[tables.gauge[i]], True, limited, moving)
+        tables.status_time[i, int(tables.damper_state[i, STATUS])] += dt
+    for j in range(tables.yielding.shape[0]):
+        wanted = position_law(
+            tables.gains[j], q_ref[j], dq_ref[j], sensors.angle[j], tables.yielding[j])
+        speed = envelope_law(
+            tables.envelope[j], tables.envelope_state[j], dt, wanted, sensors.angle[j])
+        current = velocity_law(tables.gains[j], tables.state[j], dt, speed, sensors.speed[j])
+        dr.rotor_law(sensors.drive[j], sensors.drive_state[j], dt, current)
+
+
+@compiled
+def advance(
+    plant: PlantTables, sensors: SensorTables, pushes: NDArray, t: float, dt: float,
+    loaded: bool,
+) -> tuple[int, bool]:
+    """Advance the links to the time t; give the status and whether forces act there."""
+    for row in range(plant.wrench.shape[0]):
+        for i in range(6):
+            plant.wrench[row, i] = plant.external[row, i]
+    acting = put_pushes(
+        pushes, t, plant.body_int, plant.body_float, plant.moving, plant.wrench) or loaded
+    v = plant.vectors
+    for j in range(plant.driven.shape[0]):
+        i = plant.driven[j]
+        plant.torque[i] = dr.gear_push(
+            sensors.drive[j], sensors.drive_state[j], dt, v[gen.Z, i], v[gen.DZ, i])
+    status = gen.step(
+        plant.vectors, plant.matrices, plant.settings, plant.prescribed, plant.torque,
+        plant.motion, plant.base, plant.wrench, acting, plant.columns, plant.owner,
+        plant.inertias, plant.moving, plant.reaction, plant.body_int, plant.body_float,
+        plant.coordinate)
+    for j in range(plant.driven.shape[0]):
+        i = plant.driven[j]
+        row = sensors.drive[j]
+        sensors.drive_state[j, dr.GEAR] = (
+            plant.torque[i] - row[dr.STIFFNESS] * v[gen.Z, i] - row[dr.DAMPING] * v[gen.DZ, i])
+    return status, acting
+
+
+@compiled
+def run_loop(
+    plant: PlantTables, sensors: SensorTables, tables: ControlTables, pushes: NDArray,
+    q_ref: NDArray, dq_ref: NDArray, noise: NDArray, done: int, dt: float, every: int,
+    acting: bool, loaded: bool, out: NDArray,
+) -> tuple[int, int, bool]:
+    """
+    Run as many steps as there are references.
+
+    Parameters
+    ----------
+    plant, sensors, tables : named tuples
+        The arm, advanced in place.
+    pushes : ndarray of shape (n_pushes, PUSH)
+        Forces over time.
+    q_ref, dq_ref : ndarray of shape (n_steps, n_joints)
+        Reference at the start of each step.
+    noise : ndarray of shape (n_steps, n_joints + n_gauges)
+        Normal random numbers.
+    done : int
+        Steps before this call.
+    dt : float
+        Step of the loop [s].
+    every : int
+        Steps between two records.
+    acting, loaded : bool
+        Whether forces act at the start, and whether ``plant.external`` is not zero.
+    out : ndarray of shape (n_records, 6 n_joints + n_gauges)
+        Result: measured q, dq, current, strain; reference q, dq; true joint angle.
+
+    Returns
+    -------
+    tuple of int, int, bool
+        Steps that were done, status of the last one, whether forces act.
+
+    """
+    joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
+    record = 0
+    for k in range(q_ref.shape[0]):
+        sense(plant, sensors, noise[k], dt, acting)
+        if (done + k) % every == 0:
+            row = out[record]
+            for j in range(joints):
+                row[j], row[joints + j] = sensors.angle[j], sensors.speed[j]
+                row[2 * joints + j] = sensors.current[j]
+                row[3 * joints + gauges + j] = q_ref[k, j]
+                row[4 * joints + gauges + j] = dq_ref[k, j]
+                row[5 * joints + gauges + j] = plant.vectors[gen.Z, plant.driven[j]]
+            for g in range(gauges):
+                row[3 * joints + g] = sensors.strain[g]
+            record += 1
+        control(sensors, tables, dt, q_ref[k], dq_ref[k])
+        status, acting = advance(
+            plant, sensors, pushes, (done + k + 1) * dt, dt, loaded)
+        if status != gen.OK:
+            return k, status, acting
+    return q_ref.shape[0], gen.OK, acting

@@ -1,0 +1,212 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pushes: forces on any link at any place, for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
+from tudor_dynamics.simulation.plant.outputs import shape
+from tudor_dynamics.typing import FloatArray
+
+# Columns of a table of pushes.
+TIME, DURATION, RISE, BODY, DISTANCE = range(5)
+FORCE = 5  # 3: base frame [N]
+PUSH = 8
+
+
+@dataclass(frozen=True)
+class Push:
+    """
+    A force on a link.
+
+    Attributes
+    ----------
+    time, duration : float
+        Begin and length [s].
+    joint : str
+        Joint that moves the link.
+    distance : float
+        From the start of the link's beam [m].
+    force : tuple of float
+        Greatest force, in the base frame [N].
+    rise : float
+        Time in which it comes and goes, along a sin^2 [s].
+
+    """
+
+    time: float
+    duration: float
+    joint: str
+    distance: float
+    force: tuple[float, float, float]
+    rise: float = 0.05
+
+
+@compiled
+def push_share(row: NDArray, t: float) -> float:
+    """Give the part of its greatest force with which a push acts at a time [s]."""
+    since = t - row[TIME]
+    left = row[DURATION] - since
+    if since <= 0.0 or left <= 0.0:
+        return 0.0
+    nearest = min(since, left)
+    if nearest >= row[RISE]:
+        return 1.0
+    return math.sin(0.5 * math.pi * nearest / row[RISE]) ** 2
+
+
+@compiled
+def put_pushes(
+    table: NDArray, t: float, body_int: NDArray, body_float: NDArray, moving: NDArray,
+    wrench: NDArray,
+) -> bool:
+    """
+    Add the pushes at a time to the forces on nodes; a place between nodes loads both neighbours.
+
+    Parameters
+    ----------
+    table : ndarray of shape (n_pushes, PUSH)
+        Pushes, one a row.
+    t : float
+        Time now [s].
+    body_int, body_float, moving : ndarray
+        Mechanism after a forward pass.
+    wrench : ndarray of shape (points, 6)
+        Force and moment on each point, added to [N, N m].
+
+    Returns
+    -------
+    bool
+        Whether any push acts.
+
+    """
+    acting = False
+    for i in range(table.shape[0]):
+        row = table[i]
+        share = push_share(row, t)
+        if share == 0.0:
+            continue
+        acting = True
+        fx, fy, fz = share * row[FORCE], share * row[FORCE + 1], share * row[FORCE + 2]
+        body = int(row[BODY])
+        first = body_int[body, at.POINT]
+        if body_int[body, at.FLEXIBLE] == 0:
+            wrench[first, 0] += fx
+            wrench[first, 1] += fy
+            wrench[first, 2] += fz
+            continue
+        length = body_float[body, at.LENGTH]
+        element = min(int(row[DISTANCE] / length), body_int[body, at.ELEMENTS] - 1)
+        xi = row[DISTANCE] / length - element
+        h = shape(xi, length)
+        here = moving[body]
+        ax, ay, az = here[at.WORLD], here[at.WORLD + 3], here[at.WORLD + 6]
+        along = fx * ax + fy * ay + fz * az
+        tx, ty, tz = fx - along * ax, fy - along * ay, fz - along * az
+        # Turning by dx of the beam's axis: x cross f.
+        mx, my, mz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
+        for end in range(2):
+            node = wrench[first + element + end]
+            line = (1.0 - xi) if end == 0 else xi
+            bend, turn = h[2 * end], h[2 * end + 1]
+            node[0] += line * along * ax + bend * tx
+            node[1] += line * along * ay + bend * ty
+            node[2] += line * along * az + bend * tz
+            node[3] += turn * mx
+            node[4] += turn * my
+            node[5] += turn * mz
+    return acting
+
+
+def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
+    """
+    Lay pushes out for compiled code.
+
+    Parameters
+    ----------
+    pushes : sequence of Push
+        Pushes in any order.
+    mechanism : Mechanism
+        Mechanism that is pushed.
+
+    Returns
+    -------
+    ndarray of shape (n_pushes, PUSH)
+        Table.
+
+    Raises
+    ------
+    SimulationError
+        If a link or a place on it does not exist, or a value is impossible.
+
+    """
+    table = np.zeros((len(pushes), PUSH))
+    for row, push in zip(table, pushes, strict=True):
+        if push.joint not in mechanism.body_of:
+            msg = (f'there is no link behind joint {push.joint!r} to push; links stand behind '
+                   f'{list(mechanism.body_of)}')
+            raise SimulationError(msg)
+        body = mechanism.body_of[push.joint]
+        length = link_length(mechanism, push.joint)
+        if not 0.0 <= push.distance <= length + 1e-9:
+            msg = (f'a push {push.distance:g} m along the link of {push.joint!r} lies outside '
+                   f'its {length:g} m')
+            raise SimulationError(msg)
+        values = (push.time, push.duration, push.rise, *push.force)
+        if not np.isfinite(values).all() or push.duration <= 0.0 or push.rise < 0.0:
+            msg = f'{push}: times and forces must be finite, the duration positive'
+            raise SimulationError(msg)
+        row[:] = (push.time, push.duration, min(push.rise, 0.5 * push.duration), body,
+                  push.distance, *push.force)
+    return table
+
+
+def link_length(mechanism: Mechanism, joint: str) -> float:
+    """Give the length of the beam behind a joint, 0 for a rigid link [m]."""
+    ints = mechanism.body_int[mechanism.body_of[joint]]
+    if not ints[at.FLEXIBLE]:
+        return 0.0
+    return float(ints[at.ELEMENTS] * mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
+
+
+def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
+    """
+    Give the force of each push over time.
+
+    Parameters
+    ----------
+    table : ndarray of shape (n_pushes, PUSH)
+        Pushes, one a row.
+    t : ndarray of shape (n_samples,)
+        Times to evaluate at [s].
+
+    Returns
+    -------
+    ndarray of shape (n_pushes, n_samples, 3)
+        In the base frame [N].
+
+    """
+    share = np.array([[push_share(row, float(now)) for now in t] for row in table])
+    return np.asarray(share.reshape(len(table), len(t), 1) * table[:, None, FORCE:FORCE + 3])

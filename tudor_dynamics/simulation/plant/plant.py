@@ -1,0 +1,436 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A mechanism that is advanced step by step: the plant of a control loop."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tudor_dynamics.errors import check_type, SimulationError
+from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.simulation.mechanics.energy import energy, refresh
+from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
+from tudor_dynamics.simulation.mechanics.mass import mass_matrix
+from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
+from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
+from tudor_dynamics.simulation.plant import integrator as gen
+from tudor_dynamics.simulation.plant.state import (
+    Counts, Drive, Energy, failure_message, PlantState)
+from tudor_dynamics.simulation.plant.statics import check_step, find_equilibrium
+from tudor_dynamics.typing import FloatArray
+
+__all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
+
+
+class Plant:
+    """
+    A mechanism with its state and its integrator.
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+        Tables, see ``build_mechanism``. Changes of them count from the next ``reset`` or
+        ``parameters_changed``.
+    dt : float
+        Step of the integrator [s].
+    rho : float
+        Damping of the highest frequencies, 0 to 1 (1: none).
+    tolerance : float
+        Of Newton's iteration, relative to the accelerations.
+
+    Raises
+    ------
+    SimulationError
+        If the step is not positive, too large for the mechanism, or the mass matrix is singular.
+
+    """
+
+    def __init__(
+        self, mechanism: Mechanism, dt: float = 1e-3, *, rho: float = 0.9,
+        tolerance: float = 1e-6,
+    ) -> None:
+        check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
+        if not (np.isfinite(dt) and dt > 0.0):
+            msg = f'the step must be positive, found {dt} s'
+            raise SimulationError(msg)
+        if not 0.0 <= rho <= 1.0:
+            msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
+            raise SimulationError(msg)
+        self.mechanism = mechanism
+        n, bodies = mechanism.size, len(mechanism.body_int)
+        self._vectors = np.zeros((gen.VECTORS, n))
+        self._matrices = np.zeros((gen.MATRICES, n, n))
+        self._settings = np.zeros(gen.SETTINGS)
+        self._settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
+        self._prescribed = np.zeros(n, dtype=bool)
+        self._torque = np.zeros(n)
+        self._motion = np.zeros((3, n))
+        self._base = -mechanism.gravity
+        self._wrench = np.zeros((mechanism.points, 6))
+        self._loaded = False
+        self._moving = np.zeros((bodies, at.MOVING))
+        self._reaction = np.zeros((bodies, 6))
+        self._columns = np.zeros((n, 6))
+        self._owner = np.zeros(n, dtype=np.int64)
+        self._inertias = np.zeros((bodies + 1, 10))
+        self._q = mechanism.q_index
+        self._bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
+        self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
+        self._joints = np.zeros((4, self._q.size))
+        self.state = PlantState(0.0, *self._joints)  # rows are views
+        self.dt = dt
+        self.reset()
+        check_step(self)
+
+    def reset(
+        self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
+        equilibrium: bool | None = None, external_force: ArrayLike | None = None,
+    ) -> PlantState:
+        """
+        Start anew.
+
+        Parameters
+        ----------
+        q, dq : array of shape (n_joints,), optional
+            Joint positions and velocities; as described, and at rest, by default.
+        equilibrium : bool, optional
+            Bend the links as they hang at rest at ``q``; as described by default.
+        external_force : array of shape (3,), (6,) or (points, 6), optional
+            Acts at the start, see ``step`` [N, N m].
+
+        Returns
+        -------
+        PlantState
+            State at t = 0.
+
+        Raises
+        ------
+        SimulationError
+            If there is no static equilibrium, or the mass matrix is singular.
+
+        """
+        self._vectors[:] = 0.0
+        self._torque[:] = 0.0
+        self._wrench[:] = 0.0
+        self._loaded = False
+        self._vectors[gen.Z] = self.mechanism.initial
+        if q is not None:
+            self._put(self._vectors[gen.Z], q, 'q')
+        for index, drive in zip(self._q, self._drives, strict=True):
+            self._prescribed[index] = drive != 'torque'
+        self.parameters_changed()
+        if external_force is not None:
+            self._set_force(np.asarray(external_force, dtype=float))
+        if equilibrium is None:
+            equilibrium = self.mechanism.start == 'equilibrium'
+        if equilibrium:
+            find_equilibrium(self)
+        if dq is not None:
+            self._put(self._vectors[gen.DZ], dq, 'dq')
+        self._motion[0, self._q] = self._vectors[gen.Z, self._q]
+        self._settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
+        self._settings[gen.CONTRACTION] = 0.5
+        self._time_steps, self._t0 = 0, 0.0
+        self._start_accelerations()
+        self._read_state()
+        return self.state
+
+    def parameters_changed(self) -> None:
+        """Take over changed tables of the mechanism: stiffness, damping, masses."""
+        mechanism = self.mechanism
+        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
+                         self._matrices[gen.STIFFNESS], self._matrices[gen.DAMPING])
+        self._base[:] = -mechanism.gravity
+        self._settings[gen.FACTORED] = 0.0
+
+    def drive(self, joint: str, kind: Drive) -> None:
+        """
+        Choose how a joint is driven from the next step on.
+
+        Parameters
+        ----------
+        joint : str
+            Name of the joint.
+        kind : {'torque', 'motion', 'hold'}
+            By its torque, by a motion given with each step, or held where it is.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such joint or kind.
+
+        """
+        if joint not in self.mechanism.joints or kind not in ('torque', 'motion', 'hold'):
+            msg = (f'joint {joint!r} cannot be driven by {kind!r}: joints are '
+                   f'{list(self.mechanism.joints)}, drives torque, motion and hold')
+            raise SimulationError(msg)
+        number = self.mechanism.joints.index(joint)
+        index = self._q[number]
+        self._drives[number] = kind
+        self._prescribed[index] = kind != 'torque'
+        if kind == 'hold':
+            self._motion[:, index] = self._vectors[gen.Z, index], 0.0, 0.0
+            self._vectors[gen.DZ, index] = 0.0
+        self._start_accelerations()
+
+    def step(
+        self, torque: ArrayLike | None = None, external_force: ArrayLike | None = None,
+        motion: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
+    ) -> PlantState:
+        """
+        Advance by one step.
+
+        Parameters
+        ----------
+        torque : array of shape (n_joints,), optional
+            Torque of each joint at the end of the step; as before by default [N m or N].
+        external_force : array of shape (3,), (6,) or (points, 6), optional
+            Force, or force and moment, at the tip or at all points, in the base frame; none by
+            default [N, N m].
+        motion : tuple of 3 arrays of shape (n_joints,), optional
+            Position, velocity and acceleration at the end of the step of joints driven by motion.
+
+        Returns
+        -------
+        PlantState
+            The state, the same object at every step.
+
+        Raises
+        ------
+        SimulationError
+            If an input is not finite or the run diverges; the state is that before the step.
+
+        """
+        if torque is not None:
+            self._put(self._torque, torque, 'torque')
+        if external_force is not None:
+            self._set_force(np.asarray(external_force, dtype=float))
+        elif self._loaded:
+            self._wrench[:] = 0.0
+            self._loaded = False
+        if motion is not None:
+            self._set_motion(motion)
+        mechanism = self.mechanism
+        status = gen.step_and_report(
+            self._vectors, self._matrices, self._settings, self._prescribed, self._torque,
+            self._motion, self._base, self._wrench, self._loaded, self._columns, self._owner,
+            self._inertias, self._moving, self._reaction, mechanism.body_int,
+            mechanism.body_float, mechanism.coordinate, self._q, self._bodies, self._joints)
+        if status != gen.OK:
+            self._fail(status)
+        self._time_steps += 1
+        self.state.t = self._t0 + self._time_steps * self.dt
+        return self.state
+
+    def start_torque(self, torque: ArrayLike) -> None:
+        """
+        Give the torque that acts already at the start, for the first accelerations.
+
+        Parameters
+        ----------
+        torque : array of shape (n_joints,)
+            Torque of each joint at the start [N m or N].
+
+        """
+        self._torque[self._q] = torque
+        self._start_accelerations()
+        self._read_state()
+
+    def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
+        """
+        Put the plant into a state, and solve for its accelerations.
+
+        Parameters
+        ----------
+        t : float
+            Time of the state [s].
+        z, dz : ndarray of shape (n,)
+            Coordinates and rates.
+        torque : ndarray of shape (n_joints,)
+            Torque of each joint [N m or N].
+
+        """
+        self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
+        self._torque[self._q] = torque
+        self._t0, self._time_steps = t, 0
+        self._start_accelerations()
+        self._read_state()
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """All coordinates, joints and nodes; a view [rad, m]."""
+        return self._vectors[gen.Z]
+
+    @property
+    def rates(self) -> FloatArray:
+        """Rates of all coordinates; a view."""
+        return self._vectors[gen.DZ]
+
+    @property
+    def second_rates(self) -> FloatArray:
+        """Second rates of all coordinates; a view."""
+        return self._vectors[gen.DDZ]
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Elastic stiffness matrix of the straight links; a view."""
+        return self._matrices[gen.STIFFNESS]
+
+    @property
+    def prescribed(self) -> NDArray[np.bool_]:
+        """Which coordinates follow a given motion; a view."""
+        return self._prescribed
+
+    def energy(self) -> Energy:
+        """Give the energy of the present state [J]."""
+        mechanism = self.mechanism
+        z, dz = self._vectors[gen.Z], self._vectors[gen.DZ]
+        refresh(z, dz, self._vectors[gen.DDZ], self._base, mechanism.body_int,
+                mechanism.body_float, self._moving)
+        return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
+                              mechanism.coordinate, self._moving))
+
+    def counts(self) -> Counts:
+        """Give the iterations and factorisations since the last reset."""
+        return Counts(int(self._settings[gen.ITERATIONS]), int(self._settings[gen.FACTORS]))
+
+    def mass_matrix(self) -> FloatArray:
+        """Give the mass matrix over all coordinates at the present state."""
+        mechanism = self.mechanism
+        result = np.empty((mechanism.size, mechanism.size))
+        z = self._vectors[gen.Z]
+        refresh(z, z * 0.0, z * 0.0, self._base, mechanism.body_int, mechanism.body_float,
+                self._moving)
+        mass_matrix(z, mechanism.body_int, mechanism.body_float, mechanism.coordinate,
+                    self._moving, self._columns, self._owner, self._inertias, result)
+        return result
+
+    def imbalance(
+        self, z: FloatArray, dz: FloatArray, ddz: FloatArray, *, elastic: bool = True,
+    ) -> FloatArray:
+        """
+        Give the generalised force that a motion needs.
+
+        Parameters
+        ----------
+        z, dz, ddz : ndarray of shape (n,)
+            Coordinates and rates.
+        elastic : bool
+            Whether the stiffness counts.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Joint efforts, and what is missing at elastic coordinates.
+
+        """
+        mechanism = self.mechanism
+        result = np.empty(mechanism.size)
+        inverse_dynamics(
+            z, dz, ddz, self._base, self._wrench, self._loaded, float(elastic),
+            mechanism.body_int, mechanism.body_float, mechanism.coordinate, self._moving,
+            self._reaction, result)
+        return result
+
+    def solve_accelerations(
+        self, z: FloatArray, dz: FloatArray, torque: FloatArray,
+    ) -> FloatArray:
+        """
+        Solve the equations of motion for the accelerations: the right side of an ODE.
+
+        Parameters
+        ----------
+        z, dz : ndarray of shape (n,)
+            Coordinates and rates.
+        torque : ndarray of shape (n_joints,)
+            Torque of each joint [N m or N].
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Accelerations; those of prescribed coordinates as last given.
+
+        Raises
+        ------
+        SimulationError
+            If the mass matrix is singular.
+
+        """
+        saved = self._vectors.copy(), self._torque.copy()
+        self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
+        self._torque[self._q] = torque
+        self._vectors[gen.DDZ, self._prescribed] = self._motion[2, self._prescribed]
+        self._start_accelerations()
+        result = self._vectors[gen.DDZ].copy()
+        self._vectors[:], self._torque[:] = saved
+        return result
+
+    def _start_accelerations(self) -> None:
+        mechanism = self.mechanism
+        self._vectors[gen.DDZ, self._prescribed] = self._motion[2, self._prescribed]
+        regular = gen.accelerations(
+            self._vectors, self._matrices, self._prescribed, self._torque, self._base,
+            self._wrench, self._loaded, self._columns, self._owner, self._inertias, self._moving,
+            self._reaction, mechanism.body_int, mechanism.body_float, mechanism.coordinate)
+        self._settings[gen.FACTORED] = 0.0
+        if not regular:
+            self._fail(gen.SINGULAR)
+        self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
+
+    def _put(self, vector: FloatArray, values: ArrayLike, name: str) -> None:
+        try:
+            vector[self._q] = values
+        except (TypeError, ValueError):
+            msg = (f'{name} is {repr(values)[:60]}; expected {self._q.size} numbers, for the '
+                   f'joints {list(self.mechanism.joints)}')
+            raise SimulationError(msg) from None
+
+    def _set_force(self, force: FloatArray) -> None:
+        if force.shape == self._wrench.shape:
+            self._wrench[:] = force
+        elif force.shape in ((3,), (6,)):
+            self._wrench[:] = 0.0
+            self._wrench[self.mechanism.tip, :force.size] = force
+        else:
+            msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
+                   f'or {self._wrench.shape} for all points')
+            raise SimulationError(msg)
+        if not np.isfinite(self._wrench).all():
+            self._fail(gen.BAD_INPUT)
+        self._loaded = True
+
+    def _set_motion(self, motion: tuple[ArrayLike, ArrayLike, ArrayLike]) -> None:
+        for row, values in enumerate(motion):
+            given = np.asarray(values, dtype=float)
+            for number, drive in enumerate(self._drives):
+                if drive == 'motion':
+                    self._motion[row, self._q[number]] = given[number]
+
+    def _read_state(self) -> None:
+        mechanism = self.mechanism
+        self.state.t = self._t0 + self._time_steps * self.dt
+        gen.report(self._vectors, self._prescribed, self._torque, self._q, self._bodies,
+                   self._reaction, self._moving, mechanism.body_int, mechanism.coordinate,
+                   self._joints)
+
+    def _fail(self, status: int) -> NoReturn:
+        loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
+                 if not self._prescribed[index]]
+        t = self._t0 + (self._time_steps + 1) * self.dt
+        raise SimulationError(failure_message(
+            status, self.mechanism.name, t, self.dt, self.energy().total, loose))
