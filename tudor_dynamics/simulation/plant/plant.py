@@ -95,7 +95,7 @@ class Plant:
         self.state = PlantState(0.0, *self._joints)  # rows are views
         self.dt = dt
         self.reset()
-        check_step(self)
+        check_step(mechanism, self.stiffness, self.mass_matrix(), dt)
 
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
@@ -139,7 +139,7 @@ class Plant:
         if equilibrium is None:
             equilibrium = self.mechanism.start == 'equilibrium'
         if equilibrium:
-            find_equilibrium(self)
+            find_equilibrium(self.mechanism, self.coordinates, self.stiffness, self.imbalance)
         if dq is not None:
             self._put(self._vectors[gen.DZ], dq, 'dq')
         self._motion[0, self._q] = self._vectors[gen.Z, self._q]

@@ -12,22 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Static equilibrium of a plant, and whether its step can follow its links."""
+"""Static equilibrium of a mechanism, and whether a step can follow its links."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
+from tudor_dynamics.typing import FloatArray
 
-if TYPE_CHECKING:
-    from tudor_dynamics.simulation.plant.plant import Plant
+Imbalance = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
-def find_equilibrium(plant: Plant) -> None:
+def find_equilibrium(
+    mechanism: Mechanism, z: FloatArray, stiffness: FloatArray, imbalance: Imbalance,
+) -> None:
     """
     Bend the links as they rest under weight and forces, joints where they are.
 
@@ -35,8 +38,14 @@ def find_equilibrium(plant: Plant) -> None:
 
     Parameters
     ----------
-    plant : Plant
-        Its coordinates are changed.
+    mechanism : Mechanism
+        What is joined to what, with the tables of its bodies and coordinates.
+    z : ndarray of shape (n,)
+        Coordinates, changed where they are elastic [rad, m].
+    stiffness : ndarray of shape (n, n)
+        Of the straight links.
+    imbalance : callable
+        Force that coordinates, rates and their rates need, each of shape (n,).
 
     Raises
     ------
@@ -44,18 +53,16 @@ def find_equilibrium(plant: Plant) -> None:
         If there is no equilibrium.
 
     """
-    mechanism = plant.mechanism
     elastic = mechanism.elastic
     if not elastic.any():
         return
     pick = np.ix_(elastic, elastic)
-    z = plant.coordinates
     zero = np.zeros_like(z)
     for _ in range(100):
-        tangent = np.tril(plant.stiffness)
+        tangent = np.tril(stiffness)
         add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, tangent)
         tangent = tangent + np.tril(tangent, -1).T
-        missing = plant.imbalance(z, zero, zero)[elastic]
+        missing = imbalance(z, zero, zero)[elastic]
         change = np.linalg.solve(tangent[pick], missing)
         # Shorter first steps where a beam bends far: the normal force overshoots.
         largest = float(np.abs(change).max())
@@ -69,14 +76,20 @@ def find_equilibrium(plant: Plant) -> None:
     raise SimulationError(msg)
 
 
-def check_step(plant: Plant) -> None:
+def check_step(
+    mechanism: Mechanism, stiffness: FloatArray, mass: FloatArray, dt: float,
+) -> None:
     """
     Refuse a step that cannot follow the slowest vibration of the links, joints held.
 
     Parameters
     ----------
-    plant : Plant
-        Plant with its step.
+    mechanism : Mechanism
+        What is joined to what, with the tables of its bodies and coordinates.
+    stiffness, mass : ndarray of shape (n, n)
+        Of all coordinates.
+    dt : float
+        Step that the integrator is to take [s].
 
     Raises
     ------
@@ -84,15 +97,15 @@ def check_step(plant: Plant) -> None:
         If the step is too large.
 
     """
-    free = np.flatnonzero(plant.mechanism.elastic)
+    free = np.flatnonzero(mechanism.elastic)
     if free.size == 0:
         return
     pick = np.ix_(free, free)
-    flexibility = np.linalg.solve(plant.stiffness[pick], plant.mass_matrix()[pick])
+    flexibility = np.linalg.solve(stiffness[pick], mass[pick])
     slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
     # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
-    if plant.dt * slowest > 1.0 / 8.0 and plant.dt > 2e-3:
-        msg = (f'{plant.mechanism.name}: a step of {plant.dt:g} s is too large, the slowest '
+    if dt * slowest > 1.0 / 8.0 and dt > 2e-3:
+        msg = (f'{mechanism.name}: a step of {dt:g} s is too large, the slowest '
                f'vibration of the links has {slowest:.3g} Hz; take at most '
                f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
         raise SimulationError(msg)
