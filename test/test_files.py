@@ -23,7 +23,7 @@ from pathlib import Path
 import pytest
 
 from tudor_dynamics import files
-from tudor_dynamics.files import open_regular, read_bounded, write_whole
+from tudor_dynamics.files import open_regular, read_bounded, whole, write_directory, write_whole
 
 
 def test_regular_files_are_read(tmp_path: Path) -> None:
@@ -100,3 +100,18 @@ def test_full_disk(small_disk: Path) -> None:
         write_whole(small_disk / 'a', bytes(1_000_000))
     assert caught.value.filename == str(small_disk / 'a')
     assert [item.read_bytes() for item in small_disk.iterdir()] == [b'old']
+
+
+def test_directory_in_place_of_another(tmp_path: Path) -> None:
+    """A directory is replaced as a whole, and only where that is wanted."""
+    write_directory(tmp_path / 'a', {'old': b'1', 'both': b'2'})
+    write_directory(tmp_path / 'a', {'new': b'3', 'both': b'4'})
+    assert {item.name: item.read_bytes() for item in (tmp_path / 'a').iterdir()} == {
+        'new': b'3', 'both': b'4'}
+    with pytest.raises(OSError, match='not empty') as caught, \
+            whole(tmp_path / 'a', replace=False) as scratch:
+        scratch.mkdir()
+        (scratch / 'other').write_bytes(b'')
+    assert caught.value.filename == str(tmp_path / 'a')
+    assert sorted(item.name for item in (tmp_path / 'a').iterdir()) == ['both', 'new']
+    assert [item.name for item in tmp_path.iterdir()] == ['a']

@@ -21,9 +21,12 @@ them is read than what was asked for can be. Whatever is wrong is an OSError tha
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 import errno
 import os
 from pathlib import Path
+import shutil
 import stat
 import tempfile
 from typing import BinaryIO
@@ -97,9 +100,99 @@ def read_bounded(path: Path, limit: int) -> bytes:
     return data
 
 
+def scratch_folder(path: Path) -> Path:
+    """
+    Make a hidden directory beside a path, in which it is written until it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        File or directory to be; its parent is made.
+
+    Returns
+    -------
+    Path
+        Directory.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made.
+
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return Path(tempfile.mkdtemp(dir=path.parent, prefix=scratch_prefix(path)))
+
+
+def scratch_prefix(path: Path) -> str:
+    """
+    Begin of the name of the hidden directory.
+
+    Parameters
+    ----------
+    path : Path
+        File or directory to be.
+
+    """
+    return f'.{path.name}.'
+
+
+@contextmanager
+def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
+    """
+    Let a file or directory be written elsewhere first, so that nobody ever sees a part of it.
+
+    Parameters
+    ----------
+    path : Path
+        Where it appears when the block has ended without an error; its parent is made.
+    replace : bool, default=True
+        Whether it takes the place of a directory that stands there and is not empty.
+
+    Yields
+    ------
+    Path
+        Path to write to, of the same name.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; what was there is there still, and nothing else.
+
+    """
+    folder = None
+    try:
+        folder = scratch_folder(path)
+        yield folder / path.name
+        _put(folder / path.name, path, replace)
+    except OSError as err:  # a full disk does not say of itself which file it was
+        raise OSError(err.errno, err.strerror or str(err), str(path)) from None
+    finally:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _put(new: Path, path: Path, replace: bool) -> None:
+    """Give something its name; a directory in its place is kept until that has succeeded."""
+    if not (replace and new.is_dir() and path.exists()):
+        os.replace(new, path)
+        return
+    aside = Path(tempfile.mkdtemp(dir=path.parent, prefix=f'.{path.name}.old.'))
+    old = aside / path.name
+    try:
+        os.replace(path, old)
+        os.replace(new, path)
+    except BaseException:
+        if old.exists():
+            os.replace(old, path)
+        aside.rmdir()
+        raise
+    shutil.rmtree(aside, ignore_errors=True)
+
+
 def write_whole(path: Path, data: bytes) -> None:
     """
-    Write a file under another name first, so that nobody ever sees a part of it.
+    Write a file, whole or not at all.
 
     Parameters
     ----------
@@ -114,17 +207,30 @@ def write_whole(path: Path, data: bytes) -> None:
         If it cannot be written; what was there is there still, and nothing else.
 
     """
-    scratch = None
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f'.{path.name}.')
-        with os.fdopen(handle, 'wb') as stream:
-            stream.write(data)
+    with whole(path) as scratch:
+        scratch.write_bytes(data)
         os.chmod(scratch, 0o644)
-        os.replace(scratch, path)
-    except BaseException as err:
-        if scratch is not None:
-            Path(scratch).unlink(missing_ok=True)
-        if isinstance(err, OSError):  # a full disk does not say of itself which file it was
-            raise OSError(err.errno, err.strerror or str(err), str(path)) from None
-        raise
+
+
+def write_directory(path: Path, files: Mapping[str, bytes]) -> None:
+    """
+    Write a directory of files, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Directory; one that is there is replaced.
+    files : mapping of str to bytes
+        Names and contents.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; what was there is there still, and nothing else.
+
+    """
+    with whole(path) as scratch:
+        scratch.mkdir()
+        scratch.chmod(0o755)
+        for name, data in files.items():
+            (scratch / name).write_bytes(data)

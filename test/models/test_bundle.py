@@ -29,6 +29,7 @@ import pytest
 from sample_arms import gauge, planar_arm, random_states
 import yaml
 
+from tudor_dynamics import files
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models import (
@@ -320,7 +321,7 @@ def test_overwrite(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('overwrite', [False, True])
-@pytest.mark.parametrize('broken', ['write_bytes', 'rename'])
+@pytest.mark.parametrize('broken', ['write_bytes', 'replace'])
 def test_failure_leaves_all_as_it_was(
     broken: str, overwrite: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -328,16 +329,16 @@ def test_failure_leaves_all_as_it_was(
     path = tmp_path / 'model'
     if overwrite:
         save_bundle(_bundle(facts={'old': True}), path)
-    real = {'write_bytes': Path.write_bytes, 'rename': os.rename}[broken]
+    real = {'write_bytes': Path.write_bytes, 'replace': os.replace}[broken]
 
     def fail(first: Any, second: Any) -> Any:
         if (broken == 'write_bytes' and first.name == 'model.yaml') or (
-                broken == 'rename' and second == path and 'bundle' not in str(first)):
+                broken == 'replace' and second == path and '.old.' not in str(first)):
             raise OSError(28, 'No space left on device')
         return real(first, second)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path if broken == 'write_bytes' else bundle_files.os, broken, fail)
+        patch.setattr(Path if broken == 'write_bytes' else files.os, broken, fail)
         with pytest.raises(ModelError, match='cannot be written .No space left'):
             save_bundle(_bundle(), path, overwrite=True)
     assert [p.name for p in tmp_path.iterdir()] == (['model'] if overwrite else [])

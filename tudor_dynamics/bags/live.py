@@ -21,7 +21,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 import shutil
-import tempfile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +29,9 @@ from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.saving import SavedWriter
-from tudor_dynamics.bags.writer import (
-    FAILURES, METADATA_VERSION, PLUGINS, reason, scratch_prefix)
+from tudor_dynamics.bags.writer import FAILURES, METADATA_VERSION, PLUGINS, reason
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import scratch_folder
 
 RESERVE, RESERVED = 'reserve', 1 << 20
 """File and bytes that are kept for index and metadata."""
@@ -132,9 +131,7 @@ class LiveWriter:
             raise BagError(msg)
         scratch: Path | None = None
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix(self.path),
-                                            dir=self.path.parent))
+            scratch = scratch_folder(self.path)
             (scratch / RESERVE).write_bytes(bytes(RESERVED))
             writer = Writer(scratch / self.path.name, version=METADATA_VERSION,
                             storage_plugin=PLUGINS[storage])

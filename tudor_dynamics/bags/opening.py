@@ -27,9 +27,8 @@ from tudor_dynamics.bags.storage.metadata import METADATA, Metadata, read_metada
 from tudor_dynamics.bags.storage.raw import Bag, one_line, storage_file, TopicInfo
 from tudor_dynamics.bags.storage.sqlite_scan import sqlite_topics
 from tudor_dynamics.bags.storage.unpacking import Damaged
-from tudor_dynamics.bags.writer import scratch_prefix
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.files import open_regular
+from tudor_dynamics.files import open_regular, scratch_prefix
 
 SUFFIXES = ('.db3', '.mcap')
 HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')

@@ -18,9 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-import shutil
 import sqlite3
-import tempfile
 from typing import Literal
 
 import numpy as np
@@ -32,6 +30,7 @@ from tudor_dynamics.bags.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage.raw import one_line
 from tudor_dynamics.errors import BagError
+from tudor_dynamics.files import whole
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 METADATA_VERSION: Literal[9] = 9
@@ -43,19 +42,6 @@ FAILURES = (OSError, sqlite3.Error)
 def reason(err: Exception) -> str:
     """Say why something could not be written."""
     return (err.strerror or str(err)) if isinstance(err, OSError) else one_line(err)
-
-
-def scratch_prefix(path: Path) -> str:
-    """
-    Begin of the name of the directory in which a bag is written until it is complete.
-
-    Parameters
-    ----------
-    path : Path
-        Directory that the bag will have.
-
-    """
-    return f'.{path.name}.'
 
 
 def write_bag(
@@ -96,14 +82,8 @@ def write_bag(
         msg = f'{path}: exists already and is not overwritten; give another name or remove it'
         raise BagError(msg)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=scratch_prefix(path), dir=path.parent))
-        try:
-            # The storage file bears the name of its directory, so that must be right at once.
-            _write(scratch / path.name, series, PLUGINS[storage], custom or {})
-            (scratch / path.name).rename(path)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+        with whole(path, replace=False) as scratch:
+            _write(scratch, series, PLUGINS[storage], custom or {})
     except FAILURES as err:
         msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
         raise BagError(msg) from None

@@ -22,10 +22,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 from pathlib import Path
-import shutil
-import tempfile
 from typing import Any
 import zipfile
 import zlib
@@ -33,9 +30,8 @@ import zlib
 import numpy as np
 import yaml
 
-from tudor_dynamics import bounded_yaml
+from tudor_dynamics import bounded_yaml, files
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.files import read_bounded
 from tudor_dynamics.typing import FloatArray
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
@@ -185,20 +181,20 @@ def read_file(path: Path, name: str) -> bytes:
     """
     file = path / name
     try:
-        return read_bounded(file, MAX_BYTES[name])
+        return files.read_bounded(file, MAX_BYTES[name])
     except OSError as err:
         msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
         raise ModelError(msg) from None
 
 
-def write_directory(files: dict[str, bytes], path: Path) -> None:
+def write_directory(content: dict[str, bytes], path: Path) -> None:
     """
     Write a directory of files, whole or not at all, in place of one that may stand there.
 
     Parameters
     ----------
-    files : dict of str to bytes
-        Names and contents.
+    content : dict of str to bytes
+        Names and contents of the files.
     path : Path
         Directory to be made.
 
@@ -208,34 +204,8 @@ def write_directory(files: dict[str, bytes], path: Path) -> None:
         If it cannot be written; what stood there still stands then.
 
     """
-    temporary = None
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f'.{path.name}.', dir=path.parent))
-        temporary.chmod(0o755)
-        for name, data in files.items():
-            (temporary / name).write_bytes(data)
-        _replace(temporary, path)
+        files.write_directory(path, content)
     except OSError as err:
         msg = f'{path}: cannot be written ({err.strerror or err}); choose another place'
         raise ModelError(msg) from None
-    finally:
-        if temporary is not None:  # gone already where all went well
-            shutil.rmtree(temporary, ignore_errors=True)
-
-
-def _replace(new: Path, path: Path) -> None:
-    if not path.exists():
-        os.rename(new, path)
-        return
-    aside = Path(tempfile.mkdtemp(prefix=f'.{path.name}.old.', dir=path.parent))
-    old = aside / 'bundle'
-    try:
-        os.rename(path, old)
-        os.rename(new, path)
-    except BaseException:
-        if old.exists():
-            os.rename(old, path)
-        aside.rmdir()
-        raise
-    shutil.rmtree(aside, ignore_errors=True)

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from pathlib import Path
 import shutil
-import tempfile
 
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.artist import Artist
@@ -26,6 +25,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.files import whole
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.plant.run import Run
 from tudor_dynamics.simulation.studies.plots import COLOURS, draw_mechanism, limit_axes
@@ -97,7 +97,5 @@ def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -
     pictures = max(int(round(rate)), 1)
     writer = (PillowWriter(fps=pictures) if path.suffix.lower() == '.gif'
               else FFMpegWriter(fps=pictures))
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
-        scratch = Path(folder, path.name)
+    with whole(path) as scratch:
         FuncAnimation(figure, draw, frames=frames).save(scratch, writer=writer, dpi=80)
-        scratch.replace(path)
