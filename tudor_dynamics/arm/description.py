@@ -29,7 +29,7 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from tudor_dynamics.arm.kinematics import (
-    is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
+    gauge_point, is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
@@ -172,8 +172,7 @@ class Arm:
         for gauge in sorted(self.gauges, key=lambda g: g.distance):
             axis = (joint_axis(self.full_model, gauge.joint) if gauge.axis is None
                     else unit_vector(gauge.axis))
-            point = gauge.distance * unit_vector(gauge.direction)
-            places.append((gauge.name, gauge.joint, point, axis))
+            places.append((gauge.name, gauge.joint, gauge_point(gauge), axis))
         cut = with_gauge_joints(self.full_model, places)
         return self._reduce(cut, self.active_joints + self.gauge_names)
 

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
+from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.errors import ArmError
 
 
@@ -55,6 +56,24 @@ def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
         raise ArmError(msg)
     unit: NDArray[np.float64] = vector / norm
     return unit
+
+
+def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
+    """
+    Give the place of a gauge, for the regressor's cut and the simulator's beam alike.
+
+    Parameters
+    ----------
+    gauge : GaugeSpec
+        Gauge, with its ``distance`` from the joint's axis.
+
+    Returns
+    -------
+    ndarray of shape (3,)
+        In the frame of its joint [m].
+
+    """
+    return gauge.distance * unit_vector(gauge.direction)
 
 
 def _translation(x: float, y: float, z: float) -> pin.SE3:

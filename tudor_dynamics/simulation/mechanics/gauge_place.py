@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import math
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.kinematics import unit_vector
+from tudor_dynamics.arm.kinematics import gauge_point, unit_vector
 from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanics import layout as at
@@ -83,7 +83,7 @@ def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
     floats = mechanism.body_float[body]
     frame = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
     start = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
-    distance = float(frame[:, 0] @ (gauge.distance * unit_vector(gauge.direction) - start))
+    distance = float(frame[:, 0] @ (gauge_point(gauge) - start))
     axis = floats[at.AXIS:at.AXIS + 3] if gauge.axis is None else unit_vector(gauge.axis)
     local = frame.T @ axis
     column = 2 if abs(local[2]) >= abs(local[1]) else 1
