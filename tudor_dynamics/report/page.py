@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,36 @@ from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report import data as report_data, tables as report_tables
 from tudor_dynamics.report.coverage import density_figure, pair_figure
 from tudor_dynamics.report.elastic import elastic_section
+from tudor_dynamics.report.elastic_rows import ElasticSection
 from tudor_dynamics.report.plots import error_figure, LABELS, signal_figure
 from tudor_dynamics.report.wording import number, pretty_unit
 
 TITLES = {'effort': 'Effort', 'strain': 'Strain'}
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """
+    A section of the page.
+
+    Attributes
+    ----------
+    anchor, title : str
+        Its place, and what the contents call it.
+    template : str
+        File of ``templates/`` without its suffix.
+    context : dict
+        What the template shows.
+    html : str
+        What it came to.
+
+    """
+
+    anchor: str
+    title: str
+    template: str
+    context: dict[str, Any]
+    html: str = ''
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,39 +151,80 @@ def render(result: FitResult, *, date: str | None = None) -> str:
         HTML; everything in it that comes from bags or descriptions is escaped.
 
     """
+    environment = _environment()
+    outputs = [_output(result, output) for output in
+               dict.fromkeys(item.output for item in result.fitted)]
+    elastic, ringing = elastic_section(result), _ringing(result)
+    parts = [replace(section, html=environment.get_template(
+        f'{section.template}.html.j2').render(section.context))
+        for section in sections(result, outputs, elastic, bool(ringing))]
+    return environment.get_template('page.html.j2').render(
+        arm=result.arm.name, date=date, version=__version__, sections=parts, outputs=outputs,
+        overall=report_tables.overall(result.fitted), ringing=ringing, elastic=elastic,
+        joints=result.arm.active_joints, bags=report_tables.bag_rows(result))
+
+
+def sections(
+    result: FitResult, outputs: Sequence[OutputSection], elastic: ElasticSection | None,
+    ringing: bool,
+) -> list[Section]:
+    """
+    List the sections of the page, each with all that it shows.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fit, with the data behind it.
+    outputs : sequence of OutputSection
+        What is shown of each output.
+    elastic : ElasticSection or None
+        What is shown of the elastic arm, if it was identified.
+    ringing : bool
+        Whether a vibration stands out.
+
+    Returns
+    -------
+    list of Section
+        In the order of the page.
+
+    """
+    bags, warnings = report_tables.bag_rows(result), report_tables.other_warnings(result)
+    analytical = any(item.kind == 'analytical' for item in result.fitted)
+    kinds = {'analytical': analytical, 'elastic': elastic, 'fitted': result.fitted}
+    number_of_warnings = len(warnings) + sum(len(bag.warnings) for bag in bags)
     axes = report_data.joint_axes(result)
     pairs = report_data.joint_pairs(axes)
-    return _environment().get_template('page.html.j2').render(
-        arm=result.arm.name,
-        date=date,
-        version=__version__,
-        settings=result.settings,
-        overall=report_tables.overall(result.fitted),
-        fitted=result.fitted,
-        outputs=[_section(result, output) for output in
-                 dict.fromkeys(item.output for item in result.fitted)],
-        analytical=any(item.kind == 'analytical' for item in result.fitted),
-        ringing=_ringing(result),
-        elastic=elastic_section(result),
-        joints=result.arm.active_joints,
-        coverage=report_data.coverage(result),
-        density=density_figure(axes),
-        pairs=pair_figure(pairs) if pairs else None,
-        separate=bool(result.test),
-        preprocessing=report_tables.preprocessing_rows(
-            result.preprocessing, report_tables.sample_rate(result)),
-        bags=report_tables.bag_rows(result),
-        warnings=report_tables.other_warnings(result),
-        uncertain=report_tables.UNCERTAIN,
-        good_condition=report_tables.GOOD_CONDITION,
-        good_fit=GOOD_FIT,
-        usable_fit=USABLE_FIT,
-    )
+    found = [
+        Section('verdict', 'Verdict', 'verdict', {
+            **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings}),
+        Section('figures', 'Figures', 'figures', {'outputs': outputs}),
+        *(Section(output.key, f'{output.title} over time', 'signals', {'output': output})
+          for output in outputs)]
+    if analytical:
+        found.append(Section('coefficients', 'Coefficients', 'coefficients', {
+            'outputs': outputs, 'uncertain': report_tables.UNCERTAIN}))
+    if elastic is not None:
+        found.append(Section('elastic', 'Elastic arm', 'elastic', {
+            'elastic': elastic, 'joints': result.arm.active_joints}))
+    return [
+        *found,
+        Section('coverage', 'Coverage', 'coverage', {
+            'separate': bool(result.test), 'coverage': report_data.coverage(result),
+            'density': density_figure(axes), 'pairs': pair_figure(pairs) if pairs else None}),
+        Section('bags', 'Bags and warnings', 'bags', {
+            'bags': bags, 'warnings': warnings, 'n_warnings': number_of_warnings}),
+        Section('settings', 'Preprocessing and settings', 'settings', {
+            **kinds, 'outputs': outputs, 'settings': result.settings,
+            'preprocessing': report_tables.preprocessing_rows(
+                result.preprocessing, report_tables.sample_rate(result))}),
+        Section('reading', 'How to read this', 'reading', {
+            **kinds, 'good_fit': GOOD_FIT, 'usable_fit': USABLE_FIT,
+            'good_condition': report_tables.GOOD_CONDITION})]
 
 
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True,
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters['number'] = number
     environment.filters['unit'] = pretty_unit
@@ -164,7 +232,7 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-def _section(result: FitResult, output: str) -> OutputSection:
+def _output(result: FitResult, output: str) -> OutputSection:
     fitted = tuple(item for item in result.fitted if item.output == output)
     units = output_units(result.arm, output)
     unit = units[fitted[0].validation.channels[0]]
