@@ -30,10 +30,10 @@ from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mecha
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import Run, run_plant, Steps
-from tudor_dynamics.simulation.sampled import Drive, sampled_columns
 from tudor_dynamics.simulation.studies.motor_links import with_motors
 from tudor_dynamics.simulation.studies.plots import (
     draw_signal, pick_signal, save_figure, signal_names)
+from tudor_dynamics.simulation.studies.sampled import Drive, sampled_columns
 from tudor_dynamics.simulation.studies.results import save_run
 from tudor_dynamics.simulation.studies.torque_input import DIRECTIONS
 from tudor_dynamics.typing import FloatArray
