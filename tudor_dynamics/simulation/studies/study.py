@@ -27,14 +27,14 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.simulation.mechanics.motor_links import with_motors
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import Run, run_plant, Steps
-from tudor_dynamics.simulation.studies.motor_links import with_motors
 from tudor_dynamics.simulation.studies.plots import (
     draw_signal, pick_signal, save_figure, signal_names)
-from tudor_dynamics.simulation.studies.sampled import Drive, sampled_columns
 from tudor_dynamics.simulation.studies.results import save_run
+from tudor_dynamics.simulation.studies.sampled import Drive, sampled_columns
 from tudor_dynamics.simulation.studies.torque_input import DIRECTIONS
 from tudor_dynamics.typing import FloatArray
 
