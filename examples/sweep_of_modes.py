@@ -20,10 +20,9 @@ import sys
 
 from matplotlib.figure import Figure
 import numpy as np
-import yaml
-
 import tudor_dynamics as td
 from tudor_dynamics.arm import arm_from_dict
+import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 

@@ -22,9 +22,8 @@ import subprocess
 import sys
 from typing import Any
 
-import pytest
-
 from patience import PATIENCE
+import pytest
 
 pytest.importorskip('rclpy')
 

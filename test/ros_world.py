@@ -27,11 +27,10 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
+from patience import PATIENCE  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-
-from patience import PATIENCE  # noqa: E402
 from tudor_dynamics.arm import load_arm  # noqa: E402
 from tudor_dynamics.bags import read_recording, Recording  # noqa: E402
 from tudor_dynamics.cli.main import main  # noqa: E402

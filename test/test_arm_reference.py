@@ -25,10 +25,9 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 import pytest
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.arm.schema import ArmSpec
+import yaml
 
 DIMENSIONLESS = {'gear_ratio', 'efficiency', 'breakaway', 'load_friction', 'nu', 'direction',
                  'height_axis', 'axis'}

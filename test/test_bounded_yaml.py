@@ -18,9 +18,8 @@ from __future__ import annotations
 
 from hypothesis import given, settings, strategies as st
 import pytest
-import yaml
-
 from tudor_dynamics.bounded_yaml import load_yaml, MAX_VALUES
+import yaml
 
 
 def bomb(item: str, levels: int = 9) -> str:

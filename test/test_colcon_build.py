@@ -23,9 +23,8 @@ import shutil
 import subprocess
 import sys
 
-import pytest
-
 from patience import PATIENCE
+import pytest
 
 PACKAGE = 'tudor_dynamics'
 COPIED = ('config', 'resource', PACKAGE)

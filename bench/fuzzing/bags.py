@@ -25,8 +25,6 @@ import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, open_bag, read_recording, WrenchSeries
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
@@ -35,6 +33,7 @@ from tudor_dynamics.bags.joint_states import decode_joint_states
 from tudor_dynamics.bags.reader import read_wrenches
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_files import dump_yaml
+import yaml
 
 JOINTS = ('shoulder', 'elbow')
 MESSAGES = 60

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 import pytest
-import yaml
-
 from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
 from tudor_dynamics.errors import ArmError
+import yaml
 
 LENGTH = 0.393
 GRAVITY = 9.81

@@ -21,11 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict, load_arm
 from tudor_dynamics.arm.drives import MotorSpec
 from tudor_dynamics.errors import ArmError
+import yaml
 
 
 @pytest.fixture

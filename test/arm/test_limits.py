@@ -21,11 +21,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import yaml
-
 from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.errors import ArmError
+import yaml
 
 
 def changed(root: Path, **joint2: Any) -> Arm:

@@ -29,14 +29,13 @@ import mcap_records as mcap
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-import yaml
-
 from tudor_dynamics.bags import open_bag, read_recording
 from tudor_dynamics.bags.cdr_layout import CdrError, joint_state_layout, MAX_NAMES
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.storage import sqlite_scan, unpacking
 from tudor_dynamics.bags.storage.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
 from tudor_dynamics.errors import BagError
+import yaml
 
 FRAME = zstd.compress(bytes(1 << 24))
 """Sixteen megabytes in five hundred bytes."""

@@ -29,9 +29,8 @@ from backports import zstd
 from bag_making import joint_states, JOINTS, make_bag
 import mcap_records as mcap
 import pytest
-import yaml
-
 from tudor_dynamics.cli.main import main
+import yaml
 
 MAX_SECONDS, MAX_BYTES = 10.0, 500_000_000
 RUNNER = """

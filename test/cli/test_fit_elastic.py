@@ -23,12 +23,11 @@ from typing import Any
 
 from elastic_making import lone_arm, lone_recording, LONE_TRUTH
 import pytest
-import yaml
-
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
+import yaml
 
 RECORD = lone_recording(3, 9.0)
 ALONE = ('--models', 'elastic', '--rate', 'full', '--payload-of')

@@ -22,12 +22,11 @@ import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
 from sample_arms import multisine, recording_of
-import yaml
-
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import read_recording, write_bag
 from tudor_dynamics.bags.writer import recording_series
 from tudor_dynamics.cli.main import main
+import yaml
 
 
 def bag(path: Path, payload: float, seed: int, *, stated: str | None = None) -> str:

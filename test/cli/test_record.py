@@ -20,11 +20,10 @@ import json
 from pathlib import Path
 
 import pytest
-import yaml
-
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.cli.main import main
+import yaml
 
 
 def record(root: Path, out: Path, *more: str) -> int:

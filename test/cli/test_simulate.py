@@ -22,10 +22,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-import yaml
-
 from tudor_dynamics import files
 from tudor_dynamics.cli.main import main
+import yaml
 
 
 @pytest.fixture

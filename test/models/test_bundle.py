@@ -27,8 +27,6 @@ import zipfile
 import numpy as np
 import pytest
 from sample_arms import gauge, planar_arm, random_states
-import yaml
-
 from tudor_dynamics import files
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.errors import ModelError
@@ -36,6 +34,7 @@ from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
 from tudor_dynamics.models import bundle_files
 from tudor_dynamics.models.bundle import check_target, load_bundle, ModelBundle, save_bundle
+import yaml
 
 ARM = planar_arm(gauges=[gauge('g1', 'j1', 0.1), gauge('g2', 'j2', 0.1)])
 SPEC = PreprocessingSpec(filter='zero_phase', rate=None, cutoff=7.3)

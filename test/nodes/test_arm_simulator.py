@@ -22,11 +22,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from ros_world import series, values_of, World
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
-
-from ros_world import series, values_of, World
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
 from tudor_dynamics.nodes.common.messages import floats, nanoseconds
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode

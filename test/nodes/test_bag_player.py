@@ -19,13 +19,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
-import pytest
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
-
 from node_processes import launch
 from patience import PATIENCE
+import pytest
+from rclpy.serialization import deserialize_message
 from ros_world import node_class, World
+from sensor_msgs.msg import JointState
 from tudor_dynamics.bags.live import read_track
 
 BAG = 'bags/two_blade_test'

@@ -24,12 +24,11 @@ import resource
 import sqlite3
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from node_processes import launch
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
-
-from node_processes import launch
 from ros_world import joint_message, node_class, World
+from sensor_msgs.msg import JointState
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.live import read_track
 from tudor_dynamics.bags.opening import abandoned

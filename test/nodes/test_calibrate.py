@@ -22,10 +22,9 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
+from ros_world import feed, series, World
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
-
-from ros_world import feed, series, World
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.nodes.monitor import MonitorNode

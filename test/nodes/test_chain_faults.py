@@ -25,10 +25,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
+from ros_world import feed, joint_message, JOINTS, series, values_of, World
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from ros_world import feed, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.messages import floats, nanoseconds

@@ -23,9 +23,8 @@ import subprocess
 import sys
 from typing import Any
 
-import pytest
-
 from patience import PATIENCE
+import pytest
 from tudor_dynamics.cli.main import main
 
 pytest.importorskip('rclpy')

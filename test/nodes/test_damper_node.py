@@ -24,11 +24,10 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64MultiArray
-import yaml
-
 from ros_world import joint_message, JOINTS, values_of, World
+from std_msgs.msg import Float64MultiArray
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
+import yaml
 
 GAUGES = ['link2_hub', 'link3_hub', 'link2_mid', 'link3_mid']
 PERIOD = 2_000_000

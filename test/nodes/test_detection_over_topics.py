@@ -21,10 +21,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ros_world import feed, series, values_of, World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-
-from ros_world import feed, series, values_of, World
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle

@@ -21,10 +21,9 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
+from ros_world import feed, GAUGES, joint_message, JOINTS, series, values_of, World
 from std_msgs.msg import Bool, Header
 from std_srvs.srv import Trigger
-
-from ros_world import feed, GAUGES, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode

@@ -20,9 +20,8 @@ import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
 from rclpy.parameter import Parameter
-from sample_arms import random_states
-
 from ros_world import World
+from sample_arms import random_states
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
 from tudor_dynamics.models.bundle import ModelBundle, save_bundle

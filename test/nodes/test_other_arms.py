@@ -22,17 +22,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ros_world import joint_message, World
 from std_msgs.msg import Bool, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-import yaml
-
-from ros_world import joint_message, World
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.nodes import damper_sign_test as program
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import floats
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
+import yaml
 
 ARM = {
     'name': 'gantry',

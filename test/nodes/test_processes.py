@@ -21,18 +21,17 @@ import signal
 import subprocess
 import time
 
+from node_processes import finish, launch
+from patience import PATIENCE
 import pytest
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
+from ros_world import joint_message, JOINTS, node_class, World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
-import yaml
-
-from node_processes import finish, launch
-from patience import PATIENCE
-from ros_world import joint_message, JOINTS, node_class, World
 from tudor_dynamics.nodes.common.interfaces import NODES
+import yaml
 
 QOS = ('qos_overrides.', 'use_sim_time', 'start_type_description_service')
 

@@ -23,11 +23,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
+from ros_world import joint_message, JOINTS, World
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-
-from ros_world import joint_message, JOINTS, World
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode

@@ -22,8 +22,6 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
-import yaml
-
 from ros_world import feed, Hand, joint_message, JOINTS, series, values_of, World
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags.writer import recording_series, write_bag
@@ -33,6 +31,7 @@ from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
+import yaml
 
 TOPICS = ('joint_states', 'motor_currents', 'elbow_current', 'link_strains', 'link3_strains')
 SAMPLES = 150

@@ -21,9 +21,8 @@ from pathlib import Path
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
-from std_srvs.srv import Trigger
-
 from ros_world import Hand, joint_message, JOINTS, World
+from std_srvs.srv import Trigger
 from tudor_dynamics.nodes.common.meter import Meter
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode

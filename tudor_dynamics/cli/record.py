@@ -26,8 +26,6 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
-import yaml
-
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
 from tudor_dynamics.cli.console import finite, print_json, print_table
@@ -39,6 +37,7 @@ from tudor_dynamics.simulation.loop.campaign import (
 from tudor_dynamics.simulation.loop.campaign_pool import record_stimuli
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.loop.drive import Imperfections
+import yaml
 
 EXAMPLES = """\
 examples:

@@ -28,11 +28,10 @@ import zipfile
 import zlib
 
 import numpy as np
-import yaml
-
 from tudor_dynamics import bounded_yaml, files
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.typing import FloatArray
+import yaml
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000}

@@ -23,8 +23,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import OUTPUTS
 from tudor_dynamics.models.units import output_units
@@ -32,6 +30,7 @@ from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.one_model import one_model
 from tudor_dynamics.reproduction.plan import grams
+import yaml
 
 MODELS = ('analytical', 'elm', 'elastic')
 """Columns, whether a kind of model is there or not."""

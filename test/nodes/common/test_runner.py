@@ -22,9 +22,8 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 from patience import PATIENCE
+import pytest
 from ros_world import World
 from tudor_dynamics.nodes.common.outlets import LOOK, Outlets
 from tudor_dynamics.nodes.common.runner import Halt, spin_for

@@ -21,9 +21,8 @@ import subprocess
 import sys
 import time
 
-import pytest
-
 from patience import PATIENCE
+import pytest
 
 
 def children(pid: int) -> list[int]:

@@ -28,10 +28,9 @@ from functools import lru_cache
 
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import run_state_machine_as_test
+from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudor
 import numpy as np
 import pytest
-
-from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudor
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.simulation.loop.arm_process import Sample

@@ -21,12 +21,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict, load_arm
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.plant import Plant
+import yaml
 
 
 def rigid_model(arm, mechanism):

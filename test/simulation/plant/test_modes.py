@@ -20,13 +20,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.modes import modes
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
+import yaml
 
 
 def elastic_arm(root, *, q3=0.0, payload=0.0, gravity=0.0):

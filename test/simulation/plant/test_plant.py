@@ -21,14 +21,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
-
 from tudor_dynamics.arm import arm_from_dict, load_arm
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import run_plant, simulate_with_scipy
+import yaml
 
 
 @pytest.fixture(scope='module')

@@ -21,12 +21,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eigh
-
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
 from tudor_dynamics.simulation.mechanics.motor_links import with_motors
+from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.typing import FloatArray
 
