@@ -61,6 +61,7 @@ class Envelope:
 
     def steps(
         self, command: FloatArray, arrival: FloatArray, period: float,
+        driven: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """
         Give the steps from command to command, and the steps that the acceleration allows.
@@ -73,6 +74,9 @@ class Envelope:
             When [s].
         period : float
             Of the samples [s]; commands that arrive together may be so far apart.
+        driven : ndarray of shape (n, n_joints), optional
+            Speeds that the joints had when they arrived [rad/s]: who listens may meet a new
+            publisher later than the drive did, and hear it first in the middle of a motion.
 
         Returns
         -------
@@ -85,6 +89,8 @@ class Envelope:
         silent = between > self.stop.timeout
         lost = self.stop.acceleration * np.maximum(between - self.stop.timeout, 0.0)
         before = np.sign(command[:-1]) * np.maximum(np.abs(command[:-1]) - lost, 0.0)
+        if driven is not None:
+            before = np.where(silent, driven[1:], before)
         time = np.where(silent, period, np.maximum(between, period)) + SLACK
         return np.abs(command[1:] - before), self.limits.acceleration * time
 

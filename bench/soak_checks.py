@@ -31,6 +31,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.live import read_track
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.wire import JointStateDecoder
+from tudor_dynamics.typing import FloatArray
 
 EDGE = 0.3
 """What was on its way when a node began, ended or was stopped [s]."""
@@ -47,6 +48,8 @@ STARTED = 15.0
 PUBLISHERS = {'joint_states': 'arm_simulator', 'link_strains': 'arm_simulator',
               'joint_reference': 'reference_generator'}
 """Who publishes what is recorded with stamps."""
+SPAN = 10
+"""Samples over which the speed of the arm is taken."""
 ROUNDING = 1e-3
 """Of encoders [rad], and of what is compared with a limit."""
 
@@ -234,6 +237,7 @@ def stamps_in(path: Path, topic: str) -> NDArray[np.int64]:
 def recorded(observed: Observed) -> list[Line]:
     """Compare what was published with the bags, those of killed recorders up to the last save."""
     lost = sent = early = unreadable = 0
+    begins: list[str] = []
     lives = [life for life in observed.lives if life.node == 'bag_recorder']
     for life in lives:
         bag, killed = found_bag(Path(life.bag)), life.by == 'SIGKILL'
@@ -253,9 +257,15 @@ def recorded(observed: Observed) -> list[Line]:
             late = met_late(observed, publisher, track, taken | ~within) & within
             early += int(late.sum())
             sent += int((within & ~late).sum())
-            lost += int((within & ~late & ~taken).sum())
+            missing = within & ~late & ~taken
+            lost += int(missing.sum())
+            if missing.any():
+                begins.append(f'{topic} {int(missing.sum())} in the life from '
+                              f'{life.began:.0f} to {life.ended:.0f} ({life.by}), from '
+                              f'{track.arrival[missing][0]:.1f} to {track.arrival[missing][-1]:.1f}')
     return [Line('recorder: messages not in the bag', f'{lost} of {sent}', '0',
                  not lost and sent > 0),
+            *(Line(f'  {text}', '', '-', True) for text in begins),
             Line('recorder: bags that cannot be read', f'{unreadable} of {len(lives)}', '0',
                  not unreadable),
             Line('  sent before the two had met', str(early), '-', True)]
@@ -293,6 +303,14 @@ def ended(observed: Observed) -> Line:
                 not bad)
 
 
+def speeds_at(joints: Track, arrival: FloatArray) -> FloatArray:
+    """Give how fast the joints were at some times of arrival, over 20 ms [rad/s]."""
+    after = np.clip(np.searchsorted(joints.arrival, arrival), SPAN, len(joints.arrival) - 1)
+    way = joints.values[after] - joints.values[after - SPAN]
+    time = (joints.stamp[after] - joints.stamp[after - SPAN]) * 1e-9
+    return np.asarray(way / np.maximum(time, 1e-6)[:, np.newaxis])
+
+
 def enveloped(observed: Observed) -> list[Line]:
     """Hold positions and commands against the limits."""
     envelope = Envelope.of(observed.arm)
@@ -302,17 +320,20 @@ def enveloped(observed: Observed) -> list[Line]:
     outside = float(np.degrees(envelope.excursion(q)))
     speed = envelope.speed(command[finite])
     arrival = commands.arrival[finite]
-    size, allowed = envelope.steps(command[finite], arrival, observed.period)
+    size, allowed = envelope.steps(command[finite], arrival, observed.period,
+                                   speeds_at(joints, arrival))
     silent = np.diff(arrival) > envelope.stop.timeout
     step, again = (float(np.max((size / allowed)[chosen], initial=0.0))
                    for chosen in (~silent, silent))
+    at = float(arrival[1:][np.argmax((size / allowed).max(axis=1) * silent)] - arrival[0])
     return [Line('positions outside their limits', f'{outside:.2f} deg of {len(q)}', '0 deg',
                  np.radians(outside) <= ROUNDING and len(q) > 0),
             Line('commands that are no numbers', f'{int((~finite).sum())} of {len(command)}', '0',
                  bool(finite.all()) and len(command) > 0),
             Line('largest command, of its limit', f'{speed:.3f}', '1', speed <= 1.0 + ROUNDING),
             Line('largest step of it, of its limit', f'{step:.3f}', '1', step <= 1.0 + ROUNDING),
-            Line('  when the driver had timed out', f'{again:.3f}', '1', again <= 1.0 + ROUNDING)]
+            Line('  when the driver had timed out', f'{again:.3f} at {at:.0f} s', '1',
+                 again <= 1.0 + ROUNDING)]
 
 
 def verdict(observed: Observed) -> list[Line]:
