@@ -260,9 +260,9 @@ def recorded(observed: Observed) -> list[Line]:
             missing = within & ~late & ~taken
             lost += int(missing.sum())
             if missing.any():
-                begins.append(f'{topic} {int(missing.sum())} in the life from '
-                              f'{life.began:.0f} to {life.ended:.0f} ({life.by}), from '
-                              f'{track.arrival[missing][0]:.1f} to {track.arrival[missing][-1]:.1f}')
+                at = track.arrival[missing]
+                begins.append(f'{topic} {len(at)} in the life from {life.began:.0f} to '
+                              f'{life.ended:.0f} ({life.by}), {at[0]:.1f} to {at[-1]:.1f} s')
     return [Line('recorder: messages not in the bag', f'{lost} of {sent}', '0',
                  not lost and sent > 0),
             *(Line(f'  {text}', '', '-', True) for text in begins),
