@@ -19,7 +19,7 @@ Every public argument is explained, by what it is and not by its own name.
 A function with sections explains all of its arguments in them. A docstring of one line is enough
 for compiled helpers and the tables that they take, for nodes and commands (which ``docs/nodes.md``
 and ``--help`` explain), and where at most two arguments are named in it, or are of a class of the
-package.
+package. A method that keeps a contract is explained in the class that its docstring ends with.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 import re
 
@@ -127,8 +128,28 @@ def named(argument: str, annotation: str, doc: str) -> bool:
     return any(re.search(rf'\b{re.escape(stem)}', doc.lower()) for stem in stems)
 
 
+@lru_cache
+def methods_of(name: str) -> frozenset[str]:
+    """Give the methods of the package's classes of a name."""
+    return frozenset(
+        item.name for file in PACKAGE.rglob('*.py')
+        for node in ast.parse(file.read_text(encoding='utf-8')).body
+        if isinstance(node, ast.ClassDef) and node.name == name
+        for item in node.body if isinstance(item, Function))
+
+
+def explained_elsewhere(item: Item) -> bool:
+    """Say whether a docstring points to a class that has the same method."""
+    owner, _, method = item.where.rpartition(' ')[2].partition('.')
+    pointed = re.search(r'; see ``(\w+)``\.$', item.doc)
+    return (pointed is not None and pointed[1] != owner
+            and method in methods_of(pointed[1]))
+
+
 def complaints(item: Item) -> Iterator[str]:
     """Say what is wrong with the docstring of an item."""
+    if explained_elsewhere(item):
+        return
     sections = NumpyDocString(item.doc)
     found = {name.strip().replace('\\', ''): ' '.join(entry.desc)
              for section in ('Parameters', 'Other Parameters', 'Attributes')
@@ -208,6 +229,9 @@ def test_what_is_wrong_is_seen(changes: dict[str, str], count: int) -> None:
     ('def work(x: float) -> None:\n    """Double x [m]."""', 0),
     ('def work(a: Arm, b: Arm, c: Arm) -> None:\n    """Do."""', 1),
     ('@compiled\ndef work(a, b, c):\n    """Do."""', 0),
+    ('class A:\n    def at(self, x):\n        """Put in; see ``Model``."""', 0),
+    ('class A:\n    def up(self, x):\n        """Put in; see ``Model``."""', 1),
+    ('class Model:\n    def at(self, x):\n        """Put in; see ``Model``."""', 1),
     ('@dataclass\nclass Row:\n    """Row."""\n    width: float', 1)])
 def test_lines_that_say_too_little_are_seen(line: str, count: int) -> None:
     """One line is enough for little, and only where it speaks of it."""

@@ -29,7 +29,8 @@ from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
 from tudor_dynamics.models.bundle_files import dump_yaml
-from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.thresholds.io import stored_thresholds, thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
@@ -169,7 +170,7 @@ class Bundles:
             for kind, model in kinds.items():
                 if getattr(model, 'payload_range', None) is not None:
                     model = model.at(0.1)
-                values = (model.follow(motion, np.full(len(motion), 0.01))
+                values = (model.along(motion, np.full(len(motion), 0.01))
                           if isinstance(model, ElasticModel) else model.predict(motion))
                 predicted[output, kind] = values
         return predicted

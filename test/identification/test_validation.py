@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from harmonic_kind import HarmonicModel
 import numpy as np
 import pytest
 from sample_arms import multisine, recording_of
@@ -32,12 +33,11 @@ from tudor_dynamics.typing import FloatArray
 SPEC = PreprocessingSpec(rate=20.0)
 
 
-class Constant:
+class Constant(HarmonicModel):
     """Predicts the mean of what it was fitted to."""
 
-    channels = ('a', 'b')
-
     def __init__(self, level: FloatArray) -> None:
+        super().__init__(('a', 'b'))
         self.level = level
 
     def predict(self, motion: FloatArray) -> FloatArray:

@@ -198,7 +198,7 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
     (lambda head: head['files'].pop('elm.npz'), 'found nothing'),
     (lambda head: head['arm'].update(digest='0'), 'another digest'),
     (lambda head: head['outputs'].update(colour={'elm': {}}), "output 'colour'"),
-    (lambda head: head['outputs']['effort'].update(oracle={}), 'analytical, elm and elastic'),
+    (lambda head: head['outputs']['effort'].update(oracle={}), 'analytical, elm, elastic'),
     (lambda head: head['outputs']['strain']['analytical'].update(form='both'), 'strain form'),
     (lambda head: head['outputs']['effort']['analytical']['groups'].clear(), 'were expected'),
     (_coefficient(value=float('nan')), 'not finite'),

@@ -32,7 +32,6 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.following import observe_stretch, predict_stretch
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
@@ -106,14 +105,12 @@ def difference(found: dict[int, FloatArray], stamps: FloatArray, offline: FloatA
 def test_live_equals_offline(
     observer: str, when: str, bundle: ModelBundle, recording: Recording,
 ) -> None:
-    """As ``observe_stretch`` gives it, to 1e-9, whichever of motion and strain comes first."""
+    """As ``observe`` gives it, to 1e-9, whichever of motion and strain comes first."""
     (stretch,) = prepare(recording, SPEC)
     strain_model = bundle.models['strain']['elastic']
-    assert isinstance(strain_model, ElasticModel)
     found = live(Predictor(bundle, 'elastic', observer), recording, when)
     for output in ('effort', 'strain'):
-        offline = observe_stretch(bundle.models[output]['elastic'], stretch, output, strain_model,
-                                  observer)
+        offline = bundle.models[output]['elastic'].observe(stretch, strain_model, observer)
         assert difference(found[output], stretch.stamp, offline) < 1e-9
 
 
@@ -124,8 +121,8 @@ def test_the_observer_makes_the_residual_smaller(
     (stretch,) = prepare(recording, SPEC)
     model = bundle.models['strain']['elastic']
     assert stretch.strain is not None
-    plain = stretch.strain - predict_stretch(model, stretch)
-    observed = stretch.strain - observe_stretch(model, stretch, 'strain')
+    plain = stretch.strain - model.follow(stretch)
+    observed = stretch.strain - model.observe(stretch)
     assert (observed.std(axis=0) < 0.8 * plain.std(axis=0)).all()
 
 
@@ -133,7 +130,7 @@ def test_late_strain_does_not_count(bundle: ModelBundle, recording: Recording) -
     """A reading that comes behind the next motion changes nothing: it is as if there were none."""
     (stretch,) = prepare(recording, SPEC)
     found = live(Predictor(bundle, 'elastic', 'ringing'), recording, 'late')
-    offline = predict_stretch(bundle.models['strain']['elastic'], stretch)
+    offline = bundle.models['strain']['elastic'].follow(stretch)
     assert difference(found['strain'], stretch.stamp, offline) < 1e-9
 
 
@@ -159,7 +156,7 @@ def test_a_gap_begins_anew(bundle: ModelBundle, recording: Recording) -> None:
     parts = prepare(gapped, SPEC)
     assert len(parts) == 2
     found = live(Predictor(bundle, 'elastic', 'ringing'), gapped)['strain']
-    offline = observe_stretch(bundle.models['strain']['elastic'], parts[1], 'strain')
+    offline = bundle.models['strain']['elastic'].observe(parts[1])
     second = {s: v for s, v in found.items() if s >= parts[1].stamp[0]}
     assert difference(second, parts[1].stamp, offline) < 1e-9
 
@@ -235,8 +232,8 @@ def test_residuals_online_and_offline(
     """Measured less predicted, sample by sample, is what the recording gives afterwards."""
     (stretch,) = prepare(push, SPEC)
     assert stretch.strain is not None
-    offline = stretch.strain - observe_stretch(
-        armed.models['strain']['elastic'], stretch, 'strain', observer=observer)
+    offline = stretch.strain - armed.models['strain']['elastic'].observe(
+        stretch, observer=observer)
     said = watched(armed, push, observer)
     assert difference(said.residuals, stretch.stamp, offline) < 1e-9
 

@@ -34,7 +34,8 @@ from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.ringdowns import Ringdown
 from tudor_dynamics.identification.elastic.starts import FACTORS
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.models.elastic.model import driven_arm, physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import physical_unit, PhysicalParameter
 from tudor_dynamics.report.elastic import (
     in_words, MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary)
 from tudor_dynamics.report.modes import levels, mode_figure

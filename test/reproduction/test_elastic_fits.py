@@ -24,7 +24,7 @@ import pytest
 
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.model import PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.reproduction.elastic_fits import stimuli_for_search
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.one_model import one_model

@@ -27,6 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.plan import Campaign, Plan
 from tudor_dynamics.reproduction.stages import Stages
 
@@ -62,7 +63,7 @@ def stage_count(experiment: str, plan: Plan, split: str | None) -> int:
         Recordings and fits for each payload, and what there is once.
 
     """
-    fits = len({kind == 'elastic' for kind in plan.kinds})
+    fits = len({KINDS[kind].model.has_memory for kind in plan.kinds})
     each = 1 + fits
     if experiment == 'figures':
         return 2 * each * len(plan.payloads) + 8
@@ -100,7 +101,7 @@ def opened(args: argparse.Namespace) -> Iterator[Campaign]:
         msg = (f'--stimuli {plan.stimuli} --seconds {plan.seconds:g}: give two stimuli or more, '
                'half of which are for testing, of 10 s or more')
         raise UsageError(msg)
-    if args.split == 'random' and plan.kinds == ('elastic',):
+    if args.split == 'random' and all(KINDS[kind].model.has_memory for kind in plan.kinds):
         msg = '--split random: the elastic model has a memory and no random split; name others'
         raise UsageError(msg)
     stages = stage_count(args.experiment, plan, args.split)

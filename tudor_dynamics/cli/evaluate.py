@@ -31,10 +31,10 @@ from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
-from tudor_dynamics.identification.fit import MODEL_KINDS
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.library.prediction import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
@@ -76,7 +76,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='false alarms per hour that are allowed (default: 1)')
     group.add_argument('--debounce', type=float, default=0.01, metavar='S',
                        help='time for which a threshold must be exceeded (default: 0.01 s)')
-    group.add_argument('--kind', choices=MODEL_KINDS, default='analytical',
+    group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
                        help='model whose residuals are watched (default: analytical)')
     group.add_argument('--roc', metavar='FILE',
                        help='plot detection rate over false alarms (.png, .svg, .pdf)')

@@ -29,14 +29,14 @@ from tudor_dynamics.cli.console import finite, print_json, print_table, score_ta
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import parse_choice
-from tudor_dynamics.identification.elastic.trainer import check_arm
-from tudor_dynamics.identification.fit import (
-    DEFAULT_KINDS, FitResult, FitSettings, MODEL_KINDS)
+from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import parse_payloads
+from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.library.from_bags import check_choices, fit_bags, read_bags
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.page import report_bytes
@@ -87,7 +87,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'bags, one model of all payloads is fitted')
     parser.add_argument('--ignore-payload', action='store_true',
                         help='fit as if all bags had the same payload')
-    parser.add_argument('--models', nargs='+', choices=MODEL_KINDS, default=list(DEFAULT_KINDS),
+    parser.add_argument('--models', nargs='+', choices=tuple(KINDS), default=list(DEFAULT_KINDS),
                         help='kinds of models (default: analytical elm; elastic needs links)')
     parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
     parser.add_argument('--force', action='store_true',
@@ -132,8 +132,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
     arm = load_arm(args.arm)
-    if 'elastic' in args.models:
-        check_arm(arm)
+    check_kinds(args.models, arm)
     preprocessing = chosen_preprocessing(args, arm)
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]

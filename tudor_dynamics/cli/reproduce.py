@@ -22,7 +22,7 @@ import os
 from typing import Any
 
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.fit import MODEL_KINDS
+from tudor_dynamics.models.kinds import KINDS
 
 EXAMPLES = """\
 examples:
@@ -61,7 +61,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arm = parser.add_argument_group('table1 and figures')
     arm.add_argument('--arm', metavar='YAML',
                      help='arm description with links, motors and damper (config/tudor.yaml)')
-    arm.add_argument('--models', nargs='+', choices=MODEL_KINDS, help='kinds of models (all)')
+    arm.add_argument('--models', nargs='+', choices=tuple(KINDS), help='kinds of models (all)')
     arm.add_argument('--split', choices=('stimulus', 'random'),
                      help='train on half of the stimuli, as the paper, or on half of the samples '
                           'at random, which flatters (table1; stimulus)')
@@ -82,7 +82,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 DEFAULTS: dict[str, Any] = {
     'elements': 2, 'dt': 2.5e-4, 'split': 'stimulus', 'quick': False, 'seed': 0,
-    'jobs': os.cpu_count() or 1, 'models': MODEL_KINDS}
+    'jobs': os.cpu_count() or 1, 'models': tuple(KINDS)}
 
 
 def run(args: argparse.Namespace) -> int:

@@ -22,27 +22,21 @@ import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
-from tudor_dynamics.identification.dataset import (
-    BagData, common_outputs, OUTPUTS, training_blocks)
+from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
-from tudor_dynamics.identification.elastic.trainer import check_arm, ElasticTrainer, records_of
-from tudor_dynamics.identification.payloads import new_payload_model
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
+from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
 from tudor_dynamics.identification.validation import (
     random_split, validate, validate_unseen, Validation)
 from tudor_dynamics.identification.verdict import judge_model, Verdict
-from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.estimators import ESTIMATORS
-from tudor_dynamics.models.regressor import (
-    EffortRegressor, Regressor, STRAIN_FORMS, StrainRegressor)
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.typing import FloatArray
 
 Progress = Callable[[str], None]
 
-MODEL_KINDS = ('analytical', 'elm', 'elastic')
 DEFAULT_KINDS = ('analytical', 'elm')
 """The elastic model takes longer, and needs to know the links."""
 
@@ -55,7 +49,7 @@ class FitSettings:
     Attributes
     ----------
     kinds : tuple of str
-        Models to fit, of ``analytical``, ``elm`` and ``elastic``.
+        Models to fit, see `models.kinds.KINDS`.
     estimator : {'wls', 'ols', 'huber'}
         Estimator of the analytical model.
     strain_form : {'exact', 'paper'}
@@ -84,9 +78,9 @@ class FitSettings:
 
     def __post_init__(self) -> None:
         """Refuse kinds, estimators and forms that there are not."""
-        check_type(self.kinds, (tuple, list), 'kinds', f'some of {MODEL_KINDS}')
+        check_type(self.kinds, (tuple, list), 'kinds', f'some of {tuple(KINDS)}')
         for name, found, known in (
-                ('kinds', self.kinds, MODEL_KINDS), ('estimator', [self.estimator], ESTIMATORS),
+                ('kinds', self.kinds, tuple(KINDS)), ('estimator', [self.estimator], ESTIMATORS),
                 ('strain_form', [self.strain_form], STRAIN_FORMS)):
             unknown = [item for item in found if item not in known]
             if unknown or not found:
@@ -103,9 +97,9 @@ class FittedOutput:
     ----------
     output : {'effort', 'strain'}
         What it predicts.
-    kind : {'analytical', 'elm', 'elastic'}
-        What it is.
-    model : OutputModel
+    kind : str
+        What it is, see `models.kinds.KINDS`.
+    model : Model
         Fitted to all training bags; of all payloads where these differ.
     training : Validation
         Figures on the training data themselves.
@@ -120,7 +114,7 @@ class FittedOutput:
 
     output: str
     kind: str
-    model: OutputModel
+    model: Model
     training: Validation
     validation: Validation
     random: Validation | None
@@ -164,46 +158,6 @@ class FitResult:
     elastic: Identified | None = None
 
 
-def _regressor(arm: Arm, output: str, strain_form: str) -> Regressor:
-    return EffortRegressor(arm) if output == 'effort' else StrainRegressor(arm, strain_form)
-
-
-def new_model(
-    arm: Arm, output: str, kind: str, settings: FitSettings,
-) -> AnalyticalModel | ExtremeLearningMachine:
-    """
-    Build a model that is not fitted yet.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    output : {'effort', 'strain'}
-        What the model predicts.
-    kind : {'analytical', 'elm'}
-        Kind of model.
-    settings : FitSettings
-        Choices of the fit.
-
-    Returns
-    -------
-    AnalyticalModel or ExtremeLearningMachine
-        Model to be fitted.
-
-    """
-    if settings.payloads is not None:
-        return new_payload_model(
-            arm, output, kind, settings.payloads, estimator=settings.estimator,
-            strain_form=settings.strain_form, hidden=settings.elm_hidden,
-            ridge=settings.elm_ridge, seed=settings.elm_seed)
-    if kind == 'analytical':
-        return AnalyticalModel(_regressor(arm, output, settings.strain_form),
-                               len(arm.active_joints), estimator=settings.estimator)
-    channels = arm.active_joints if output == 'effort' else arm.gauge_names
-    return ExtremeLearningMachine(channels, hidden=settings.elm_hidden,
-                                  ridge=settings.elm_ridge, seed=settings.elm_seed)
-
-
 def fit_models(
     arm: Arm,
     training: Sequence[BagData],
@@ -244,9 +198,7 @@ def fit_models(
         If the bags have no output in common, or test bags lack the outputs.
 
     """
-    if 'elastic' in settings.kinds:  # refuse before any work
-        check_arm(arm)
-        records_of(training)
+    check_kinds(settings.kinds, arm, training)
     outputs = common_outputs([*training, *test])
     if not outputs:
         have = {str(bag.choice): [o for o in OUTPUTS if bag.has(o)] for bag in (*training, *test)}
@@ -260,13 +212,14 @@ def fit_models(
     for note in notes:
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
-    trainer = ElasticTrainer(arm, settings.payloads, progress,
-                             kept=None if holdout is None else holdout[0])
+    trainers = {kind: trainer_of(kind, arm, settings, progress,
+                                 None if holdout is None else holdout[0])
+                for kind in settings.kinds}
     for output in outputs:
         for kind in settings.kinds:
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
-                arm, training, test, holdout, output, kind, settings, trainer))
+                arm, training, test, holdout, output, kind, settings, trainers[kind]))
     ringing: tuple[Ringing, ...] = ()
     rigid = [item for item in fitted if item.kind == 'analytical']
     if rigid:
@@ -274,7 +227,9 @@ def fit_models(
         ringing = find_ringing(last.model, [*training, *test], last.output)
     read = [warning for bag in (*training, *test) for warning in bag.recording.warnings]
     return FitResult(arm, preprocessing, settings, tuple(fitted), tuple(training), tuple(test),
-                     ringing, tuple(dict.fromkeys(read + notes)), trainer.identified)
+                     ringing, tuple(dict.fromkeys(read + notes)),
+                     next((found for trainer in trainers.values()
+                           if (found := trainer.identified) is not None), None))
 
 
 def _fit_one(
@@ -285,25 +240,20 @@ def _fit_one(
     output: str,
     kind: str,
     settings: FitSettings,
-    trainer: ElasticTrainer,
+    trainer: Trainer,
 ) -> FittedOutput:
 
-    def fit_bags(
-        bags: Sequence[BagData],
-    ) -> AnalyticalModel | ElasticModel | ExtremeLearningMachine:
-        if kind == 'elastic':
-            return trainer.fit(bags, output)
-        return new_model(arm, output, kind, settings).fit_blocks(training_blocks(
-            bags, output, with_payload=settings.payloads is not None))
+    def fit_bags(bags: Sequence[BagData]) -> Model:
+        return trainer.fit(bags, output)
 
-    def fit_arrays(motion: FloatArray, values: FloatArray) -> OutputModel:
-        return new_model(arm, output, kind, settings).fit(motion, values)
+    def fit_arrays(motion: FloatArray, values: FloatArray) -> Model:
+        return blank(kind, arm, output, settings).fit(motion, values)
 
     model = fit_bags(training)
     validation = validate_unseen(fit_bags, model, training, test, holdout, output)
     seen = validate(model, training, output, 'the training bags themselves')
-    # single samples have no past: the elastic model has no random split
+    # single samples have no past: a model with a memory has no random split
     split = (random_split(fit_arrays, training, output)
-             if settings.random_split and kind != 'elastic' else None)
+             if settings.random_split and not model.has_memory else None)
     verdict = judge_model(model, validation, seen.score.fit)
     return FittedOutput(output, kind, model, seen, validation, split, verdict)

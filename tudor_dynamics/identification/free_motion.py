@@ -25,9 +25,7 @@ import numpy as np
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.following import observe_stretch
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.learning import FreeMotion, learn_thresholds
@@ -54,12 +52,12 @@ def live_preprocessing(spec: PreprocessingSpec) -> PreprocessingSpec:
 
 
 def free_motion(
-    cases: Sequence[tuple[OutputModel, BagData]],
+    cases: Sequence[tuple[Model, BagData]],
     output: str,
     spec: PreprocessingSpec,
     *,
     momentum: bool = False,
-    strain: Sequence[tuple[OutputModel, BagData]] = (),
+    strain: Sequence[tuple[Model, BagData]] = (),
 ) -> list[FreeMotion]:
     """
     Compute the residuals of every sample as the running robot has them.
@@ -75,7 +73,7 @@ def free_motion(
     momentum : bool, default=False
         Residuals of the momentum observer in place of plain ones.
     strain : sequence of (model, bag)
-        Models of the strain, by which an elastic model of the effort is corrected.
+        Models of the strain, by which those of the effort may be corrected.
 
     Returns
     -------
@@ -83,7 +81,7 @@ def free_motion(
         One for each gapless stretch.
 
     """
-    correcting = {id(bag): model for model, bag in strain if isinstance(model, ElasticModel)}
+    correcting = {id(bag): model for model, bag in strain}
     records = []
     for model, bag in cases:
         try:
@@ -95,14 +93,14 @@ def free_motion(
             if momentum:
                 residual = MomentumObserver(model).process(s.stamp, motion, measured)
             else:
-                residual = measured - observe_stretch(model, s, output, correcting.get(id(bag)))
+                residual = measured - model.observe(s, correcting.get(id(bag)))
             keep = s.decimation.keep
             records.append(FreeMotion(s.stamp[keep], motion[keep], residual[keep]))
     return records
 
 
 def fit_thresholds(
-    unseen: Sequence[tuple[str, str, Sequence[tuple[OutputModel, BagData]]]],
+    unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
 ) -> dict[str, Any]:
     """

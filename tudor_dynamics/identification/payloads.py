@@ -19,17 +19,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import BagChoice, BagData
-from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.payload import (
-    payload_regressor, PayloadELM, PayloadModel, Range, SAME)
-from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
-
-PAYLOAD_KINDS = ('analytical', 'elm', 'elastic')
-"""Kinds of models that can be fitted to several payloads at once."""
+from tudor_dynamics.models.base import Model, Range
+from tudor_dynamics.models.payload import SAME
 
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
@@ -106,44 +99,9 @@ def payload_range(training: Sequence[BagData], test: Sequence[BagData]) -> Range
     return min(masses), max(masses)
 
 
-def new_payload_model(
-    arm: Arm, output: str, kind: str, payloads: Range, *, estimator: str, strain_form: str,
-    hidden: int, ridge: float, seed: int,
-) -> PayloadModel | PayloadELM:
-    """
-    Build a model of all payloads that is not fitted yet.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    output : {'effort', 'strain'}
-        What the model predicts.
-    kind : {'analytical', 'elm'}
-        Kind of model.
-    payloads : (float, float)
-        Least and largest payload of the training bags [kg].
-    estimator, strain_form, hidden, ridge, seed
-        As in `FitSettings`.
-
-    Returns
-    -------
-    PayloadModel or PayloadELM
-        Model to be fitted.
-
-    """
-    if kind == 'elm':
-        channels = arm.active_joints if output == 'effort' else arm.gauge_names
-        return PayloadELM(channels, payloads, hidden=hidden, ridge=ridge, seed=seed)
-    plain = EffortRegressor(arm) if output == 'effort' else StrainRegressor(arm, strain_form)
-    return PayloadModel(payload_regressor(plain, arm), len(arm.active_joints), payloads,
-                        estimator=estimator)
-
-
-def model_for(model: OutputModel, bag: BagData) -> OutputModel:
+def model_for(model: Model, bag: BagData) -> Model:
     """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
-    if isinstance(model, (ElasticModel, PayloadModel, PayloadELM)) and (
-            model.payload_range is not None):
+    if model.payload_range is not None:
         if bag.payload is None:
             msg = (f'{bag.choice}: its payload is not known, and the model needs it: give '
                    '--payload KG, or --payload-of BAG=KG')

@@ -24,8 +24,7 @@ from scipy import signal
 
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.payloads import model_for
-from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.following import predict_stretch
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.typing import FloatArray
 
 LOWEST = 0.5
@@ -68,14 +67,14 @@ class Ringing:
 
 
 def find_ringing(
-    model: OutputModel, data: Sequence[BagData], output: str,
+    model: Model, data: Sequence[BagData], output: str,
 ) -> tuple[Ringing, ...]:
     """
     Look for a resonance in what a rigid-body model leaves over, at the full sample rate.
 
     Parameters
     ----------
-    model : OutputModel
+    model : Model
         Fitted rigid-body model.
     data : sequence of BagData
         Bags that have the output.
@@ -100,7 +99,7 @@ def find_ringing(
             measured = getattr(s, output)
             if len(measured) < length:
                 continue
-            residual = measured - predict_stretch(at, s)
+            residual = measured - at.follow(s)
             grid, density = signal.welch(residual, rate, nperseg=length, axis=0)
             if frequency is None:
                 frequency = grid

@@ -32,10 +32,7 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, score
 from tudor_dynamics.identification.payloads import model_for
-from tudor_dynamics.models.base import OutputModel
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.following import predict_stretch
-from tudor_dynamics.signals import Stretch
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.typing import FloatArray
 
 
@@ -79,7 +76,7 @@ class Validation:
         One for each bag.
     channels : tuple of str
         Names of the channels.
-    cases : tuple of (OutputModel, BagData)
+    cases : tuple of (Model, BagData)
         Each bag with the model that predicted it; empty for a random split.
 
     """
@@ -88,7 +85,7 @@ class Validation:
     score: Score
     traces: tuple[Trace, ...]
     channels: tuple[str, ...]
-    cases: tuple[tuple[OutputModel, BagData], ...] = ()
+    cases: tuple[tuple[Model, BagData], ...] = ()
 
     def __repr__(self) -> str:
         """Write how it was done, and the fit of each channel."""
@@ -97,13 +94,13 @@ class Validation:
         return f'Validation by {self.method}: fit {self.score.fit:.1f} % ({channels})'
 
 
-def trace(model: OutputModel, data: BagData, output: str) -> Trace:
+def trace(model: Model, data: BagData, output: str) -> Trace:
     """
     Predict an output over a bag; nothing but motion goes into the model.
 
     Parameters
     ----------
-    model : OutputModel
+    model : Model
         Model that was fitted.
     data : BagData
         Bag that has the output.
@@ -117,28 +114,21 @@ def trace(model: OutputModel, data: BagData, output: str) -> Trace:
 
     """
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
-              s.decimation(getattr(s, output)), _predict(model, s))
+              s.decimation(getattr(s, output)), model.follow_kept(s))
              for s in data.stretches]
     t, stamp, measured, predicted = (np.concatenate(column) for column in zip(*parts, strict=True))
     return Trace(str(data.choice), t, stamp, measured, predicted)
 
 
-def _predict(model: OutputModel, stretch: Stretch) -> FloatArray:
-    decimation = stretch.decimation
-    if decimation.sos is None and not isinstance(model, ElasticModel):
-        return model.predict(decimation(stretch.motion))  # not what is left out
-    return decimation(predict_stretch(model, stretch))
-
-
 def validate(
-    model: OutputModel, data: Sequence[BagData], output: str, method: str,
+    model: Model, data: Sequence[BagData], output: str, method: str,
 ) -> Validation:
     """
     Judge a fitted model on bags.
 
     Parameters
     ----------
-    model : OutputModel
+    model : Model
         Model that was fitted.
     data : sequence of BagData
         Bags that have the output.
@@ -161,7 +151,7 @@ def _summary(
     traces: list[Trace],
     channels: tuple[str, ...],
     method: str,
-    cases: Sequence[tuple[OutputModel, BagData]] = (),
+    cases: Sequence[tuple[Model, BagData]] = (),
 ) -> Validation:
     measured = np.vstack([item.measured for item in traces])
     predicted = np.vstack([item.predicted for item in traces])
@@ -170,7 +160,7 @@ def _summary(
 
 
 def leave_one_bag_out(
-    fit: Callable[[Sequence[BagData]], OutputModel], data: Sequence[BagData], output: str,
+    fit: Callable[[Sequence[BagData]], Model], data: Sequence[BagData], output: str,
 ) -> Validation:
     """
     Predict each bag by a model fitted to the others.
@@ -199,7 +189,7 @@ def leave_one_bag_out(
 
 
 def validate_unseen(
-    fit: Callable[[Sequence[BagData]], OutputModel], model: OutputModel,
+    fit: Callable[[Sequence[BagData]], Model], model: Model,
     training: Sequence[BagData], test: Sequence[BagData],
     holdout: tuple[BagData, BagData] | None, output: str,
 ) -> Validation:
@@ -210,7 +200,7 @@ def validate_unseen(
     ----------
     fit : callable
         Fits a new model to bags.
-    model : OutputModel
+    model : Model
         Model fitted to all training bags.
     training, test : sequence of BagData
         Bags to learn from and bags to judge by.
@@ -246,7 +236,7 @@ def validate_unseen(
 
 
 def random_split(
-    fit: Callable[[FloatArray, FloatArray], OutputModel],
+    fit: Callable[[FloatArray, FloatArray], Model],
     data: Sequence[BagData],
     output: str,
     *,

@@ -23,7 +23,7 @@ import math
 
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.base import Model
 
 GOOD_FIT = 85.0
 USABLE_FIT = 60.0
@@ -123,13 +123,13 @@ def _dead(channels: Sequence[str], method: str) -> str:
             f'use {"this channel" if len(channels) == 1 else "these channels"}')
 
 
-def judge_model(model: OutputModel, validation: Validation, training_fit: float) -> Verdict:
+def judge_model(model: Model, validation: Validation, training_fit: float) -> Verdict:
     """
     Judge a model, of an analytical one its conditioning as well.
 
     Parameters
     ----------
-    model : OutputModel
+    model : Model
         Model that was fitted.
     validation : Validation
         Figures on unseen motion.

@@ -28,10 +28,11 @@ from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, halves, load, parse_choice, refuse_copies)
-from tudor_dynamics.identification.elastic.trainer import check_arm
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.identification.payloads import PAYLOAD_KINDS, payload_range
+from tudor_dynamics.identification.payloads import payload_range
+from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.models.bundle import check_target, ModelBundle, save_bundle
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.report.page import report_bytes
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -199,7 +200,7 @@ def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> Fi
         msg = ('--random-split is for models of one payload, and these bags have several; leave '
                'it out, or add --ignore-payload')
         raise UsageError(msg)
-    kinds = tuple(kind for kind in settings.kinds if kind in PAYLOAD_KINDS)
+    kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_payloads is not None)
     left_out = [kind for kind in settings.kinds if kind not in kinds]
     if left_out and kinds:
         msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
@@ -270,8 +271,7 @@ def fit(
     check_choices(training, judging)
     if out is not None:
         check_target(Path(out), overwrite=overwrite)
-    if 'elastic' in settings.kinds:
-        check_arm(arm)
+    check_kinds(settings.kinds, arm)
     spec = arm.spec.preprocessing if preprocessing is None else preprocessing
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
     data, test_data = read_bags(

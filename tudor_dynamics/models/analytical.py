@@ -23,45 +23,33 @@ scikit-learn's: ``fit`` returns self, learned attributes end in an underscore, a
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import Any, TypeVar
 import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
 from tudor_dynamics.models.estimators import (
-    Estimate, ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
+    ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
+from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.products import Products
-from tudor_dynamics.models.regressor import Regressor
-from tudor_dynamics.models.training import block_of, Blocks, check_block, check_motion
+from tudor_dynamics.models.regressor import plain_regressor, Regressor
+from tudor_dynamics.models.serialise import Group, groups_from_list, groups_to_list
+from tudor_dynamics.models.training import Blocks, check_block, check_motion
+from tudor_dynamics.models.units import output_units
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 HUBER_PASSES = 20
 
-
-@dataclass(frozen=True, eq=False)
-class Group:
-    """
-    Base parameters of a group of channels with their estimate.
-
-    Attributes
-    ----------
-    base : BaseSet
-        Base parameters of the channels.
-    estimate : Estimate
-        Their values with standard errors.
-
-    """
-
-    base: BaseSet
-    estimate: Estimate
+Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
-class AnalyticalModel:
+class AnalyticalModel(MemorylessModel):
     """
     Outputs as base regressor times base parameters.
 
@@ -94,6 +82,7 @@ class AnalyticalModel:
         base: tuple[BaseSet, ...] | None = None,
     ) -> None:
         self.regressor = regressor
+        self.channels = regressor.channels
         self.n_joints = n_joints
         self.n_inputs = 3 * n_joints + getattr(regressor, 'extra_inputs', 0)
         self.estimator = estimator
@@ -110,37 +99,13 @@ class AnalyticalModel:
                 f'{sum(len(base.names) for base in self.base_)} base parameters by '
                 f'{self.estimator}, {state or "not fitted"})')
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the outputs."""
-        return self.regressor.channels
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> AnalyticalModel:
+        """Build one that is not fitted yet; see ``MemorylessModel``."""
+        return cls(plain_regressor(arm, output, settings.strain_form), len(arm.active_joints),
+                   estimator=settings.estimator)
 
-    def fit(self, motion: FloatArray, output: FloatArray) -> AnalyticalModel:
-        """
-        Estimate the base parameters.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        output : ndarray of shape (n_samples, n_channels)
-            Measured outputs in their units.
-
-        Returns
-        -------
-        AnalyticalModel
-            Self.
-
-        Raises
-        ------
-        FitError
-            If shapes do not fit or there are too few samples.
-
-        """
-        return self.fit_blocks(block_of(motion, output))
-
-    def fit_blocks(self, blocks: Blocks) -> AnalyticalModel:
+    def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
         """
         Estimate from data that come in blocks.
 
@@ -276,6 +241,26 @@ class AnalyticalModel:
         full.flags.writeable = False
         self._full, self._full_of = full, self.groups_
         return full
+
+    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
+        """Give estimator, form, and the coefficients of each group; see ``Model``."""
+        self.coefficients()  # raises if there are none
+        form = getattr(self.regressor, 'form', None)
+        return {'estimator': self.estimator, 'units': output_units(arm, output),
+                **({} if form is None else {'form': form}),
+                **({} if self.payload_range is None else
+                   {'payload_range': [float(value) for value in self.payload_range]}),
+                'groups': groups_to_list(self.groups_, self.regressor, arm, output)}
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
+        """Build it from its coefficients; see ``Model``."""
+        regressor = plain_regressor(arm, output, str(content.get('form')))
+        groups = groups_from_list(content['groups'], regressor, arm, output)
+        model = cls(regressor, len(arm.active_joints), estimator=str(content['estimator']),
+                    base=tuple(group.base for group in groups))
+        model.groups_ = groups
+        return model
 
     def _rows(self, blocks: Blocks) -> Iterable[tuple[FloatArray, FloatArray]]:
         """Give decimated rows with their outputs, few samples at a time; use before the next."""

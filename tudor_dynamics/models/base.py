@@ -12,30 +12,253 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What every model of outputs offers, whatever is inside."""
+"""The contract of models: what each of them offers, whatever is inside."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Mapping
+from typing import Any, ClassVar, Protocol, TypeVar
 
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
+Range = tuple[float, float]
+"""Least and largest payload [kg]."""
+AnyModel = TypeVar('AnyModel', bound='Model')
 
-class OutputModel(Protocol):
-    """A model that gives outputs for motion."""
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the outputs."""
+class Live(Protocol):
+    """Models of one kind beside a running robot, sample by sample."""
+
+    observing: bool
+    """Whether measured strain corrects them."""
+
+    def measure(self, strain: FloatArray) -> None:
+        """
+        Give the strain that was measured at the newest sample; it counts with the next step.
+
+        Parameters
+        ----------
+        strain : ndarray of shape (n_gauges,)
+            Readings in their units; NaN for a gauge that does not count.
+
+        """
+
+    def step(
+        self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
+    ) -> dict[str, FloatArray] | None:
+        """
+        Go to the next sample and predict.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the sample before [s]; 0 to begin anew, at rest.
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        wanted : collection of str, optional
+            Outputs that somebody needs; all by default.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_channels,), or None
+            Output to values in its units; None where there is no prediction.
+
+        """
+
+
+class Model(ABC):
+    """
+    A model that gives one output of an arm for its motion.
+
+    Attributes
+    ----------
+    has_memory : bool
+        Whether an output depends on what was before its sample.
+    payload_range : (float, float) or None
+        Payloads that it was fitted to [kg]; None where it knows of none.
+    channels : tuple of str
+        Names of its channels.
+
+    """
+
+    has_memory: ClassVar[bool] = True
+    payload_range: Range | None = None
+    channels: tuple[str, ...]
+
+    @abstractmethod
+    def follow(self, stretch: Stretch) -> FloatArray:
+        """
+        Predict the outputs at all samples of a stretch.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        """
+
+    def follow_kept(self, stretch: Stretch) -> FloatArray:
+        """
+        Predict the outputs at the samples that decimation keeps.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap.
+
+        Returns
+        -------
+        ndarray of shape (n_kept, n_channels)
+            Outputs in their units, decimated as measured ones are.
+
+        """
+        return stretch.decimation(self.follow(stretch))
+
+    def observe(
+        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
+    ) -> FloatArray:
+        """
+        Predict as beside the robot, where measured strain may correct what comes next.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap, with its strain.
+        strain_model : Model, optional
+            Model of the same kind by whose strain an effort is corrected.
+        observer : {'off', 'ringing', 'contact'}
+            Whether measured strain corrects the model, where the kind can make use of it.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        """
+        return self.follow(stretch)
 
     def predict(self, motion: FloatArray) -> FloatArray:
         """
-        Predict outputs, shape (n_samples, n_channels), for ``[q, dq, ddq]``.
+        Predict samples that have no past; a model with a memory refuses.
 
         Parameters
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
             ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
             m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        Raises
+        ------
+        FitError
+            If it has a memory.
+
+        """
+        msg = (f'{type(self).__name__} has a memory, and samples alone have no past: use follow, '
+               'with a gapless stretch')
+        raise FitError(msg)
+
+    def at(self, payload: float) -> Model:
+        """
+        Put a payload in.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+
+        Returns
+        -------
+        Model
+            Model of the motion alone; this one itself where it knows of no payloads.
+
+        """
+        return self
+
+    @classmethod
+    @abstractmethod
+    def live(
+        cls: type[AnyModel], models: Mapping[str, AnyModel], observer: str = 'off',
+    ) -> Live:
+        """
+        Put models of one arm beside the running robot.
+
+        Parameters
+        ----------
+        models : mapping of str to Model
+            Output to model, all of this kind.
+        observer : {'off', 'ringing', 'contact'}, default='off'
+            Whether measured strain corrects them, where the kind can make use of it.
+
+        Returns
+        -------
+        Live
+            The same models, sample by sample.
+
+        """
+
+    @abstractmethod
+    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
+        """
+        Turn what was learned into what a bundle keeps.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm of the bundle, for names and units.
+        output : {'effort', 'strain'}
+            What the model predicts.
+
+        Returns
+        -------
+        dict
+            Plain values; arrays, which are kept apart, stand in it under names of their own.
+
+        Raises
+        ------
+        NotFittedError
+            If it has learned nothing yet.
+
+        """
+
+    @classmethod
+    @abstractmethod
+    def from_dict(
+        cls: type[AnyModel], content: dict[str, Any], arm: Arm, output: str,
+    ) -> AnyModel:
+        """
+        Build a model from what a bundle keeps, which may come from anywhere.
+
+        Parameters
+        ----------
+        content : dict
+            As from ``to_dict``.
+        arm : Arm
+            Arm it was fitted for.
+        output : {'effort', 'strain'}
+            What the model predicts.
+
+        Returns
+        -------
+        Model
+            Model that can predict.
+
+        Raises
+        ------
+        ModelError
+            If it does not belong to the arm, or a number is not finite.
 
         """

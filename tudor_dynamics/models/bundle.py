@@ -27,24 +27,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle_files import (
-    dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, sha256, write_directory)
-from tudor_dynamics.models.bundle_head import read_head, sealed
-from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.payload import payload_range_of, PayloadELM, PayloadModel, SAME
-from tudor_dynamics.models.serialise import (
-    analytical_from_dict, analytical_to_dict, elm_from_arrays, elm_to_arrays)
+    dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, read_head, sealed, sha256,
+    write_directory)
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.payload import SAME
 from tudor_dynamics.typing import FloatArray
-
-Model = AnalyticalModel | ElasticModel | ExtremeLearningMachine
 
 
 @dataclass(eq=False)
@@ -59,7 +54,7 @@ class ModelBundle:
     preprocessing : PreprocessingSpec
         Filters and rate.
     models : dict of str to dict of str to model
-        Output (``effort``, ``strain``) to kind (``analytical``, ``elm``, ``elastic``) to model.
+        Output (``effort``, ``strain``) to kind, see `kinds.KINDS`, to model.
     facts : dict
         What else is known: training bags with checksums, validation figures, verdicts,
         thresholds. Plain values only.
@@ -93,7 +88,7 @@ class ModelBundle:
     @property
     def payload_range(self) -> tuple[float, float] | None:
         """Payloads that the models were fitted to [kg]; None where they know of none."""
-        ranges = (payload_range_of(model) for kinds in self.models.values()
+        ranges = (model.payload_range for kinds in self.models.values()
                   for model in kinds.values())
         return next((found for found in ranges if found is not None), None)
 
@@ -145,10 +140,8 @@ class ModelBundle:
                    '--payload-of BAG=KG ...)')
             raise ModelError(msg)
         return replace(self, models={
-            output: {kind: model.at(payload)
-                     if (isinstance(model, (ElasticModel, PayloadModel, PayloadELM))
-                         and model.payload_range is not None)
-                     else model for kind, model in kinds.items()}
+            output: {kind: model if model.payload_range is None else model.at(payload)
+                     for kind, model in kinds.items()}
             for output, kinds in self.models.items()})
 
 
@@ -191,13 +184,10 @@ def save_bundle(
     for output, kinds in bundle.models.items():
         outputs[output] = {}
         for kind, model in kinds.items():
-            if isinstance(model, AnalyticalModel):
-                outputs[output][kind] = analytical_to_dict(model, bundle.arm, output)
-            elif isinstance(model, ElasticModel):
-                outputs[output][kind] = elastic_to_dict(model)
-            else:
-                outputs[output][kind], more = elm_to_arrays(model, f'{output}_{kind}')
-                arrays.update(more)
+            content = model.to_dict(bundle.arm, output)
+            own = [name for name, value in content.items() if isinstance(value, np.ndarray)]
+            arrays.update({f'{output}_{kind}_{name}': content.pop(name) for name in own})
+            outputs[output][kind] = content
     if arrays:
         files['elm.npz'] = dump_npz(arrays)
     files['model.yaml'] = sealed({
@@ -325,14 +315,10 @@ def _model(
     if output not in ('effort', 'strain'):
         msg = f'output {output!r}; expected effort or strain'
         raise ModelError(msg)
-    if kind == 'analytical':
-        return analytical_from_dict(content, arm, output)
-    if kind == 'elm':
-        channels = arm.active_joints if output == 'effort' else arm.gauge_names
-        return elm_from_arrays(content, arrays, f'{output}_{kind}', channels,
-                               3 * len(arm.active_joints))
-    if kind == 'elastic':
-        return elastic_from_dict(content, arm, output)
-    msg = (f'model kind {kind!r}; this version knows analytical, elm and elastic: update '
-           'tudor_dynamics')
-    raise ModelError(msg)
+    if kind not in KINDS:
+        msg = f'model kind {kind!r}; this version knows {", ".join(KINDS)}: update tudor_dynamics'
+        raise ModelError(msg)
+    prefix = f'{output}_{kind}_'
+    own = {name.removeprefix(prefix): array for name, array in arrays.items()
+           if name.startswith(prefix)}
+    return KINDS[kind].from_content(content).from_dict({**content, **own}, arm, output)

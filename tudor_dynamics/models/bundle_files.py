@@ -35,6 +35,10 @@ import yaml
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
              'elm.npz': 200_000_000}
+FORMAT = 'tudor_dynamics/model'
+VERSION = 1
+MARK = 'checksum: '
+"""Begins the last line of ``model.yaml``, a checksum over all before it."""
 
 
 class _Dumper(getattr(yaml, 'CSafeDumper', yaml.SafeDumper)):  # type: ignore[misc]
@@ -208,3 +212,55 @@ def write_directory(content: dict[str, bytes], path: Path) -> None:
     except OSError as err:
         msg = f'{path}: cannot be written ({err.strerror or err}); choose another place'
         raise ModelError(msg) from None
+
+
+def sealed(content: dict[str, Any]) -> bytes:
+    """Give a head as a file: format and version before the content, its checksum behind."""
+    body = dump_yaml({'format': FORMAT, 'version': VERSION, **content})
+    return f'{body}{MARK}{sha256(body.encode())}\n'.encode()
+
+
+def read_head(path: Path) -> dict[str, Any]:
+    """
+    Read the head of a bundle.
+
+    Parameters
+    ----------
+    path : Path
+        Directory of the bundle.
+
+    Returns
+    -------
+    dict
+        With arm, files, preprocessing and outputs, each of them a dictionary.
+
+    Raises
+    ------
+    ModelError
+        If it is not there, damaged, altered, or of another version.
+
+    """
+    file = path / 'model.yaml'
+    try:
+        text = read_file(path, 'model.yaml').decode()
+    except UnicodeDecodeError:
+        msg = f'{file}: no text; expected a model bundle of tudor fit'
+        raise ModelError(msg) from None
+    body, mark, checksum = text.rpartition(MARK)
+    if not mark or checksum != f'{sha256(body.encode())}\n':
+        msg = (f'{file}: altered or cut short (checksum differs); fit the model again instead of '
+               'editing it')
+        raise ModelError(msg)
+    head = load_yaml(body, file)
+    if not isinstance(head, dict) or head.get('format') != FORMAT:
+        msg = f'{file}: not in the format {FORMAT!r}'
+        raise ModelError(msg)
+    if head.get('version') != VERSION:
+        msg = (f'{file}: bundle version {head.get("version")!r}; this program reads version '
+               f'{VERSION}: update tudor_dynamics, or fit the model again')
+        raise ModelError(msg)
+    for key in ('arm', 'files', 'preprocessing', 'outputs'):
+        if not isinstance(head.get(key), dict):
+            msg = f'{file}: the part {key!r} is missing; fit the model again'
+            raise ModelError(msg)
+    return head

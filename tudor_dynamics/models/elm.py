@@ -22,19 +22,28 @@ ridge regression with lambda.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import numpy as np
 from scipy import linalg
 from scipy.special import expit
 
-from tudor_dynamics.errors import FitError, NotFittedError
-from tudor_dynamics.models.training import (
-    block_of, Blocks, check_block, check_motion, TrainingBlock)
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import FitError, ModelError, NotFittedError
+from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
+from tudor_dynamics.models.serialise import MAX_COEFFICIENT, plausible
+from tudor_dynamics.models.training import Blocks, check_block, check_motion, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 2048
+MAX_HIDDEN = 100_000
+ARRAYS = ('input_range', 'output_range', 'input_weights', 'biases', 'output_weights')
+
+Machine = TypeVar('Machine', bound='ExtremeLearningMachine')
 
 
-class ExtremeLearningMachine:
+class ExtremeLearningMachine(MemorylessModel):
     """
     Random-feature regression from motion to outputs.
 
@@ -90,32 +99,13 @@ class ExtremeLearningMachine:
         return (f'{type(self).__name__}({", ".join(self.channels)}; {self.hidden} hidden neurons, '
                 f'ridge {self.ridge:g}, seed {self.seed}{state})')
 
-    def fit(self, motion: FloatArray, output: FloatArray) -> ExtremeLearningMachine:
-        """
-        Learn from motion and outputs.
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> ExtremeLearningMachine:
+        """Build one that is not fitted yet; see ``MemorylessModel``."""
+        return cls(channels_of(arm, output), hidden=settings.elm_hidden,
+                   ridge=settings.elm_ridge, seed=settings.elm_seed)
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        output : ndarray of shape (n_samples, n_channels)
-            Measured outputs in their units.
-
-        Returns
-        -------
-        ExtremeLearningMachine
-            Self.
-
-        Raises
-        ------
-        FitError
-            If a setting is impossible or shapes do not fit.
-
-        """
-        return self.fit_blocks(block_of(motion, output))
-
-    def fit_blocks(self, blocks: Blocks) -> ExtremeLearningMachine:
+    def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
         """
         Learn from data that come in blocks: one pass for the ranges, one for the products.
 
@@ -203,6 +193,25 @@ class ExtremeLearningMachine:
             output[part] = low + 0.5 * (normal + 1.0) * (high - low)
         return output
 
+    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
+        """Give settings, and the arrays of weights and ranges; see ``Model``."""
+        if self.output_weights_ is None:
+            msg = f'the ELM of {output} has no weights yet: call fit before saving it'
+            raise NotFittedError(msg)
+        content: dict[str, Any] = {
+            'hidden': self.hidden, 'ridge': self.ridge, 'seed': self.seed, 'clip': self.clip,
+            'channels': list(self.channels)}
+        if self.payload_range is not None:
+            content['payload_range'] = [float(value) for value in self.payload_range]
+        return {**content, **{name: np.asarray(getattr(self, f'{name}_')) for name in ARRAYS}}
+
+    @classmethod
+    def from_dict(
+        cls, content: dict[str, Any], arm: Arm, output: str,
+    ) -> ExtremeLearningMachine:
+        """Build it from settings and arrays; see ``Model``."""
+        return restored(lambda channels, more: cls(channels, **more), content, arm, output)
+
     def _features(self, motion: FloatArray) -> FloatArray:
         x = _normalise(motion, self.input_range_)
         if self.clip:
@@ -215,6 +224,64 @@ class ExtremeLearningMachine:
         motion = block.motion if block.decimation is None else block.decimation(block.motion)
         return [(self._features(motion[i:i + ROWS_AT_A_TIME]), block.output[i:i + ROWS_AT_A_TIME])
                 for i in range(0, len(motion), ROWS_AT_A_TIME)]
+
+
+def channels_of(arm: Arm, output: str) -> tuple[str, ...]:
+    """Give the names of an output's channels: joints of efforts, gauges of strains."""
+    return arm.active_joints if output == 'effort' else arm.gauge_names
+
+
+def restored(
+    made: Callable[[tuple[str, ...], dict[str, Any]], Machine], content: dict[str, Any],
+    arm: Arm, output: str, extra: int = 0,
+) -> Machine:
+    """
+    Build an ELM from settings and arrays.
+
+    Parameters
+    ----------
+    made : callable
+        Makes it from channels and settings.
+    content : dict
+        As from ``to_dict``.
+    arm : Arm
+        Arm it was fitted for.
+    output : {'effort', 'strain'}
+        What it predicts.
+    extra : int, default=0
+        Inputs beside the motion.
+
+    Returns
+    -------
+    ExtremeLearningMachine
+        ELM that can predict.
+
+    Raises
+    ------
+    ModelError
+        If an array is missing, of another shape, or not finite.
+
+    """
+    channels, hidden = channels_of(arm, output), int(content['hidden'])
+    if not 1 <= hidden <= MAX_HIDDEN or list(content['channels']) != list(channels):
+        msg = f'ELM of {hidden} neurons for {content["channels"]}; expected {list(channels)}'
+        raise ModelError(msg)
+    model = made(channels, {
+        'hidden': hidden, 'ridge': float(content['ridge']), 'seed': int(content['seed']),
+        'clip': bool(content['clip'])})
+    n_inputs = 3 * len(arm.active_joints) + extra
+    shapes = dict(zip(ARRAYS, (
+        (2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
+        (hidden, len(channels))), strict=True))
+    for name, shape in shapes.items():
+        array = content.get(name)
+        if not isinstance(array, np.ndarray) or array.shape != shape or not plausible(array):
+            found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
+            msg = (f'elm.npz: {output}_elm_{name}: found {found}, expected finite values of '
+                   f'{shape}, none beyond {MAX_COEFFICIENT:g}')
+            raise ModelError(msg)
+        setattr(model, f'{name}_', array)
+    return model
 
 
 def _normalise(x: FloatArray, limits: FloatArray) -> FloatArray:

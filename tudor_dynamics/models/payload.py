@@ -23,6 +23,7 @@ While a robot runs, the payload is fixed for a while: ``at`` puts it in and give
 
 from __future__ import annotations
 
+from typing import Any
 import warnings
 
 import numpy as np
@@ -30,24 +31,20 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, TudorWarning
-from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
-from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
 from tudor_dynamics.models.estimators import Estimate
-from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+from tudor_dynamics.models.memoryless import ModelSettings
+from tudor_dynamics.models.regressor import (
+    EffortRegressor, plain_regressor, Regressor, StrainRegressor)
+from tudor_dynamics.models.serialise import Group, groups_from_list, payloads_of
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 
-Range = tuple[float, float]
-
 SAME = 1e-6
 """Payloads that differ by less are the same [kg]."""
-
-
-def payload_range_of(model: object) -> Range | None:
-    """Give the payloads that a model of any kind was fitted to; None where it knows of none."""
-    found = getattr(model, 'payload_range', None)
-    return None if found is None else (float(found[0]), float(found[1]))
 
 
 def last_body(model: pin.Model) -> str:
@@ -79,6 +76,7 @@ class PayloadRegressor:
         self.body = body
         self.channels = plain.channels
         self.groups = plain.groups
+        self.form = getattr(plain, 'form', None)
         own = [f'{name}({body})' for name in BODY_PARAMETERS]
         self.carried = np.array([plain.columns.index(name) for name in own], dtype=np.intp)
         self.columns: tuple[str, ...] = (*plain.columns, *(PAYLOAD + name for name in own))
@@ -134,7 +132,7 @@ class PayloadRegressor:
 
 def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> PayloadRegressor:
     """Let a regressor know of a payload at the end of its arm."""
-    exact = isinstance(plain, StrainRegressor) and plain.form == 'exact'
+    exact = getattr(plain, 'form', None) == 'exact'
     return PayloadRegressor(plain, last_body(arm.gauge_model if exact else arm.model))
 
 
@@ -187,9 +185,29 @@ class PayloadModel(AnalyticalModel):
         base: tuple[BaseSet, ...] | None = None,
     ) -> None:
         super().__init__(regressor, n_joints, estimator=estimator, base=base)
-        self.payload_range = payload_range
+        self.payload_range: Range = payload_range
         self._plain: Regressor = regressor.plain
         self._carried = regressor.carried
+
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
+        """Build one for the payloads of the fit; see ``MemorylessModel``."""
+        assert settings.payloads is not None
+        plain = plain_regressor(arm, output, settings.strain_form)
+        return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
+                   estimator=settings.estimator)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:
+        """Build it from its coefficients; see ``Model``."""
+        regressor = payload_regressor(
+            plain_regressor(arm, output, str(content.get('form'))), arm)
+        groups = groups_from_list(content['groups'], regressor, arm, output)
+        model = cls(regressor, len(arm.active_joints), payloads_of(content),
+                    estimator=str(content['estimator']),
+                    base=tuple(group.base for group in groups))
+        model.groups_ = groups
+        return model
 
     def at(self, payload: float) -> AnalyticalModel:
         """
@@ -252,7 +270,21 @@ class PayloadELM(ExtremeLearningMachine):
         ridge: float = 1e-6, seed: int = 0, clip: bool = True,
     ) -> None:
         super().__init__(channels, hidden=hidden, ridge=ridge, seed=seed, clip=clip)
-        self.payload_range = payload_range
+        self.payload_range: Range = payload_range
+
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadELM:
+        """Build one for the payloads of the fit; see ``MemorylessModel``."""
+        assert settings.payloads is not None
+        return cls(channels_of(arm, output), settings.payloads, hidden=settings.elm_hidden,
+                   ridge=settings.elm_ridge, seed=settings.elm_seed)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadELM:
+        """Build it from settings and arrays; see ``Model``."""
+        payloads = payloads_of(content)
+        return restored(lambda channels, more: cls(channels, payloads, **more),
+                        content, arm, output, extra=1)
 
     def at(self, payload: float) -> ExtremeLearningMachine:
         """

@@ -261,3 +261,22 @@ class StrainRegressor:
         self._bodies.outputs(motion, parameters, out)
         out += parameters[:, -1]
         return out
+
+
+def plain_regressor(
+    arm: Arm, output: str, strain_form: str,
+) -> EffortRegressor | StrainRegressor:
+    """
+    Give the rows of an output.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with its joints and gauges.
+    output : {'effort', 'strain'}
+        What is measured.
+    strain_form : {'exact', 'paper'}
+        Where the bending moment is taken.
+
+    """
+    return EffortRegressor(arm) if output == 'effort' else StrainRegressor(arm, strain_form)

@@ -30,7 +30,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.monitoring.pairing import Pair
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.typing import FloatArray
@@ -47,7 +47,7 @@ class MomentumObserver:
 
     Parameters
     ----------
-    model : OutputModel
+    model : Model
         Analytical model of the efforts.
     gain : float, default=30.0
         Bandwidth of the observer [1/s].
@@ -56,7 +56,7 @@ class MomentumObserver:
 
     """
 
-    def __init__(self, model: OutputModel, gain: float = 30.0, settle: float = 0.5) -> None:
+    def __init__(self, model: Model, gain: float = 30.0, settle: float = 0.5) -> None:
         self.model = model
         self.gain = gain
         self.settle = max(settle, LAGS / gain)

@@ -20,10 +20,8 @@ from collections import deque
 from collections.abc import Collection
 
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.base import OutputModel
+from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.live import LiveElastic
-from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.typing import FloatArray
 
@@ -42,14 +40,14 @@ class Predictor:
     ----------
     bundle : ModelBundle
         Fitted models of an arm.
-    kind : {'analytical', 'elm', 'elastic'}
-        Kind of model.
+    kind : str
+        Kind of model, see `models.kinds.KINDS`.
     observer : {'off', 'ringing', 'contact'}, default='off'
-        Whether measured strain corrects the elastic model, see `LiveElastic`.
+        Whether measured strain corrects the models, where their kind can make use of it.
 
     Attributes
     ----------
-    models : dict of str to OutputModel
+    models : dict of str to Model
         Output to model.
 
     """
@@ -60,18 +58,15 @@ class Predictor:
         self.bundle = bundle
         self.kind = kind
         self.settle = bundle.preprocessing.settle
-        self.models: dict[str, OutputModel] = {
+        self.models: dict[str, Model] = {
             output: bundle.models[output][kind] for output in OUTPUTS
             if kind in bundle.models.get(output, {})}
         if not self.models:
             have = sorted({k for kinds in bundle.models.values() for k in kinds})
             msg = f'the bundle has no model of the kind {kind!r}, it has {have}: choose one'
             raise ModelError(msg)
-        elastic = {output: model for output, model in self.models.items()
-                   if isinstance(model, ElasticModel)}
-        self.observing = bool(elastic) and observer != 'off' and 'strain' in elastic
-        self._elastic = (LiveElastic(elastic, observer if self.observing else 'off')
-                         if elastic else None)
+        self._live = type(next(iter(self.models.values()))).live(self.models, observer)
+        self.observing = self._live.observing
         self._stamp = 0
         self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT)
 
@@ -132,18 +127,12 @@ class Predictor:
             Output to values in its units; None while the filters settle.
 
         """
-        if self._elastic is not None:
-            # it follows every sample: what it predicts depends on all that was
+        if self.observing:
             measured = self._measured(motion.dt)
             if measured is not None:
-                self._elastic.measure(measured)
-            self._stamp = motion.stamp
-            predicted = self._elastic.step(motion.dt, motion.row, wanted)
-            if predicted is None or not motion.settled(self.settle):
-                return None
-            return predicted
-        if not motion.settled(self.settle):
-            return None
-        row = motion.row[None]
-        return {output: model.predict(row)[0] for output, model in self.models.items()
-                if output in wanted}
+                self._live.measure(measured)
+        self._stamp = motion.stamp
+        # a model with a memory follows every sample: what it predicts depends on all that was
+        settled = motion.settled(self.settle)
+        predicted = self._live.step(motion.dt, motion.row, wanted if settled else ())
+        return predicted if settled else None

@@ -49,7 +49,7 @@ class MonitorSettings:
 
     Attributes
     ----------
-    kind : {'analytical', 'elm', 'elastic'}
+    kind : str
         Kind of model whose residuals are watched.
     observer : {'off', 'ringing', 'contact'}
         Whether measured strain corrects an elastic model.

@@ -29,7 +29,7 @@ from tudor_dynamics.identification.elastic.starts import EXCERPT, FACTORS, START
 from tudor_dynamics.identification.elastic.trainer import RUN_IN
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.models.elastic.arm import driven_arm, INNER_STEP
-from tudor_dynamics.models.elastic.model import PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.data import joint_axes
 from tudor_dynamics.report.elastic_rows import (

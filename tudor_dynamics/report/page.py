@@ -26,12 +26,13 @@ import jinja2
 from tudor_dynamics import __version__
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report import data as report_data, tables as report_tables
 from tudor_dynamics.report.coverage import density_figure, pair_figure
 from tudor_dynamics.report.elastic import elastic_section
 from tudor_dynamics.report.elastic_rows import ElasticSection
-from tudor_dynamics.report.plots import error_figure, LABELS, signal_figure
+from tudor_dynamics.report.plots import error_figure, signal_figure
 from tudor_dynamics.report.wording import number, pretty_unit
 
 TITLES = {'effort': 'Effort', 'strain': 'Strain'}
@@ -228,7 +229,7 @@ def _environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters['number'] = number
     environment.filters['unit'] = pretty_unit
-    environment.filters['kind'] = LABELS.__getitem__
+    environment.filters['kind'] = lambda kind: KINDS[kind].label
     return environment
 
 

@@ -23,16 +23,15 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.report.figure import label, new_figure, plain_text, to_uri
-from tudor_dynamics.report.style import PAGE, PAGE_MEASURED, PAGE_MODELS, style
+from tudor_dynamics.report.style import PAGE, PAGE_MEASURED, page_model, style
 from tudor_dynamics.report.wording import pretty_name
 from tudor_dynamics.typing import FloatArray
 
 MAX_POINTS = 2000
 """Points a line has at most; longer ones keep the extremes of each stretch of samples."""
 BINS = 60
-
-LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,14 +179,14 @@ def draw_signal(series: Series, stretch: tuple[float, float]) -> Figure:
         t, measured = series.t[part], series.measured[part]
         axes.plot(*thin(t, measured), label='measured', **PAGE_MEASURED)
         for kind, values in series.predicted.items():
-            axes.plot(*thin(t, values[part]), label=LABELS[kind], **PAGE_MODELS[kind])
+            axes.plot(*thin(t, values[part]), label=KINDS[kind].label, **page_model(kind))
         if _limit(axes, measured, [values[part] for values in series.predicted.values()]):
             title += '; a prediction leaves the scale'
         plain_text(axes.set_title, title)
         axes.set_ylabel(label(series.output, series.unit))
     residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
     for kind, values in residuals.items():
-        rest.plot(*thin(series.t, values), **{**PAGE_MODELS[kind], 'linewidth': 0.8})
+        rest.plot(*thin(series.t, values), **{**page_model(kind), 'linewidth': 0.8})
     rest.axhline(0.0, color='#555555', linewidth=0.6)
     bound = 1.1 * _reach(residuals, 99.8)
     rest.set_ylim(-bound, bound)
@@ -232,8 +231,8 @@ def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> 
             for kind, values in errors.items():
                 # what lies beyond is counted in the outermost bins, not dropped
                 share = np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)
-                look = {key: PAGE_MODELS[kind][key] for key in ('color', 'linestyle')}
-                axes.stairs(100.0 * share, edges, linewidth=1.2, label=LABELS[kind],
+                look = {key: page_model(kind)[key] for key in ('color', 'linestyle')}
+                axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
                             fill=False, **look)
             axes.axvline(0.0, color='#555555', linewidth=0.6)
             axes.set_xlabel(label('error', unit))

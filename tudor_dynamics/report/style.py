@@ -59,6 +59,13 @@ PRINT_MODELS: dict[str, dict[str, Any]] = {
     'analytical': {'color': BLUE, 'linewidth': 1.1, 'linestyle': '-'},
     'elm': {'color': VERMILION, 'linewidth': 1.1, 'linestyle': (0, (4, 1.6))},
     'elastic': {'color': '#00785a', 'linewidth': 1.1, 'linestyle': (0, (5, 1.4, 1, 1.4))}}
+OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
+"""Of a kind that has no look of its own."""
+
+
+def page_model(kind: str) -> dict[str, Any]:
+    """Say how a kind of model is drawn on the page."""
+    return PAGE_MODELS.get(kind, OTHER)
 
 
 @contextmanager

@@ -24,9 +24,10 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import LARGEST_CONDITION, Level
-from tudor_dynamics.models.analytical import AnalyticalModel, Group
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.serialise import Group
 from tudor_dynamics.models.units import column_unit
-from tudor_dynamics.report.plots import LABELS
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
@@ -156,7 +157,7 @@ class Overall:
 
 def model_name(item: FittedOutput) -> str:
     """Name a model: its output and kind."""
-    return f'{item.output} {LABELS[item.kind]}'
+    return f'{item.output} {KINDS[item.kind].label}'
 
 
 def overall(fitted: Sequence[FittedOutput]) -> Overall:

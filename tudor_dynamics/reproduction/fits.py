@@ -24,7 +24,9 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, OUTPUTS
-from tudor_dynamics.identification.fit import fit_models, FitSettings, new_model
+from tudor_dynamics.identification.fit import fit_models, FitSettings
+from tudor_dynamics.identification.trainers import blank
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.elastic_fits import (
     ElasticFit, FOUND, KIND, merged, stimuli_for_search)
 from tudor_dynamics.reproduction.judging import figures, halves, judged, read
@@ -33,8 +35,6 @@ from tudor_dynamics.reproduction.stages import Result
 from tudor_dynamics.typing import FloatArray
 
 SPLITS = ('stimulus', 'random')
-SAMPLEWISE = ('analytical', 'elm')
-"""Kinds that take single samples, as the random split hands them out."""
 
 
 class Fits:
@@ -80,7 +80,7 @@ class Fits:
         """
         campaign = self.campaign
         kinds = campaign.plan.kinds if kinds is None else kinds
-        quick = tuple(kind for kind in kinds if kind != KIND)
+        quick = tuple(kind for kind in kinds if not KINDS[kind].model.has_memory)
         result = Result({}, {})
         if quick:
             result = self._quick(payload, damped, split, strain_form, quick)
@@ -212,9 +212,9 @@ def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Resu
     for output in OUTPUTS:
         values = np.vstack([s.decimation(getattr(s, output)) for s in stretches])
         for kind in settings.kinds:
-            if kind not in SAMPLEWISE:
+            if KINDS[kind].model.has_memory:
                 continue
-            model = new_model(arm, output, kind, settings).fit(motion[train], values[train])
+            model = blank(kind, arm, output, settings).fit(motion[train], values[train])
             predicted = model.predict(motion)
             content.setdefault(output, {})[kind] = {
                 'training': figures(arm, output, values[train], predicted[train]),

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.identification.payloads import PAYLOAD_KINDS
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.elastic_fits import ElasticFit, FOUND, KIND, merged
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import halves, judged, read
@@ -49,7 +49,8 @@ def one_model(fits: Fits) -> dict[str, Any]:
     payloads = plan.payloads
     recorded = {payload: campaign.record(payload) for payload in payloads}
     ends = (min(payloads), max(payloads))
-    quick = tuple(kind for kind in plan.kinds if kind in PAYLOAD_KINDS and kind != KIND)
+    quick = tuple(kind for kind in plan.kinds if KINDS[kind].of_payloads is not None
+                  and not KINDS[kind].model.has_memory)
     depends: dict[str, Any] = {
         'of': [campaign.described(payload, damped=True) for payload in payloads]}
     stages = campaign.stages

@@ -25,7 +25,7 @@ from typing import Any
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.fit import MODEL_KINDS
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.stages import RECORDING, Stages
 from tudor_dynamics.simulation.loop.campaign import stimulus_seeds, StimulusSpec
 from tudor_dynamics.simulation.loop.campaign_pool import record_stimuli
@@ -72,7 +72,7 @@ class Plan:
     seed: int = 0
     pushes: int = 6
     jobs: int = field(default_factory=lambda: os.cpu_count() or 1)
-    kinds: tuple[str, ...] = MODEL_KINDS
+    kinds: tuple[str, ...] = tuple(KINDS)
     elastic_seconds: float = 160.0
 
     def quick(self) -> Plan:

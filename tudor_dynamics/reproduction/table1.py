@@ -25,16 +25,20 @@ from typing import Any
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import OUTPUTS
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.units import output_units
+from tudor_dynamics.reproduction.elastic_fits import KIND
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.one_model import one_model
 from tudor_dynamics.reproduction.plan import grams
 import yaml
 
-MODELS = ('analytical', 'elm', 'elastic')
+MODELS = tuple(KINDS)
 """Columns, whether a kind of model is there or not."""
-LABELS = {'analytical': 'analytical', 'elm': 'ELM', 'elastic': 'elastic'}
+PRINTED = ('analytical', 'elm')
+"""Those of them that the paper has."""
+LABELS = {name: kind.label for name, kind in KINDS.items()}
 PARTS = ('training', 'test')
 FIGURES = ('rmse', 'sigma_e', 'fit_printed', 'fit')
 EVEN = 5.0
@@ -259,7 +263,7 @@ def build(fits: Fits, split: str) -> Table1:
 
 def _remarks(fits: Fits, split: str) -> tuple[str, ...]:
     plan = fits.campaign.plan
-    if 'elastic' not in plan.kinds:
+    if KIND not in plan.kinds:
         return ()
     if split == 'random':
         return ('The elastic model has a memory and no random split; beside the one model of all '

@@ -21,7 +21,8 @@ import csv
 from dataclasses import dataclass
 import io
 
-from tudor_dynamics.reproduction.table1 import Block, Cell, FIGURES, LABELS, MODELS, Table1
+from tudor_dynamics.reproduction.table1 import (
+    Block, Cell, FIGURES, LABELS, MODELS, PRINTED, Table1)
 
 EMPTY = ''
 PAPER = ('rmse', 'sigma_e', 'fit_printed')
@@ -92,7 +93,7 @@ def block_grid(block: Block) -> Grid:
         names = ['RMSE', 'σ(E)', 'Eq. (18)']
         groups.append((LABELS[model], 4))
         heads += [*names, 'fit']
-        if model != 'elastic':  # the paper has none
+        if model in PRINTED:
             groups.append((f'paper, {LABELS[model]}', 3))
             heads += names
     rows: list[tuple[str, ...]] = []
@@ -104,7 +105,7 @@ def block_grid(block: Block) -> Grid:
         first = '' if row.part == last else row.part
         last = row.part
         cells = [text for model in MODELS
-                 for text in _cells(row.cells[model], digits, with_paper=model != 'elastic')]
+                 for text in _cells(row.cells[model], digits, with_paper=model in PRINTED)]
         rows.append((first, f'{1000 * row.payload:.0f} g', *cells))
     title = (f'{block.title} ({", ".join(block.channels)}); RMSE and σ(E) in {block.unit}, '
              'fit and Eq. (18) in %')

@@ -140,6 +140,14 @@ class Stretch:
         return np.hstack([self.states.q, self.states.dq, self.states.ddq])
 
     @property
+    def dt(self) -> FloatArray:
+        """Time since the sample before, as the running robot has it; 0 for none [s]."""
+        dt = np.asarray(np.diff(self.stamp, prepend=self.stamp[0]) * 1e-9)
+        if self.before is not None:
+            dt[0] = self.since
+        return dt
+
+    @property
     def n_kept(self) -> int:
         """Give the number of samples after decimation."""
         return len(self.decimation.keep)

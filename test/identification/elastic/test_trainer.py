@@ -38,7 +38,6 @@ from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.validation import leave_one_bag_out, trace
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.following import predict_stretch
 from tudor_dynamics.signals import prepare
 
 RATE = 100.0
@@ -72,10 +71,10 @@ def test_a_part_knows_what_was_before() -> None:
     assert stretch.before is not None and len(stretch.before) == first
     assert stretch.since == pytest.approx(0.01, abs=1e-9)
     assert stretch.before[1:, 0] == pytest.approx(0.01, abs=1e-9)
-    predicted = predict_stretch(model_of_it(), stretch)
+    predicted = model_of_it().follow(stretch)
     assert recording.strain is not None
     assert np.abs(predicted - recording.strain[first:]).max() < 1e-3
-    alone = predict_stretch(model_of_it(), replace(stretch, before=None))
+    alone = model_of_it().follow(replace(stretch, before=None))
     assert np.abs(alone - recording.strain[first:])[:50].max() > 1.0
 
 

@@ -29,8 +29,8 @@ import pytest
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
-from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
-from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel
 
 ARM = blade_arm()
 PHYSICAL = (PhysicalParameter('bending(j1)', 15.25, 'N m^2', 0.125, True),
@@ -74,19 +74,19 @@ def test_round_trip_through_a_bundle(tmp_path: Path) -> None:
         one, other = before[output]['elastic'], after.models[output]['elastic']
         assert isinstance(other, ElasticModel)
         same(one, other)
-        assert np.array_equal(one.follow(motion, dt), other.follow(motion, dt))
+        assert np.array_equal(one.along(motion, dt), other.along(motion, dt))
 
 
 def test_round_trip_of_all_payloads() -> None:
     """The range of payloads comes back."""
     model = model_of('strain', payload_range=(0.0, 0.4))
-    same(model, elastic_from_dict(elastic_to_dict(model), ARM, 'strain'))
+    same(model, ElasticModel.from_dict(model.to_dict(ARM, 'strain'), ARM, 'strain'))
 
 
 def test_nothing_learned_is_not_saved() -> None:
     """A model without coefficients is refused."""
     with pytest.raises(NotFittedError):
-        elastic_to_dict(ElasticModel(ARM, 'strain'))
+        ElasticModel(ARM, 'strain').to_dict(ARM, 'strain')
 
 
 def _first(key: str, name: str, value: Any) -> Callable[[dict[str, Any]], None]:
@@ -116,16 +116,16 @@ def _coefficient(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
     (lambda content: content.__setitem__('payload_range', [0.1, math.nan]), 'payload range')])
 def test_damage_is_refused(damage: Callable[[dict[str, Any]], None], words: str) -> None:
     """Unknown parameter, channel or column, wrong unit, no number: told, never used."""
-    content = copy.deepcopy(elastic_to_dict(model_of('strain')))
-    elastic_from_dict(content, ARM, 'strain')
+    content = copy.deepcopy(model_of('strain').to_dict(ARM, 'strain'))
+    ElasticModel.from_dict(content, ARM, 'strain')
     damage(content)
     with pytest.raises(ModelError) as caught:
-        elastic_from_dict(content, ARM, 'strain')
+        ElasticModel.from_dict(content, ARM, 'strain')
     assert words in str(caught.value)
 
 
 def test_model_of_an_arm_without_links() -> None:
     """An arm that has lost its links cannot carry the model."""
-    content = elastic_to_dict(model_of('strain'))
+    content = model_of('strain').to_dict(ARM, 'strain')
     with pytest.raises(ModelError, match='links'):
-        elastic_from_dict(content, blade_arm(links=[], motors=[]), 'strain')
+        ElasticModel.from_dict(content, blade_arm(links=[], motors=[]), 'strain')

@@ -24,8 +24,9 @@ import pytest
 
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.fitted import physical_unit, PhysicalParameter
 from tudor_dynamics.models.elastic.live import LiveElastic
-from tudor_dynamics.models.elastic.model import ElasticModel, physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.friction import friction_columns
 
 RATE = 100.0
@@ -59,7 +60,7 @@ def test_strain_is_gain_times_moment_and_offset() -> None:
     strain, _ = recorded(ARM, values, motion[:, :2], RATE, noise=0.0)
     model = model_of('strain', PhysicalParameter('bending(j1)', 14.0, 'N m^2'),
                      PhysicalParameter('payload', 0.3, 'kg'))
-    assert np.array_equal(model.follow(motion, dt), strain)
+    assert np.array_equal(model.along(motion, dt), strain)
     assert model.channels == ('g1', 'g2') and model.values == values
 
 
@@ -71,7 +72,7 @@ def test_effort_is_torque_rotor_and_friction() -> None:
         ('torque', 'Ia(j2)', 'viscous+(j2)', 'viscous-(j2)', 'coulomb+(j2)', 'coulomb-(j2)'))
     motion, dt = moving()
     torque = DrivenArm(ARM).follow(motion[:, :2], dt).torque
-    found = model.follow(motion, dt)
+    found = model.along(motion, dt)
     dq, ddq = motion[:, 2:4], motion[:, 4:]
     fast = np.abs(dq).min(axis=1) > 0.15
     assert fast.sum() > 20
@@ -91,7 +92,7 @@ def test_a_payload_put_in() -> None:
     assert heavy.values == {'bending(j1)': 15.0, 'payload': 0.35}
     assert heavy.coefficients_ is base.coefficients_ and heavy.noise_ is base.noise_
     strain, _ = recorded(ARM, heavy.values, motion[:, :2], RATE, noise=0.0)
-    assert np.array_equal(heavy.follow(motion, dt), strain)
+    assert np.array_equal(heavy.along(motion, dt), strain)
     assert base.values == {'bending(j1)': 15.0}
     twice = heavy.at(0.1)
     assert [p.name for p in twice.physical].count('payload') == 1
@@ -108,11 +109,11 @@ def test_no_prediction_without_a_past() -> None:
     with pytest.raises(FitError, match='memory'):
         model_of().predict(motion)
     with pytest.raises(NotFittedError, match='no coefficients'):
-        ElasticModel(ARM, 'strain').follow(motion, dt)
+        ElasticModel(ARM, 'strain').along(motion, dt)
     with pytest.raises(FitError):
-        model_of().follow(motion[:, :3], dt)
+        model_of().along(motion[:, :3], dt)
     with pytest.raises(ModelError, match='no parameter'):
-        model_of('strain', PhysicalParameter('spring', 1.0, 'N m')).follow(motion, dt)
+        model_of('strain', PhysicalParameter('spring', 1.0, 'N m')).along(motion, dt)
     rigid = blade_arm(links=[], motors=[])
     with pytest.raises(ModelError, match='no links'):
         LiveElastic({'strain': _of(rigid)})
@@ -128,11 +129,11 @@ def test_the_motion_before_counts() -> None:
     """A stretch cut out of a motion: with what was before it, the very values of the whole."""
     motion, dt = moving(4.0)
     model = model_of()
-    whole = model.follow(motion, dt)
+    whole = model.along(motion, dt)
     cut = 150
     before = np.column_stack([dt[:cut], motion[:cut, :2]])
-    assert np.array_equal(model.follow(motion[cut:], dt[cut:], before), whole[cut:])
-    alone = model.follow(motion[cut:], dt[cut:])
+    assert np.array_equal(model.along(motion[cut:], dt[cut:], before), whole[cut:])
+    alone = model.along(motion[cut:], dt[cut:])
     assert np.abs(alone[:50] - whole[cut:cut + 50]).max() > 2.0
 
 
@@ -149,7 +150,7 @@ def test_live_equals_the_whole_motion() -> None:
         for name, values in found.items():
             rows[name].append(values)
     for name, model in models.items():
-        assert np.abs(np.array(rows[name]) - model.follow(motion, dt)).max() < 1e-9
+        assert np.abs(np.array(rows[name]) - model.along(motion, dt)).max() < 1e-9
 
 
 def test_live_begins_anew_after_the_impossible() -> None:
@@ -161,7 +162,7 @@ def test_live_begins_anew_after_the_impossible() -> None:
     wild[0] = 1e9
     assert live.step(0.01, wild) is None
     found = live.step(0.01, motion[2])
-    rested = model_of().follow(motion[2:3], np.zeros(1))
+    rested = model_of().along(motion[2:3], np.zeros(1))
     assert found is not None and np.array_equal(found['strain'], rested[0])
 
 

@@ -31,8 +31,7 @@ from tudor_dynamics.errors import SignalError, SimulationError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic.modes import Vibration, vibrations
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.model import follow_motion
-from tudor_dynamics.models.following import sample_times
+from tudor_dynamics.models.elastic.fitted import follow_motion
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.signals.ringdown import ring_modes, RingMode
 from tudor_dynamics.typing import FloatArray
@@ -150,11 +149,8 @@ def find_ringdowns(
 
 def _simulated(driven: DrivenArm, stretch: Stretch) -> FloatArray | None:
     """Give the moments at the gauges along the measured motion [N m]."""
-    dt = sample_times(stretch)
-    if stretch.before is not None:
-        dt[0] = stretch.since
     try:
-        return follow_motion(driven, stretch.states.q, dt, stretch.before).moment
+        return follow_motion(driven, stretch.states.q, stretch.dt, stretch.before).moment
     except SimulationError:
         return None
 

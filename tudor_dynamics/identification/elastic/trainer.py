@@ -29,8 +29,8 @@ from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.search import identify, Progress
 from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
 from tudor_dynamics.models.elastic.effort import effort_rows
-from tudor_dynamics.models.elastic.model import ElasticModel, follow_motion, PhysicalParameter
-from tudor_dynamics.models.following import sample_times
+from tudor_dynamics.models.elastic.fitted import follow_motion, PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -61,9 +61,6 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
     """
     if stretch.strain is None:
         return None
-    dt = sample_times(stretch)
-    if stretch.before is not None:
-        dt[0] = stretch.since
     skip = int(stretch.decimation.keep[0])
     t = stretch.t - stretch.t[0]
     moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
@@ -71,7 +68,7 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
         skip = max(skip, int(np.searchsorted(t, RUN_IN)))
     if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
         return None
-    return Record(stretch.states.q, dt, stretch.strain, skip, payload, stretch.before)
+    return Record(stretch.states.q, stretch.dt, stretch.strain, skip, payload, stretch.before)
 
 
 def check_arm(arm: Arm) -> None:
@@ -187,6 +184,28 @@ class ElasticTrainer:
         self._all: Sequence[BagData] = ()
         self._done: dict[tuple[str, ...], Identified] = {}
 
+    @staticmethod
+    def check(arm: Arm, bags: Sequence[BagData] | None = None) -> None:
+        """
+        Refuse what no elastic model can be identified from.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm whose description must have links and gauges.
+        bags : sequence of BagData, optional
+            Bags that must have strain.
+
+        Raises
+        ------
+        FitError
+            If the arm or the bags do not allow it.
+
+        """
+        check_arm(arm)
+        if bags is not None:
+            records_of(bags)
+
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
         """
         Fit the model of one output.
@@ -261,10 +280,7 @@ class ElasticTrainer:
             if self.payload_range is not None and bag.payload is not None:
                 driven.set_parameters({'payload': bag.payload})
             for stretch in bag.stretches:
-                dt = sample_times(stretch)
-                if stretch.before is not None:
-                    dt[0] = stretch.since
-                response = follow_motion(driven, stretch.states.q, dt, stretch.before)
+                response = follow_motion(driven, stretch.states.q, stretch.dt, stretch.before)
                 made = effort_rows(self.arm, response, stretch.motion)
                 rows.append([stretch.decimation(columns) for columns in made])
                 assert stretch.effort is not None

@@ -17,25 +17,27 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.elastic.arm import driven_arm
-from tudor_dynamics.models.elastic.model import ElasticModel, physical_unit, PhysicalParameter
-from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_from, plausible
+from tudor_dynamics.models.elastic.fitted import FittedElastic, physical_unit, PhysicalParameter
+from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_of, plausible
 from tudor_dynamics.models.units import output_units
 
+Elastic = TypeVar('Elastic', bound=FittedElastic)
 
-def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
+
+def elastic_to_dict(model: FittedElastic) -> dict[str, Any]:
     """
     Turn a fitted elastic model into plain values.
 
     Parameters
     ----------
-    model : ElasticModel
+    model : FittedElastic
         Model that was fitted.
 
     Returns
@@ -72,12 +74,16 @@ def elastic_to_dict(model: ElasticModel) -> dict[str, Any]:
     return content
 
 
-def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
+def elastic_from_dict(
+    made: type[Elastic], content: dict[str, Any], arm: Arm, output: str,
+) -> Elastic:
     """
     Build an elastic model from plain values.
 
     Parameters
     ----------
+    made : type
+        Class of the model.
     content : dict
         As from `elastic_to_dict`.
     arm : Arm
@@ -87,7 +93,7 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
 
     Returns
     -------
-    ElasticModel
+    FittedElastic
         Model that can predict.
 
     Raises
@@ -105,8 +111,8 @@ def elastic_from_dict(content: dict[str, Any], arm: Arm, output: str) -> Elastic
         if not plausible(physical[-1].value):
             msg = f'parameter {physical[-1].name} is {physical[-1].value:g}, which no fit gives'
             raise ModelError(msg)
-    payloads = payloads_from(content)
-    model = ElasticModel(arm, output, tuple(physical), payload_range=payloads)
+    payloads = payloads_of(content) if 'payload_range' in content else None
+    model = made(arm, output, tuple(physical), payload_range=payloads)
     known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
     for parameter in physical:
         if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):

@@ -22,7 +22,7 @@ import numpy as np
 
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.outputs import live_output
 from tudor_dynamics.typing import FloatArray
 
@@ -41,7 +41,7 @@ class LiveElastic:
 
     Parameters
     ----------
-    models : mapping of str to ElasticModel
+    models : mapping of str to FittedElastic
         Output to model.
     observer : {'off', 'ringing', 'contact'}, default='off'
         Whether measured strain corrects the state, and whether a lasting force at the tip is
@@ -57,7 +57,7 @@ class LiveElastic:
     """
 
     def __init__(
-        self, models: Mapping[str, ElasticModel], observer: str = 'off',
+        self, models: Mapping[str, FittedElastic], observer: str = 'off',
         bandwidth: float = BANDWIDTH,
     ) -> None:
         if observer not in OBSERVERS:
@@ -67,6 +67,7 @@ class LiveElastic:
             msg = 'no elastic model was given'
             raise ModelError(msg)
         self.observer = observer
+        self.observing = observer != 'off'
         self._outputs = {output: live_output(model) for output, model in models.items()}
         first = next(iter(models.values()))
         if any(model.values != first.values for model in models.values()):

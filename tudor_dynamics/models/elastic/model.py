@@ -17,138 +17,67 @@ Elastic model: strain and effort of a flexible arm with its oscillation in them.
 
 Where the analytical model takes the links as rigid, this one lets them bend: the equivalent
 rigid-link system of Gasparetto et al., its joints driven by measured positions through elastic
-gears, carries the oscillation as its own state. What a gauge reads is a gain times the moment that
-bends it, and an offset. What a motor needs is the torque of its gear, the inertia of its rotor and
-friction, each times a coefficient that carries the unit of the effort.
+gears, carries the oscillation as its own state.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import FitError, NotFittedError
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm, Response
-from tudor_dynamics.models.elastic.effort import effort_columns, effort_rows
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
+from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
+from tudor_dynamics.models.elastic.live import LiveElastic
 from tudor_dynamics.models.payload import check_payload
-from tudor_dynamics.models.training import check_motion
+from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
 
-@dataclass(frozen=True)
-class PhysicalParameter:
-    """
-    One physical parameter of an elastic arm.
+class ElasticModel(FittedElastic, Model):
+    """Strain or effort of an elastic arm; see ``FittedElastic`` for what it is made of."""
 
-    Attributes
-    ----------
-    name : str
-        Name, see ``DrivenArm.parameters``.
-    value : float
-        Value in the unit below.
-    unit : str
-        Unit of the value.
-    standard_error : float
-        Standard deviation of the value; NaN where it was not identified [unit].
-    shown : bool
-        Whether the recordings say more about it than the description did.
+    def follow(self, stretch: Stretch) -> FloatArray:
+        """Follow a stretch from rest, or out of the motion just before; see ``Model``."""
+        return self.along(stretch.motion, stretch.dt, stretch.before)
 
-    """
+    def observe(
+        self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
+    ) -> FloatArray:
+        """
+        Predict each sample from the strain measured until the sample before.
 
-    name: str
-    value: float
-    unit: str
-    standard_error: float = float('nan')
-    shown: bool = False
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap, with its strain; without strain it is followed.
+        strain_model : Model, optional
+            Elastic model of the strain that corrects; this one itself where it predicts strain.
+        observer : {'off', 'ringing', 'contact'}
+            Whether measured strain corrects the model.
 
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units; NaN where the model diverged.
 
-UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
-         'gear': 'N m/rad', 'play': 'rad', 'edge': '1', 'tight': 'N m s/rad',
-         'loose': 'N m s/rad', 'alpha': '1/s', 'beta': 's'}
-
-
-def physical_unit(arm: Arm, name: str) -> str:
-    """
-    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its joints.
-    name : str
-        Name of the parameter, such as ``gear(joint2)``.
-
-    """
-    kind, _, rest = name.partition('(')
-    unit = UNITS[kind]
-    if kind in ('gear', 'play', 'tight', 'loose') and arm.is_prismatic(rest.rstrip(')')):
-        return {'gear': 'N/m', 'play': 'm'}.get(kind, 'N s/m')
-    return unit
-
-
-class ElasticModel:
-    """
-    Strain or effort of an elastic arm.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    output : {'effort', 'strain'}
-        What it predicts.
-    physical : tuple of PhysicalParameter
-        Physical parameters that differ from the description.
-    payload_range : (float, float), optional
-        Least and largest payload of the training bags [kg]; None where it was one payload, which
-        is then part of ``physical``.
-
-    Attributes
-    ----------
-    columns : tuple of tuple of str
-        Columns of each channel.
-    coefficients_ : tuple of ndarray, or None
-        Coefficients of each channel on its columns.
-    standard_errors_ : tuple of ndarray, or None
-        Their standard deviations.
-    noise_ : ndarray of shape (n_channels,), or None
-        Standard deviation of what it leaves over of the training data, in their units.
-
-    """
-
-    def __init__(
-        self, arm: Arm, output: str, physical: tuple[PhysicalParameter, ...] = (), *,
-        payload_range: tuple[float, float] | None = None,
-    ) -> None:
-        self.arm = arm
-        self.output = output
-        self.physical = physical
-        self.payload_range = payload_range
-        self.n_joints = len(arm.active_joints)
-        self.coefficients_: tuple[FloatArray, ...] | None = None
-        self.standard_errors_: tuple[FloatArray, ...] | None = None
-        self.noise_: FloatArray | None = None
-        if output == 'strain':
-            self.channels = arm.gauge_names
-            self.columns: tuple[tuple[str, ...], ...] = (
-                ('moment', 'offset'),) * len(self.channels)
-        else:
-            self.channels = arm.active_joints
-            self.columns = effort_columns(arm)
-        self._driven: DrivenArm | None = None
-
-    def __repr__(self) -> str:
-        """Write outputs and the physical parameters that were identified."""
-        state = '' if self.coefficients_ is not None else ', not fitted'
-        found = [f'  {parameter.name} = {parameter.value:.4g} {parameter.unit}'
-                 for parameter in self.physical]
-        return '\n'.join([f'ElasticModel({", ".join(self.channels)}{state})', *found])
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Physical parameters by name, SI units."""
-        return {parameter.name: parameter.value for parameter in self.physical}
+        """
+        strain_model = self if self.output == 'strain' else strain_model
+        if stretch.strain is None or observer == 'off' or strain_model is None:
+            return self.follow(stretch)
+        live = type(strain_model).live({self.output: self, 'strain': strain_model}, observer)
+        motion, dt = stretch.motion, stretch.dt
+        dt[0] = 0.0  # an observer begins anew
+        predicted = np.full((len(motion), len(self.channels)), np.nan)
+        for k in range(len(motion)):
+            values = live.step(float(dt[k]), motion[k])
+            if values is not None:
+                predicted[k] = values[self.output]
+            live.measure(stretch.strain[k])
+        return predicted
 
     def at(self, payload: float) -> ElasticModel:
         """
@@ -179,119 +108,16 @@ class ElasticModel:
         model.noise_ = self.noise_
         return model
 
-    def follow(
-        self, motion: FloatArray, dt: FloatArray, before: FloatArray | None = None,
-    ) -> FloatArray:
-        """
-        Predict the outputs along a gapless motion that begins at rest.
+    @classmethod
+    def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
+        """Let effort and strain share one simulated arm; only with strain it is observed."""
+        return LiveElastic(models, observer if 'strain' in models else 'off')
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s]; the first counts only with ``before``.
-        before : ndarray of shape (n_earlier, 1 + n_joints), optional
-            ``[dt, q]`` of the motion just before, without which oscillations that began there
-            are unknown.
+    def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
+        """Give physical parameters and the coefficients of each channel; see ``Model``."""
+        return elastic_to_dict(self)
 
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        Raises
-        ------
-        NotFittedError
-            If the model has no coefficients yet.
-        FitError
-            If the motion is that of another number of joints.
-        SimulationError
-            If the parameters are impossible for this motion.
-
-        """
-        motion = np.asarray(motion, dtype=float)
-        check_motion(motion, 3 * self.n_joints)
-        if self._driven is None:
-            self._driven = driven_arm(self.arm, self.values)
-        response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
-        return self.outputs(response, motion)
-
-    def predict(self, motion: FloatArray) -> FloatArray:
-        """
-        Refuse: samples without their past have no oscillation.
-
-        Raises
-        ------
-        FitError
-            Always.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]``, of which nothing is used.
-
-        """
-        msg = 'the elastic model has a memory: use follow, with the time between samples'
-        raise FitError(msg)
-
-    def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
-        """
-        Turn moments and torques into outputs.
-
-        Parameters
-        ----------
-        response : Response
-            What gauges and gears feel.
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        """
-        if self.coefficients_ is None:
-            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
-            raise NotFittedError(msg)
-        if self.output == 'strain':
-            gains = np.array(self.coefficients_)
-            return np.asarray(response.moment * gains[:, 0] + gains[:, 1])
-        return np.column_stack([
-            rows @ values for rows, values in
-            zip(effort_rows(self.arm, response, motion), self.coefficients_, strict=True)])
-
-
-def follow_motion(
-    driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
-) -> Response:
-    """
-    Follow a gapless motion from rest.
-
-    Parameters
-    ----------
-    driven : DrivenArm
-        Arm with its parameters.
-    q : ndarray of shape (n_samples, n_joints)
-        Measured positions of the active joints [rad or m].
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    before : ndarray of shape (n_earlier, 1 + n_joints), optional
-        ``[dt, q]`` of the motion just before.
-
-    Returns
-    -------
-    Response
-        At the samples.
-
-    """
-    q, dt = np.asarray(q, dtype=float), np.array(dt, dtype=float)
-    if before is not None and len(before):
-        earlier = before[:, 0].copy()
-        earlier[0] = 0.0
-        driven.follow(before[:, 1:], earlier)
-    else:
-        dt[0] = 0.0
-    return driven.follow(q, dt)
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
+        """Build it from physical parameters and coefficients; see ``Model``."""
+        return elastic_from_dict(cls, content, arm, output)

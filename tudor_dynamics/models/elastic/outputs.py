@@ -22,7 +22,7 @@ import numpy as np
 
 from tudor_dynamics.errors import NotFittedError
 from tudor_dynamics.models.elastic.arm import Response
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.joint_terms import JointTerms
 from tudor_dynamics.typing import FloatArray
 
@@ -30,13 +30,13 @@ LiveOutput = Callable[[Response, FloatArray], FloatArray]
 """Response at one sample and its ``[q, dq, ddq]`` to the outputs, shape (n_channels,)."""
 
 
-def live_output(model: ElasticModel) -> LiveOutput:
+def live_output(model: FittedElastic) -> LiveOutput:
     """
-    Prepare the outputs of a model, the same numbers as ``ElasticModel.outputs`` gives.
+    Prepare the outputs of a model, the same numbers as ``FittedElastic.outputs`` gives.
 
     Parameters
     ----------
-    model : ElasticModel
+    model : FittedElastic
         Model that was fitted.
 
     Returns
@@ -65,7 +65,7 @@ def _strain(coefficients: tuple[FloatArray, ...]) -> LiveOutput:
     return outputs
 
 
-def _effort(model: ElasticModel, coefficients: tuple[FloatArray, ...]) -> LiveOutput:
+def _effort(model: FittedElastic, coefficients: tuple[FloatArray, ...]) -> LiveOutput:
     joints = model.arm.joints
     n = len(joints)
     torque, inertia = np.array([values[:2] for values in coefficients]).T.copy()

@@ -126,7 +126,7 @@ def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresho
     ----------
     bundle : ModelBundle
         Fitted models, with facts of their thresholds.
-    kind : {'analytical', 'elm'}
+    kind : str
         Kind of model; the momentum observer always goes with the analytical one.
 
     Returns

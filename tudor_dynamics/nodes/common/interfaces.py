@@ -16,7 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+
+from tudor_dynamics.models.kinds import KINDS
 
 JOINT_STATES = 'joint_states'
 FILTERED_JOINT_STATES = 'filtered_joint_states'
@@ -64,7 +67,7 @@ class Param:
         Bounds of a number.
     dynamic : bool
         Whether it may change while the node runs.
-    choices : tuple of str
+    choices : collection of str
         Values allowed, for strings.
 
     """
@@ -76,7 +79,7 @@ class Param:
     low: float | None = None
     high: float | None = None
     dynamic: bool = False
-    choices: tuple[str, ...] = ()
+    choices: Collection[str] = ()
 
     def describe(self) -> str:
         """Say what it does, with unit and choices."""
@@ -91,7 +94,7 @@ COMMON = (ROBOT, TIMEOUT)
 COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than this are missing: '
                         'the arm brakes and is held', 's', 0.01, 60.0, dynamic=True)
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
-KIND = Param('kind', 'analytical', 'model that predicts', choices=('analytical', 'elm', 'elastic'))
+KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
                  'nothing, ringing that no motion explains, or also a force at the tip',
                  choices=('off', 'ringing', 'contact'))

@@ -1,0 +1,206 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Models without a memory: what they learn from rows of motion, and how they follow it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
+from typing import Protocol, TypeVar
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.base import Live, Model, Range
+from tudor_dynamics.models.training import block_of, Blocks
+from tudor_dynamics.signals import Stretch
+from tudor_dynamics.typing import FloatArray
+
+Learner = TypeVar('Learner', bound='MemorylessModel')
+
+
+class ModelSettings(Protocol):
+    """What `identification.fit.FitSettings` says of models that are to be fitted."""
+
+    @property
+    def estimator(self) -> str:
+        """Estimator of an analytical model."""
+
+    @property
+    def strain_form(self) -> str:
+        """Where an analytical model takes the bending moment."""
+
+    @property
+    def elm_hidden(self) -> int:
+        """How many neurons are hidden."""
+
+    @property
+    def elm_ridge(self) -> float:
+        """Ridge of the output weights."""
+
+    @property
+    def elm_seed(self) -> int:
+        """Seed of the hidden layer."""
+
+    @property
+    def payloads(self) -> Range | None:
+        """Least and largest payload of the training bags, where they differ [kg]."""
+
+
+class MemorylessModel(Model):
+    """A model whose outputs depend on the motion at their sample alone: it learns from rows."""
+
+    has_memory = False
+
+    @classmethod
+    @abstractmethod
+    def new(cls: type[Learner], arm: Arm, output: str, settings: ModelSettings) -> Learner:
+        """
+        Build a model that is not fitted yet.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm that was recorded.
+        output : {'effort', 'strain'}
+            What the model predicts.
+        settings : ModelSettings
+            Choices of the fit.
+
+        Returns
+        -------
+        MemorylessModel
+            Model to be fitted.
+
+        """
+
+    @abstractmethod
+    def fit_blocks(self: Learner, blocks: Blocks) -> Learner:
+        """
+        Learn from data that come in blocks.
+
+        Parameters
+        ----------
+        blocks : callable
+            Gives the blocks anew at each call.
+
+        Returns
+        -------
+        MemorylessModel
+            Self.
+
+        """
+
+    def fit(self: Learner, motion: FloatArray, output: FloatArray) -> Learner:
+        """
+        Learn from motion and outputs.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, n_inputs)
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2], and the payload [kg] where the model is of all payloads.
+        output : ndarray of shape (n_samples, n_channels)
+            Measured outputs in their units.
+
+        Returns
+        -------
+        MemorylessModel
+            Self.
+
+        Raises
+        ------
+        FitError
+            If shapes do not fit, there are too few samples, or a setting is impossible.
+
+        """
+        return self.fit_blocks(block_of(motion, output))
+
+    @abstractmethod
+    def predict(self, motion: FloatArray) -> FloatArray:
+        """
+        Predict the outputs, each sample by itself.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, n_inputs)
+            As for ``fit``.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        """
+
+    def follow(self, stretch: Stretch) -> FloatArray:
+        """Predict each sample of a stretch by itself; see ``Model``."""
+        return self.predict(stretch.motion)
+
+    def follow_kept(self, stretch: Stretch) -> FloatArray:
+        """Predict the samples that are kept, without those between where no filter needs them."""
+        if stretch.decimation.sos is None:
+            return self.predict(stretch.decimation(stretch.motion))
+        return super().follow_kept(stretch)
+
+    @classmethod
+    def live(
+        cls: type[Learner], models: Mapping[str, Learner], observer: str = 'off',
+    ) -> Live:
+        """Predict row by row; there is no state that an observer could correct."""
+        return RowByRow(models)
+
+
+class RowByRow:
+    """
+    Models without a memory, sample by sample; see ``Live``.
+
+    Parameters
+    ----------
+    models : mapping of str to MemorylessModel
+        Output to model.
+
+    """
+
+    observing = False
+
+    def __init__(self, models: Mapping[str, MemorylessModel]) -> None:
+        self._models = models
+
+    def measure(self, strain: FloatArray) -> None:
+        """Take a strain that corrects nothing."""
+
+    def step(
+        self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
+    ) -> dict[str, FloatArray]:
+        """
+        Predict one sample.
+
+        Parameters
+        ----------
+        dt : float
+            Time since the sample before, which counts for nothing [s].
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        wanted : collection of str, optional
+            Outputs that somebody needs; all by default.
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_channels,)
+            Output to values in its units.
+
+        """
+        rows = row[None]
+        return {output: model.predict(rows)[0] for output, model in self._models.items()
+                if wanted is None or output in wanted}
