@@ -48,7 +48,7 @@ STARTED = 15.0
 PUBLISHERS = {'joint_states': 'arm_simulator', 'link_strains': 'arm_simulator',
               'joint_reference': 'reference_generator'}
 """Who publishes what is recorded with stamps."""
-SPAN = 10
+SPAN = 5
 """Samples over which the speed of the arm is taken."""
 ROUNDING = 1e-3
 """Of encoders [rad], and of what is compared with a limit."""
@@ -303,12 +303,16 @@ def ended(observed: Observed) -> Line:
                 not bad)
 
 
-def speeds_at(joints: Track, arrival: FloatArray) -> FloatArray:
-    """Give how fast the joints were at some times of arrival, over 20 ms [rad/s]."""
-    after = np.clip(np.searchsorted(joints.arrival, arrival), SPAN, len(joints.arrival) - 1)
-    way = joints.values[after] - joints.values[after - SPAN]
-    time = (joints.stamp[after] - joints.stamp[after - SPAN]) * 1e-9
-    return np.asarray(way / np.maximum(time, 1e-6)[:, np.newaxis])
+def speeds_at(joints: Track, arrival: FloatArray, period: float) -> FloatArray:
+    """Give how fast the joints were at some times of arrival, over samples without a gap [rad/s]."""
+    last = len(joints.arrival) - 1
+    end = np.clip(np.searchsorted(joints.arrival, arrival), SPAN, last)
+    begin = end - SPAN
+    broken = (joints.stamp[end] - joints.stamp[begin]) * 1e-9 > 2.0 * SPAN * period
+    begin, end = (np.where(broken, end, begin), np.where(broken, np.minimum(end + SPAN, last), end))
+    time = (joints.stamp[end] - joints.stamp[begin]) * 1e-9
+    way = joints.values[end] - joints.values[begin]
+    return np.asarray(way / np.maximum(time, period)[:, np.newaxis])
 
 
 def enveloped(observed: Observed) -> list[Line]:
@@ -321,7 +325,7 @@ def enveloped(observed: Observed) -> list[Line]:
     speed = envelope.speed(command[finite])
     arrival = commands.arrival[finite]
     size, allowed = envelope.steps(command[finite], arrival, observed.period,
-                                   speeds_at(joints, arrival))
+                                   speeds_at(joints, arrival, observed.period))
     silent = np.diff(arrival) > envelope.stop.timeout
     step, again = (float(np.max((size / allowed)[chosen], initial=0.0))
                    for chosen in (~silent, silent))
