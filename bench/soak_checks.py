@@ -304,12 +304,13 @@ def ended(observed: Observed) -> Line:
 
 
 def speeds_at(joints: Track, arrival: FloatArray, period: float) -> FloatArray:
-    """Give how fast the joints were at some times of arrival, over samples without a gap [rad/s]."""
+    """Give how fast the joints were at times of arrival, over samples without a gap [rad/s]."""
     last = len(joints.arrival) - 1
     end = np.clip(np.searchsorted(joints.arrival, arrival), SPAN, last)
     begin = end - SPAN
     broken = (joints.stamp[end] - joints.stamp[begin]) * 1e-9 > 2.0 * SPAN * period
-    begin, end = (np.where(broken, end, begin), np.where(broken, np.minimum(end + SPAN, last), end))
+    begin, end = (np.where(broken, end, begin),
+                  np.where(broken, np.minimum(end + SPAN, last), end))
     time = (joints.stamp[end] - joints.stamp[begin]) * 1e-9
     way = joints.values[end] - joints.values[begin]
     return np.asarray(way / np.maximum(time, period)[:, np.newaxis])
