@@ -21,6 +21,7 @@ on one line and exits with code 2.
 
 from __future__ import annotations
 
+from pathlib import Path
 
 MAX_MESSAGE = 1500
 """Characters of a message; names and values that it repeats may have any number."""
@@ -39,20 +40,52 @@ def printable(text: str) -> str:
     return ''.join(char if char.isprintable() else '?' for char in text)
 
 
+def _one_line(text: str) -> str:
+    return printable(' '.join(text.split()))
+
+
 class TudorError(Exception):
     """
     Base of every error that this package raises on purpose.
 
+    Its text is ``place: cause; remedy``, on one line of bounded length without control
+    characters. Programs read the attributes, never the text.
+
     Parameters
     ----------
-    message : str
-        What was found; put on one line of bounded length, without control characters.
+    cause : str
+        What was found, and what was expected.
+    place : str or Path, optional
+        File, bag or part of them that the cause was found in.
+    remedy : str, optional
+        What to do.
 
     """
 
-    def __init__(self, message: str = '') -> None:
-        text = printable(' '.join(message.split()))
+    def __init__(
+        self, cause: str = '', *, place: str | Path | None = None, remedy: str = '',
+    ) -> None:
+        self.cause, self.place, self.remedy = _one_line(cause), place, _one_line(remedy)
+        text = _one_line(self.advice if place is None else f'{place}: {self.advice}')
         super().__init__(text if len(text) <= MAX_MESSAGE else f'{text[:MAX_MESSAGE]}...')
+
+    @property
+    def advice(self) -> str:
+        """Cause and remedy without the place, for where that is known."""
+        return '; '.join(part for part in (self.cause, self.remedy) if part)
+
+    def at(self, place: str | Path) -> TudorError:
+        """
+        Give the same error with a place; unchanged where it has one.
+
+        Parameters
+        ----------
+        place : str or Path
+            What was being read when it was raised.
+
+        """
+        return self if self.place is not None else type(self)(
+            self.cause, place=place, remedy=self.remedy)
 
 
 class ArmError(TudorError, ValueError):

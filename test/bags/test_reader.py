@@ -110,6 +110,20 @@ def test_absent_fields_and_topics_are_none(tmp_path):
         read_recording(bag, make_arm(), need_output=True)
 
 
+def test_only_what_is_absent_counts_as_a_reason(tmp_path):
+    """A gauge that stands still is odd, but not why there are no strains; the other's topic is."""
+    topics = ('blade_1', 'blade_2')
+    arm = make_arm(gauges=[{'name': gauge, 'joint': joint, 'distance': 0.05, 'topic': topic}
+                           for gauge, joint, topic in zip(GAUGES, JOINTS, topics, strict=True)])
+    bag = make_bag(tmp_path / 'b', joint_states(velocity=None, effort=None), joint_states(
+        topic='/blade_1', names=GAUGES[:1], position=np.ones((300, 1)), velocity=None,
+        effort=None))
+    with pytest.warns(TudorWarning, match='never changes'), pytest.raises(BagError) as caught:
+        read_recording(bag, arm, need_output=True)
+    assert 'no topic blade_2' in caught.value.cause and 'never' not in caught.value.cause
+    assert caught.value.place == str(bag) and str(caught.value).startswith(f'{bag}: neither')
+
+
 def test_velocity_in_some_messages_is_not_used(tmp_path):
     """Velocities that come and go are left to differentiation."""
     data = (joint_states(times()[:200]).encode()

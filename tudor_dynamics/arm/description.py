@@ -59,7 +59,7 @@ def validation_message(err: ValidationError) -> str:
     parts = []
     for item in err.errors(include_url=False):
         where = '.'.join(str(part) for part in item['loc']) or 'top level'
-        text = item['msg'].removeprefix('Value error, ')
+        text = str(item.get('ctx', {}).get('error', item['msg']))
         if item['type'] == 'extra_forbidden':
             text = 'unknown key (misspelt?)'
         found = item.get('input')

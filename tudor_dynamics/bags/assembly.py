@@ -92,9 +92,9 @@ class Assembly:
 
         """
         if name not in self.topics:
-            msg = (f'{self.path}: topic {name} is of type {self.bag.topics[name].msgtype}, '
+            msg = (f'topic {name} is of type {self.bag.topics[name].msgtype}, '
                    f'expected {JOINT_STATE}; name another topic in the arm description')
-            raise BagError(msg)
+            raise BagError(msg, place=self.path)
         return self.topics[name]
 
     def ordered(self, stream: Stream, *, count: bool = True) -> tuple[Stream, NDArray[np.bool_]]:
@@ -112,10 +112,10 @@ class Assembly:
         order = increasing(stream.stamp)
         lost = order.duplicate + order.backward
         if lost and 2 * lost >= len(stream.stamp):
-            msg = (f'{self.path}: the stamps of {stream.what} do not increase '
+            msg = (f'the stamps of {stream.what} do not increase '
                    f'({order.duplicate} duplicate, {order.backward} backward of '
                    f'{len(stream.stamp)}); check the clock of the publisher and record again')
-            raise BagError(msg)
+            raise BagError(msg, place=self.path)
         if count:
             for cause, number in (('duplicate_stamp', order.duplicate),
                                   ('backward_stamp', order.backward)):
@@ -132,19 +132,19 @@ class Assembly:
         if name is None:
             others = sorted(topic for topic, info in self.bag.topics.items()
                             if info.msgtype == JOINT_STATE)
-            msg = (f'{path}: no topic {plan.joint_topic}; ' + (
+            msg = (f'no topic {plan.joint_topic}; ' + (
                 f'{JOINT_STATE} is on {", ".join(others)}: correct joint_topic in the arm '
                 'description' if others else
                 f'no topic has the type {JOINT_STATE}: record the joint states'))
-            raise BagError(msg)
+            raise BagError(msg, place=self.path)
         states = self.states(name)
         if not len(states.stamp):
-            msg = f'{path}: no messages in {name}; record again with the driver running'
-            raise BagError(msg)
+            msg = f'no messages in {name}; record again with the driver running'
+            raise BagError(msg, place=self.path)
         check_lengths(states, plan.joints, path)
         stream, index = select(states, plan.joints, 'position', self.clock[name])
         if not len(index):
-            raise BagError(self._names_message(states))
+            raise BagError(self._names_message(states), place=self.path)
         partial = len(self._touching(states)) - len(index)
         if partial:
             self.dropped['incomplete'] += partial
@@ -162,9 +162,9 @@ class Assembly:
         wanted = list(self.plan.joints)
         missing = [name for name in wanted if name not in found]
         if missing:
-            return (f'{self.path}: joints {missing} are not in {states.topic}; it has {found}, '
+            return (f'joints {missing} are not in {states.topic}; it has {found}, '
                     f'the arm description wants {wanted}: correct joints[].name')
-        return (f'{self.path}: no message in {states.topic} has positions of all joints {wanted} '
+        return (f'no message in {states.topic} has positions of all joints {wanted} '
                 f'(names in the topic: {found}); publish them in one message')
 
     def _velocity(self, states: JointStates, rows: NDArray[np.intp]) -> FloatArray | None:
@@ -216,9 +216,9 @@ class Assembly:
                 return None
             values[:, columns], inside = interpolate(motion.stamp, stream.stamp, stream.values)
             if not inside.any():
-                msg = (f'{self.path}: {stream.what} has no sample at the time of any joint '
+                msg = (f'{stream.what} has no sample at the time of any joint '
                        'state; let both publishers stamp with the same clock')
-                raise BagError(msg)
+                raise BagError(msg, place=self.path)
             found &= inside
             own, other = np.median(np.diff(stream.stamp)), np.median(np.diff(motion.stamp))
             if own > 1.5 * other:
@@ -230,7 +230,7 @@ class Assembly:
         who = ', '.join(names)
         topic = resolve(wanted, self.bag.topics, self.path)
         if topic is None:
-            self.notes.add(f'no topic {wanted} ({field} of {who})')
+            self.notes.add(f'no topic {wanted} ({field} of {who})', lacking=True)
             return None
         states = self.states(topic)
         check_lengths(states, names, self.path)
@@ -239,16 +239,17 @@ class Assembly:
             present = sorted({name for block in states.blocks for name in block.layout.names
                               if block.layout.fields[field][1]})
             self.notes.add(f'no {field} of {who} in {topic}, ' + (
-                f'which has it of {", ".join(present)}' if present else 'the field is empty'))
+                f'which has it of {", ".join(present)}' if present else 'the field is empty'),
+                lacking=True)
             return None
         joint_topic = resolve(self.plan.joint_topic, self.bag.topics, self.path)
         # Stamps of the joint states' own topic were counted with the positions.
         stream, _ = self.ordered(stream, count=topic != joint_topic)
         if len(stream.stamp) < 2:
-            self.notes.add(f'only one message with {stream.what} of {who}')
+            self.notes.add(f'only one message with {stream.what} of {who}', lacking=True)
             return None
         if not np.isfinite(stream.values).any():
-            self.notes.add(f'{stream.what} is NaN throughout')
+            self.notes.add(f'{stream.what} is NaN throughout', lacking=True)
             return None
         stream = check_finite(stream, self.notes, self.path)
         spans = np.nanmax(stream.values, axis=0) - np.nanmin(stream.values, axis=0)

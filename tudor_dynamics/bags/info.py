@@ -232,7 +232,7 @@ def _verdict(
         found = assemble(bag, topics, plan, notes, need_output=True, need_motion=True,
                          checksum=False)
     except BagError as err:
-        return nothing | {'verdict': f'nothing: {str(err).removeprefix(f"{bag.path}: ")}'}
+        return nothing | {'verdict': f'nothing: {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
               if values is not None]
     lacking = {'effort': '; no efforts', 'strain': '; no strains'}

@@ -79,8 +79,7 @@ def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
     try:
         blocks = decode(raw.data, joint_state_layout, raw.topic)
     except BagError as err:
-        msg = f'{path}: {err}'
-        raise BagError(msg) from None
+        raise err.at(path) from None
     stamp = np.zeros(len(raw.data), dtype=np.int64)
     for block in blocks:
         stamp[block.index] = block.stamp
@@ -131,16 +130,16 @@ def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
         layout = block.layout
         if not set(names) & set(layout.names):
             continue
-        where = f'{path}: topic {states.topic}, message {block.index[0]}'
+        where = f'topic {states.topic}, message {block.index[0]}'
         for field in FIELDS:
             size = layout.fields[field][1]
             if size not in (0, len(layout.names)):
                 msg = (f'{where}: {field} has {size} values for {len(layout.names)} names; a '
                        'JointState array has the length of name or is empty: repair the '
                        'publisher and record again')
-                raise BagError(msg)
+                raise BagError(msg, place=path)
         for name in names:
             if layout.names.count(name) > 1:
                 msg = (f'{where}: {name!r} stands in name {layout.names.count(name)} times; '
                        'repair the publisher and record again')
-                raise BagError(msg)
+                raise BagError(msg, place=path)

@@ -32,14 +32,22 @@ class Notes:
     quiet : bool
         Collect the notes only, and warn of none.
 
+    Attributes
+    ----------
+    texts : list of str
+        All notes, in the order in which they were made.
+    lacking : list of str
+        Those that say why efforts or strains are not there.
+
     """
 
     def __init__(self, path: str, *, quiet: bool = False) -> None:
         self.path = path
         self.texts: list[str] = []
+        self.lacking: list[str] = []
         self._quiet = quiet
 
-    def add(self, text: str) -> None:
+    def add(self, text: str, *, lacking: bool = False) -> None:
         """
         Note an oddity, once.
 
@@ -47,10 +55,14 @@ class Notes:
         ----------
         text : str
             One sentence without the path.
+        lacking : bool
+            Whether efforts or strains are not there for this reason.
 
         """
         if text in self.texts:
             return
         self.texts.append(text)
+        if lacking:
+            self.lacking.append(text)
         if not self._quiet:
             warnings.warn(f'{self.path}: {text}', TudorWarning, stacklevel=3)

@@ -139,8 +139,7 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
     except BagError as err:
         if not files:
             raise
-        cause = str(err).removeprefix(f'{path}: ').rpartition(';')[0]
-        notes.add(f'{METADATA} cannot be used: {cause}; read '
+        notes.add(f'{METADATA} cannot be used: {err.cause}; read '
                   f'{", ".join(file.name for file in files)} in the order of their names')
         return _open_files(path, files, notes)
     if metadata.doubled:

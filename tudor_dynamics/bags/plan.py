@@ -135,7 +135,7 @@ def resolve(name: str, topics: Mapping[str, TopicInfo], path: str) -> str | None
     found = sorted(topic for topic, info in topics.items()
                    if topic.endswith(f'/{relative}') and info.msgtype == JOINT_STATE)
     if len(found) > 1:
-        msg = (f'{path}: topic {name} is in several namespaces ({", ".join(found)}); write one '
+        msg = (f'topic {name} is in several namespaces ({", ".join(found)}); write one '
                'of them in full in the arm description')
-        raise BagError(msg)
+        raise BagError(msg, place=path)
     return found[0] if found else None

@@ -146,10 +146,10 @@ def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
         if recording.dq is not None:
             suspects += _check_velocity(recording, column, name, slides, notes)
     if suspects:
-        msg = (f'{recording.path}: looks like degrees ({"; ".join(suspects[:4])}); JointState is '
+        msg = (f'looks like degrees ({"; ".join(suspects[:4])}); JointState is '
                'in rad and rad/s: multiply by pi/180 and record again, or correct type and '
                'limits in the arm description if the joint really moves so')
-        raise BagError(msg)
+        raise BagError(msg, place=recording.path)
 
 
 def _speed(recording: Recording, column: int) -> float:

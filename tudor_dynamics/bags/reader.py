@@ -92,9 +92,9 @@ def assemble(
     stamp = motion.stamp[rows]
     duration = (stamp[-1] - stamp[0]) * 1e-9 if len(stamp) else 0.0
     if len(rows) < MIN_SAMPLES or duration < MIN_DURATION:
-        msg = (f'{bag.path}: too short: {len(rows)} usable samples in {duration:.3g} s, at least '
+        msg = (f'too short: {len(rows)} usable samples in {duration:.3g} s, at least '
                f'{MIN_SAMPLES} samples and {MIN_DURATION:g} s are needed; record longer')
-        raise BagError(msg)
+        raise BagError(msg, place=bag.path)
     recording = Recording(
         str(bag.path), stamp, motion.values[rows], None if dq is None else dq[rows],
         None if effort is None else effort.values[rows],
@@ -130,19 +130,18 @@ def _check_use(
     if not any(moving):
         text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
         if need_motion:
-            msg = f'{recording.path}: {text}; nothing can be learned, record a motion'
-            raise BagError(msg)
+            msg = f'{text}; nothing can be learned, record a motion'
+            raise BagError(msg, place=recording.path)
         notes.add(text)
     elif not all(moving):
         still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]
         notes.add(f'{", ".join(still)} does not move')
     if need_output and recording.effort is None and recording.strain is None:
-        reasons = '; '.join(text for text in notes.texts if text.startswith(
-            ('no topic', 'no effort', 'no position', 'effort in', 'position in', 'only one')))
-        msg = (f'{recording.path}: neither efforts nor strains ({reasons or "none described"}); '
-               'nothing can be learned: correct effort.topic or gauges[].topic in the arm '
-               'description, or record them')
-        raise BagError(msg)
+        reasons = '; '.join(notes.lacking)
+        msg = (f'neither efforts nor strains ({reasons or "none described"}); nothing can be '
+               'learned: correct effort.topic or gauges[].topic in the arm description, or '
+               'record them')
+        raise BagError(msg, place=recording.path)
 
 
 def read_recording(
@@ -252,8 +251,7 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches |
     try:
         blocks = decode(raw.data, wrench_layout, name)
     except BagError as err:
-        msg = f'{path}: {err}'
-        raise BagError(msg) from None
+        raise err.at(path) from None
     if not blocks:
         return None
     order = np.argsort(np.concatenate([block.index for block in blocks]))

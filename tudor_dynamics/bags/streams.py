@@ -142,10 +142,10 @@ def choose_clock(
         return {name: states.stamp for name, states in topics.items()}
     for name, states in topics.items():
         if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
-            msg = (f'{path}: all header stamps in {", ".join(unset)} are zero and the log times '
+            msg = (f'all header stamps in {", ".join(unset)} are zero and the log times '
                    f'in {name} do not increase; let the publisher set header.stamp and record '
                    'again')
-            raise BagError(msg)
+            raise BagError(msg, place=path)
     notes.add(f'all header stamps in {", ".join(unset)} are zero; log times are used, which '
               'include the delays of the network')
     return {name: states.log_time for name, states in topics.items()}
@@ -187,8 +187,8 @@ def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
     text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite{large}: {who}, the first '
             f'at {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
-        msg = f'{path}: {text}; repair the driver or leave this channel out, and record again'
-        raise BagError(msg)
+        msg = f'{text}; repair the driver or leave this channel out, and record again'
+        raise BagError(msg, place=path)
     notes.add(f'{text}; left out')
     return Stream(stream.what, stream.names, stream.stamp,
                   np.where(bad, np.nan, stream.values))

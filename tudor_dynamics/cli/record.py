@@ -33,8 +33,8 @@ from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.loop.campaign import (
-    steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult, StimulusSpec)
-from tudor_dynamics.simulation.loop.campaign_pool import record_stimuli
+    record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
+    StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
 from tudor_dynamics.simulation.loop.drive import Imperfections
 import yaml

@@ -287,11 +287,10 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         models = {output: {kind: _model(own, output, kind, content, arrays)
                            for kind, content in kinds.items()}
                   for output, kinds in head['outputs'].items()}
+    except ModelError as err:
+        raise err.at(path) from None
     except TudorError as err:
-        if str(err).startswith(str(path)):
-            raise
-        msg = f'{path}: {err}'
-        raise ModelError(msg) from None
+        raise ModelError(err.advice, place=err.place or path) from None
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError,
             ValidationError) as err:
         msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'

@@ -93,8 +93,7 @@ def load_yaml(text: str | bytes, file: Path) -> Any:
     try:
         return bounded_yaml.load_yaml(text)
     except ValueError as err:
-        msg = f'{file}: {err}; fit the model again'
-        raise ModelError(msg) from None
+        raise ModelError(str(err), place=file, remedy='fit the model again') from None
 
 
 def sha256(data: bytes) -> str:
@@ -142,21 +141,21 @@ def load_npz(data: bytes, file: Path) -> dict[str, FloatArray]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             if sum(item.file_size for item in archive.infolist()) > MAX_BYTES['elm.npz']:
-                msg = f'{file}: unpacks to more than a model can have'
-                raise ModelError(msg)
+                msg = 'unpacks to more than a model can have'
+                raise ModelError(msg, place=file)
         with np.load(io.BytesIO(data), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     except ModelError:
         raise
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, MemoryError, RuntimeError,
             TypeError, ValueError) as err:
-        msg = f'{file}: no archive of numbers ({err}); fit the model again'
-        raise ModelError(msg) from None
+        msg = f'no archive of numbers ({err}); fit the model again'
+        raise ModelError(msg, place=file) from None
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype.kind not in 'fiu':
-            msg = (f'{file}: no archive of numbers ({name[:100]!r} holds others); fit the model '
+            msg = (f'no archive of numbers ({name[:100]!r} holds others); fit the model '
                    'again')
-            raise ModelError(msg)
+            raise ModelError(msg, place=file)
     return {name: array.astype(float) for name, array in arrays.items()}
 
 
@@ -186,8 +185,8 @@ def read_file(path: Path, name: str) -> bytes:
     try:
         return files.read_bounded(file, MAX_BYTES[name])
     except OSError as err:
-        msg = f'{file}: cannot be read ({err.strerror}); expected a model bundle of tudor fit'
-        raise ModelError(msg) from None
+        msg = f'cannot be read ({err.strerror}); expected a model bundle of tudor fit'
+        raise ModelError(msg, place=file) from None
 
 
 def write_directory(content: dict[str, bytes], path: Path) -> None:
@@ -210,8 +209,8 @@ def write_directory(content: dict[str, bytes], path: Path) -> None:
     try:
         files.write_directory(path, content)
     except OSError as err:
-        msg = f'{path}: cannot be written ({err.strerror or err}); choose another place'
-        raise ModelError(msg) from None
+        msg = f'cannot be written ({err.strerror or err}); choose another place'
+        raise ModelError(msg, place=path) from None
 
 
 def sealed(content: dict[str, Any]) -> bytes:

@@ -191,8 +191,8 @@ class StrainRegressor:
             msg = f'strain form {form!r}; expected one of {STRAIN_FORMS}'
             raise ArmError(msg)
         if not arm.gauges:
-            msg = f'{arm.source}: the arm has no gauges, so there is no strain to model'
-            raise ArmError(msg)
+            msg = 'the arm has no gauges, so there is no strain to model'
+            raise ArmError(msg, place=arm.source)
         self.channels = arm.gauge_names
         self.form = form
         model = arm.gauge_model if form == 'exact' else arm.model
@@ -200,9 +200,9 @@ class StrainRegressor:
                    else tuple(gauge.joint for gauge in arm.gauges))
         missing = [name for name in outputs if not model.existJointName(name)]
         if missing:
-            msg = (f"{arm.source}: the paper's strain form needs the joint before each gauge to "
-                   f'be active; {missing} are not: use --strain-form exact')
-            raise ArmError(msg)
+            msg = ("the paper's strain form needs the joint before each gauge to be active; "
+                   f'{missing} are not')
+            raise ArmError(msg, place=arm.source, remedy='use --strain-form exact')
         self._model = model
         self._data = model.createData()
         self._joint_index = np.array([model.joints[model.getJointId(name)].idx_v

@@ -27,8 +27,8 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.stages import RECORDING, Stages
-from tudor_dynamics.simulation.loop.campaign import stimulus_seeds, StimulusSpec
-from tudor_dynamics.simulation.loop.campaign_pool import record_stimuli
+from tudor_dynamics.simulation.loop.campaign import (
+    record_stimuli, stimulus_seeds, StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
 
 QUICK_KINDS = ('analytical', 'elm')

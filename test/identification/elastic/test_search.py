@@ -128,7 +128,6 @@ def test_two_payloads_at_once() -> None:
     moments = problem.moments(center)
     assert moments is not None
     assert problem.errors(moments, center).std(axis=0) == pytest.approx([NOISE, NOISE], rel=0.1)
-    problem.close()
 
 
 def test_coordinates_and_back() -> None:
@@ -169,7 +168,6 @@ def test_jacobian_is_that_of_the_residual() -> None:
         moved[1][i] -= 1e-3
         column = (problem.residual(moved[0]) - problem.residual(moved[1])) / 2e-3
         assert np.linalg.norm(jacobian[:, i] - column) < 0.02 * np.linalg.norm(column), names[i]
-    problem.close()
 
 
 def test_outliers_count_little() -> None:

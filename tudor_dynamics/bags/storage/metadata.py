@@ -88,8 +88,7 @@ def read_metadata(directory: Path) -> Metadata:
         cause = f'no key {err}'
     except (AttributeError, TypeError, ValueError) as err:
         cause = ' '.join(str(err).split())[:300]
-    msg = f'{directory}: {cause}; check the bag with `ros2 bag info`'
-    raise BagError(msg)
+    raise BagError(cause, place=directory, remedy='check the bag with `ros2 bag info`')
 
 
 def _checked(directory: Path, information: dict[str, Any]) -> Metadata:

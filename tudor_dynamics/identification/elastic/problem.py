@@ -24,7 +24,6 @@ projection, Golub and Pereyra 1973, with Kaufman's Jacobian), so that only physi
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 import os
 import queue
@@ -36,6 +35,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.models.elastic.arm import INNER_STEP
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
+from tudor_dynamics.parallel import in_threads
 from tudor_dynamics.typing import FloatArray
 
 STEP = 1e-4
@@ -102,26 +102,13 @@ class Problem:
         self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
         self.inner = inner
         self.runs = 0
-        count = max(1, min(8, len(os.sched_getaffinity(0))))
-        self._pool = ThreadPoolExecutor(count)
+        self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
         self._arms: queue.SimpleQueue[CorrectedArm] = queue.SimpleQueue()
-        for _ in range(count + 1):
+        for _ in range(self._threads + 1):
             self._arms.put(CorrectedArm(arm))
         self._last: tuple[FloatArray, FloatArray | None] | None = None
         self._towards: list[tuple[FloatArray, FloatArray]] | None = None
         self._gains: FloatArray | None = None
-
-    def __enter__(self) -> Problem:
-        """Give the problem itself."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End the workers."""
-        self.close()
-
-    def close(self) -> None:
-        """End the workers."""
-        self._pool.shutdown()
 
     @contextmanager
     def _borrowed(self) -> Iterator[CorrectedArm]:
@@ -328,7 +315,7 @@ class Problem:
             there = self._simulate(moved)
             return np.zeros_like(here) if there is None else (there - here) / STEP
 
-        return np.array(list(self._pool.map(one, range(len(x)))))
+        return np.array(in_threads(one, range(len(x)), self._threads))
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """

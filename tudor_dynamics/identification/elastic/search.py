@@ -128,16 +128,16 @@ def identify(
     else:
         compared = compare_starts(arm, records, names, center, width, progress)
         x, starts, runs = compared.x, compared.compared, compared.runs
-        with Problem(arm, _some(records), names, {}, center, width) as part:
-            x = descend(part, x, FIRST, lambda k: progress(
-                f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
-            runs += part.runs
-    with Problem(arm, records, names, {}, center, width) as whole:
-        # From parameters that are nearly right, what draws the arm need not be renewed.
-        stages = LAST if warm is None else LAST[1:]
-        x = descend(whole, x, stages, lambda k: progress(
-            f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
-        return result_of(whole, x, starts, runs)
+        part = Problem(arm, _some(records), names, {}, center, width)
+        x = descend(part, x, FIRST, lambda k: progress(
+            f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
+        runs += part.runs
+    whole = Problem(arm, records, names, {}, center, width)
+    # From parameters that are nearly right, what draws the arm need not be renewed.
+    stages = LAST if warm is None else LAST[1:]
+    x = descend(whole, x, stages, lambda k: progress(
+        f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
+    return result_of(whole, x, starts, runs)
 
 
 def _some(records: Sequence[Record]) -> list[Record]:

@@ -122,7 +122,6 @@ def compare_starts(
         moments = scan.moments(x)
         found.append(-np.inf if moments is None else fit_percent(
             scan.errors(moments, x), scan.strain))
-    scan.close()
     values = np.array(found)
     if not np.isfinite(values).any():
         msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
@@ -147,7 +146,6 @@ def compare_starts(
         part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
         x[index] = improve(part, x[index], 8)
         moments = part.moments(x[index])
-        part.close()
         runs += part.runs
         reached = -np.inf if moments is None else fit_percent(
             part.errors(moments, x[index]), part.strain)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference
 from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop, Signals, with_payload
@@ -198,6 +199,44 @@ def record_stimulus(
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
     write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
     return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
+
+
+def _record_piece(piece: tuple[str, StimulusSpec, str], count: Count) -> StimulusResult:
+    source, spec, path = piece
+    return record_stimulus(load_arm(source), spec, Path(path), count)
+
+
+def record_stimuli(
+    source: str | Path,
+    specs: Sequence[StimulusSpec],
+    paths: Sequence[Path],
+    jobs: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[StimulusResult]:
+    """
+    Simulate and record several stimuli.
+
+    Parameters
+    ----------
+    source : str or Path
+        Arm description; each process reads it.
+    specs : sequence of StimulusSpec
+        What to record.
+    paths : sequence of Path
+        Directory of each bag; must not exist.
+    jobs : int
+        Number of processes; it makes no difference to the bags.
+    progress : callable, optional
+        Told the number of simulation steps done so far, all stimuli together.
+
+    Returns
+    -------
+    list of StimulusResult
+        What was done, in the order of ``specs``.
+
+    """
+    pieces = [(str(source), spec, str(path)) for spec, path in zip(specs, paths, strict=True)]
+    return in_processes(_record_piece, pieces, jobs, progress)
 
 
 def steps_per_message(dt: float, rate: float) -> int:

@@ -36,7 +36,7 @@ from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.simulation.loop import drive as dr
 from tudor_dynamics.simulation.loop.drive import drive_row, Imperfections
 from tudor_dynamics.simulation.loop.kernel import (
-    ControlTables, MISSING, NO_FAULT, PlantTables, run_loop, SensorTables, STUCK)
+    ControlTables, DrivenPlant, MISSING, NO_FAULT, run_loop, SensorTables, STUCK)
 from tudor_dynamics.simulation.loop.pushes import Push, push_table
 from tudor_dynamics.simulation.loop.sensors import drive_sensor_row, gauge_rows
 from tudor_dynamics.simulation.loop.signals import Signals, with_payload
@@ -109,18 +109,13 @@ class ClosedLoop:
                     if item.joint in arm.active_joints] if damping != 0.0 else []
         self.damper = Damper(settings, self.dt)
         n, count, gauges = len(index), len(settings), len(arm.gauges)
-        plant = self.plant
-        self._plant = PlantTables(
-            plant._vectors, plant._matrices, plant._settings, plant._prescribed, plant._torque,
-            plant._motion, plant._base, plant._wrench, plant._columns, plant._owner,
-            plant._inertias, plant._moving, plant._reaction, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, np.zeros(mechanism.size), index,
-            np.zeros((mechanism.points, 6)))
+        self._plant = DrivenPlant(self.plant.tables, index, np.zeros((mechanism.points, 6)),
+                                  np.zeros(mechanism.size))
         self._sensors = SensorTables(
             self._drive, np.zeros((n, dr.STATES)),
             np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
-            gauge_rows(arm, probe, imperfections), probe._bodies, probe._places,
-            probe._loads, np.zeros(gauges, dtype=np.int64),
+            gauge_rows(arm, probe, imperfections), probe.bodies, probe.places,
+            probe.loads, np.zeros(gauges, dtype=np.int64),
             1.0 - math.exp(-2.0 * math.pi * arm.spec.preprocessing.velocity_cutoff * self.dt),
             np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
         self._control = ControlTables(
@@ -188,7 +183,7 @@ class ClosedLoop:
         torque = np.zeros(len(plant.mechanism.joints))
         torque[self._joints] = need
         plant.start_torque(torque)
-        plant._settings[gen.PEAK] = AT_REST
+        plant.tables.settings[gen.PEAK] = AT_REST
         state[:] = 0.0
         state[:, dr.ANGLE], state[:, dr.GEAR] = wanted, load
         state[:, dr.CURRENT] = load / self._drive[:, dr.TORQUE]
@@ -306,9 +301,7 @@ class ClosedLoop:
             self._plant, self._sensors, self._control, self._pushes, q_ref, dq_ref, noise,
             begun, self.dt, every, self._acting, self._loaded, out)
         self._done += count
-        self.plant._time_steps = self._done
-        if status != gen.OK:
-            self.plant._fail(status)
+        self.plant.taken(self._done, status)
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
         cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])

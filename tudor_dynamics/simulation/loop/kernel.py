@@ -34,30 +34,16 @@ from tudor_dynamics.simulation.loop.pushes import put_pushes
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 from tudor_dynamics.simulation.plant import integrator as gen
 from tudor_dynamics.simulation.plant.outputs import section_loads
+from tudor_dynamics.simulation.plant.tables import PlantTables
 
 
-class PlantTables(NamedTuple):
-    """Arrays of a plant, and the coordinates of the driven joints."""
+class DrivenPlant(NamedTuple):
+    """Tables of a plant, coordinates of the driven joints, forces from outside that stay."""
 
-    vectors: NDArray
-    matrices: NDArray
-    settings: NDArray
-    prescribed: NDArray
-    torque: NDArray
-    motion: NDArray
-    base: NDArray
-    wrench: NDArray
-    columns: NDArray
-    owner: NDArray
-    inertias: NDArray
-    moving: NDArray
-    reaction: NDArray
-    body_int: NDArray
-    body_float: NDArray
-    coordinate: NDArray
-    force: NDArray
+    tables: PlantTables
     driven: NDArray
     external: NDArray
+    force: NDArray
 
 
 class SensorTables(NamedTuple):
@@ -100,16 +86,17 @@ NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
 
 @compiled
 def sense(
-    plant: PlantTables, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
+    plant: DrivenPlant, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
 ) -> None:
     """Read all sensors at the present state."""
-    v = plant.vectors
+    body = plant.tables
+    v = body.vectors
     inverse_dynamics(
-        v[gen.Z], v[gen.DZ], v[gen.DDZ], plant.base, plant.wrench, loaded, 1.0, plant.body_int,
-        plant.body_float, plant.coordinate, plant.moving, plant.reaction, plant.force)
+        v[gen.Z], v[gen.DZ], v[gen.DDZ], body.base, body.wrench, loaded, 1.0, body.body_int,
+        body.body_float, body.coordinate, body.moving, body.reaction, plant.force)
     section_loads(
-        v[gen.Z], v[gen.DZ], v[gen.DDZ], plant.wrench, plant.body_int, plant.body_float,
-        plant.moving, sensors.bodies, sensors.places, sensors.loads)
+        v[gen.Z], v[gen.DZ], v[gen.DDZ], body.wrench, body.body_int, body.body_float,
+        body.moving, sensors.bodies, sensors.places, sensors.loads)
     joints = plant.driven.shape[0]
     for j in range(joints):
         row = sensors.sensor[j]
@@ -157,36 +144,37 @@ def control(
 
 @compiled
 def advance(
-    plant: PlantTables, sensors: SensorTables, pushes: NDArray, t: float, dt: float,
+    plant: DrivenPlant, sensors: SensorTables, pushes: NDArray, t: float, dt: float,
     loaded: bool,
 ) -> tuple[int, bool]:
     """Advance the links to the time t; give the status and whether forces act there."""
-    for row in range(plant.wrench.shape[0]):
+    body = plant.tables
+    for row in range(body.wrench.shape[0]):
         for i in range(6):
-            plant.wrench[row, i] = plant.external[row, i]
+            body.wrench[row, i] = plant.external[row, i]
     acting = put_pushes(
-        pushes, t, plant.body_int, plant.body_float, plant.moving, plant.wrench) or loaded
-    v = plant.vectors
+        pushes, t, body.body_int, body.body_float, body.moving, body.wrench) or loaded
+    v = body.vectors
     for j in range(plant.driven.shape[0]):
         i = plant.driven[j]
-        plant.torque[i] = dr.gear_push(
+        body.torque[i] = dr.gear_push(
             sensors.drive[j], sensors.drive_state[j], dt, v[gen.Z, i], v[gen.DZ, i])
     status = gen.step(
-        plant.vectors, plant.matrices, plant.settings, plant.prescribed, plant.torque,
-        plant.motion, plant.base, plant.wrench, acting, plant.columns, plant.owner,
-        plant.inertias, plant.moving, plant.reaction, plant.body_int, plant.body_float,
-        plant.coordinate)
+        body.vectors, body.matrices, body.settings, body.prescribed, body.torque,
+        body.motion, body.base, body.wrench, acting, body.columns, body.owner,
+        body.inertias, body.moving, body.reaction, body.body_int, body.body_float,
+        body.coordinate)
     for j in range(plant.driven.shape[0]):
         i = plant.driven[j]
         row = sensors.drive[j]
         sensors.drive_state[j, dr.GEAR] = (
-            plant.torque[i] - row[dr.STIFFNESS] * v[gen.Z, i] - row[dr.DAMPING] * v[gen.DZ, i])
+            body.torque[i] - row[dr.STIFFNESS] * v[gen.Z, i] - row[dr.DAMPING] * v[gen.DZ, i])
     return status, acting
 
 
 @compiled
 def run_loop(
-    plant: PlantTables, sensors: SensorTables, tables: ControlTables, pushes: NDArray,
+    plant: DrivenPlant, sensors: SensorTables, tables: ControlTables, pushes: NDArray,
     q_ref: NDArray, dq_ref: NDArray, noise: NDArray, done: int, dt: float, every: int,
     acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
@@ -231,7 +219,7 @@ def run_loop(
                 row[2 * joints + j] = sensors.current[j]
                 row[3 * joints + gauges + j] = q_ref[k, j]
                 row[4 * joints + gauges + j] = dq_ref[k, j]
-                row[5 * joints + gauges + j] = plant.vectors[gen.Z, plant.driven[j]]
+                row[5 * joints + gauges + j] = plant.tables.vectors[gen.Z, plant.driven[j]]
             for g in range(gauges):
                 row[3 * joints + g] = sensors.strain[g]
             record += 1

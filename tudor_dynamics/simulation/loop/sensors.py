@@ -119,7 +119,7 @@ def gauge_rows(arm: Arm, probe: Probe, chosen: Imperfections) -> FloatArray:
     """
     sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
     rows = np.zeros((len(arm.gauges), GAUGE))
-    for row, gauge, ideal in zip(rows, arm.gauges, probe._gains, strict=True):
+    for row, gauge, ideal in zip(rows, arm.gauges, probe.gains, strict=True):
         row[[PER_MOMENT, PER_RATE, COLUMN]] = ideal
         sensor = sensors.get(gauge.name)
         if sensor is not None:

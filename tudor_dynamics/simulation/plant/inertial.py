@@ -134,6 +134,6 @@ class InertialSensors:
         """
         felt = self._felt
         feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.mechanism.body_int,
-             plant._moving, self._bodies, self._nodes, acceleration,
+             plant.tables.moving, self._bodies, self._nodes, acceleration,
              felt.axes.reshape(len(self.names), 9), felt.angular_velocity, felt.specific_force)
         return felt

@@ -115,6 +115,15 @@ class Probe:
     SimulationError
         If a section or gauge lies outside its beam, or its link is rigid.
 
+    Attributes
+    ----------
+    bodies, places : ndarray of shape (n_places,)
+        Body and distance from the start of its beam, of the sections and then the gauges [m].
+    loads : ndarray of shape (n_places, LOADS)
+        Internal loads there, overwritten by each look [N, N m].
+    gains : ndarray of shape (n_gauges, 3)
+        Reading per moment and per rate of the moment, and the axis of the moment.
+
     """
 
     def __init__(self, plant: Plant, sections: list[Section] | None = None,
@@ -125,42 +134,42 @@ class Probe:
         self.gauge_names = tuple(g.name for g in arm.gauges) if arm is not None else ()
         self._count = len(self.sections)
         places = [(s.joint, s.distance) for s in self.sections]
-        self._gains = np.zeros((len(self.gauge_names), 3))
+        self.gains = np.zeros((len(self.gauge_names), 3))
         if arm is not None:
             places += [self._gauge(arm, number) for number in range(len(arm.gauges))]
         for joint, distance in places:
             self._check(joint, distance)
-        self._bodies = np.array([mechanism.body_of[joint] for joint, _ in places], dtype=np.int64)
-        self._places = np.array([distance for _, distance in places], dtype=float)
-        self._loads = np.zeros((len(places), LOADS))
+        self.bodies = np.array([mechanism.body_of[joint] for joint, _ in places], dtype=np.int64)
+        self.places = np.array([distance for _, distance in places], dtype=float)
+        self.loads = np.zeros((len(places), LOADS))
         self._points = np.zeros((3, mechanism.points, 3))
         self._force = np.zeros(mechanism.size)
-        gauges = self._loads[self._count:]
+        gauges = self.loads[self._count:]
         self._gauge_loads = gauges
         position, velocity, acceleration = self._points
         self.observation = Observation(
-            position, velocity, acceleration, self._loads[:self._count, :3],
-            self._loads[:self._count, 3:6], np.zeros((len(mechanism.joints), 6)),
+            position, velocity, acceleration, self.loads[:self._count, :3],
+            self.loads[:self._count, 3:6], np.zeros((len(mechanism.joints), 6)),
             np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
 
     def observe(self) -> Observation:
         """Look at the present state of the plant."""
         plant = self.plant
-        mechanism = plant.mechanism
+        mechanism, tables = plant.mechanism, plant.tables
         z, dz, ddz = plant.coordinates, plant.rates, plant.second_rates
         inverse_dynamics(
-            z, dz, ddz, plant._base, plant._wrench, plant._loaded, 1.0, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, plant._moving, plant._reaction,
+            z, dz, ddz, tables.base, tables.wrench, plant.loaded, 1.0, mechanism.body_int,
+            mechanism.body_float, mechanism.coordinate, tables.moving, tables.reaction,
             self._force)
-        section_loads(z, dz, ddz, plant._wrench, mechanism.body_int, mechanism.body_float,
-                      plant._moving, self._bodies, self._places, self._loads)
-        joint_reactions(mechanism.body_int, plant._moving, plant._reaction, plant._bodies,
+        section_loads(z, dz, ddz, tables.wrench, mechanism.body_int, mechanism.body_float,
+                      tables.moving, self.bodies, self.places, self.loads)
+        joint_reactions(mechanism.body_int, tables.moving, tables.reaction, plant.bodies,
                         self.observation.reaction)
-        refresh(z, dz, ddz, plant._base, mechanism.body_int, mechanism.body_float, plant._moving)
+        refresh(z, dz, ddz, tables.base, mechanism.body_int, mechanism.body_float, tables.moving)
         nodal_motion(z, dz, ddz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
-                     plant._moving, *self._points)
+                     tables.moving, *self._points)
         for number in range(len(self.gauge_names)):
-            row, (per_moment, per_rate, column) = self._gauge_loads[number], self._gains[number]
+            row, (per_moment, per_rate, column) = self._gauge_loads[number], self.gains[number]
             axis = int(column)
             self.observation.strain[number] = per_moment * row[3 + axis] + per_rate * row[6 + axis]
             self.observation.gauge_moment[number] = (
@@ -172,14 +181,14 @@ class Probe:
         place = place_gauge(mechanism, arm, gauge)
         beam, sign = mechanism.beams[gauge.joint], place.sign
         if gauge.unit == 'N m':
-            self._gains[number] = sign, 0.0, place.axis
+            self.gains[number] = sign, 0.0, place.axis
         else:
             bending, surface = ((beam.EIz, beam.surface_y) if place.axis == 2
                                 else (beam.EIy, beam.surface_z))
             scale = 1.0 if gauge.unit == 'm/m' else 1e6
             beta = mechanism.body_float[place.body, at.BETA]
-            self._gains[number] = (sign * scale * surface / bending,
-                                   -sign * scale * surface * beta, place.axis)
+            self.gains[number] = (sign * scale * surface / bending,
+                                  -sign * scale * surface * beta, place.axis)
         return gauge.joint, place.distance
 
     def _check(self, joint: str, distance: float) -> None:

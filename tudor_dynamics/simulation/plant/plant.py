@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.errors import check_type, SimulationError
-from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.energy import energy, refresh
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 from tudor_dynamics.simulation.mechanics.mass import mass_matrix
@@ -32,6 +31,7 @@ from tudor_dynamics.simulation.plant import integrator as gen
 from tudor_dynamics.simulation.plant.state import (
     Counts, Drive, Energy, failure_message, PlantState)
 from tudor_dynamics.simulation.plant.statics import check_step, find_equilibrium
+from tudor_dynamics.simulation.plant.tables import new_tables
 from tudor_dynamics.typing import FloatArray
 
 __all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
@@ -58,6 +58,15 @@ class Plant:
     SimulationError
         If the step is not positive, too large for the mechanism, or the mass matrix is singular.
 
+    Attributes
+    ----------
+    tables : PlantTables
+        Arrays of the plant, for compiled functions that advance or look at it.
+    loaded : bool
+        Whether forces act from outside.
+    bodies : ndarray of int, shape (n_joints,)
+        Body behind each joint.
+
     """
 
     def __init__(
@@ -72,24 +81,11 @@ class Plant:
             msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
             raise SimulationError(msg)
         self.mechanism = mechanism
-        n, bodies = mechanism.size, len(mechanism.body_int)
-        self._vectors = np.zeros((gen.VECTORS, n))
-        self._matrices = np.zeros((gen.MATRICES, n, n))
-        self._settings = np.zeros(gen.SETTINGS)
-        self._settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
-        self._prescribed = np.zeros(n, dtype=bool)
-        self._torque = np.zeros(n)
-        self._motion = np.zeros((3, n))
-        self._base = -mechanism.gravity
-        self._wrench = np.zeros((mechanism.points, 6))
-        self._loaded = False
-        self._moving = np.zeros((bodies, at.MOVING))
-        self._reaction = np.zeros((bodies, 6))
-        self._columns = np.zeros((n, 6))
-        self._owner = np.zeros(n, dtype=np.int64)
-        self._inertias = np.zeros((bodies + 1, 10))
+        self.tables = new_tables(mechanism)
+        self.tables.settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
+        self.loaded = False
         self._q = mechanism.q_index
-        self._bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
+        self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
         self._joints = np.zeros((4, self._q.size))
         self.state = PlantState(0.0, *self._joints)  # rows are views
@@ -124,15 +120,15 @@ class Plant:
             If there is no static equilibrium, or the mass matrix is singular.
 
         """
-        self._vectors[:] = 0.0
-        self._torque[:] = 0.0
-        self._wrench[:] = 0.0
-        self._loaded = False
-        self._vectors[gen.Z] = self.mechanism.initial
+        self.tables.vectors[:] = 0.0
+        self.tables.torque[:] = 0.0
+        self.tables.wrench[:] = 0.0
+        self.loaded = False
+        self.tables.vectors[gen.Z] = self.mechanism.initial
         if q is not None:
-            self._put(self._vectors[gen.Z], q, 'q')
+            self._put(self.tables.vectors[gen.Z], q, 'q')
         for index, drive in zip(self._q, self._drives, strict=True):
-            self._prescribed[index] = drive != 'torque'
+            self.tables.prescribed[index] = drive != 'torque'
         self.parameters_changed()
         if external_force is not None:
             self._set_force(np.asarray(external_force, dtype=float))
@@ -141,10 +137,10 @@ class Plant:
         if equilibrium:
             find_equilibrium(self.mechanism, self.coordinates, self.stiffness, self.imbalance)
         if dq is not None:
-            self._put(self._vectors[gen.DZ], dq, 'dq')
-        self._motion[0, self._q] = self._vectors[gen.Z, self._q]
-        self._settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
-        self._settings[gen.CONTRACTION] = 0.5
+            self._put(self.tables.vectors[gen.DZ], dq, 'dq')
+        self.tables.motion[0, self._q] = self.tables.vectors[gen.Z, self._q]
+        self.tables.settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
+        self.tables.settings[gen.CONTRACTION] = 0.5
         self._time_steps, self._t0 = 0, 0.0
         self._start_accelerations()
         self._read_state()
@@ -154,9 +150,9 @@ class Plant:
         """Take over changed tables of the mechanism: stiffness, damping, masses."""
         mechanism = self.mechanism
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                         self._matrices[gen.STIFFNESS], self._matrices[gen.DAMPING])
-        self._base[:] = -mechanism.gravity
-        self._settings[gen.FACTORED] = 0.0
+                         self.tables.matrices[gen.STIFFNESS], self.tables.matrices[gen.DAMPING])
+        self.tables.base[:] = -mechanism.gravity
+        self.tables.settings[gen.FACTORED] = 0.0
 
     def drive(self, joint: str, kind: Drive) -> None:
         """
@@ -182,10 +178,10 @@ class Plant:
         number = self.mechanism.joints.index(joint)
         index = self._q[number]
         self._drives[number] = kind
-        self._prescribed[index] = kind != 'torque'
+        self.tables.prescribed[index] = kind != 'torque'
         if kind == 'hold':
-            self._motion[:, index] = self._vectors[gen.Z, index], 0.0, 0.0
-            self._vectors[gen.DZ, index] = 0.0
+            self.tables.motion[:, index] = self.tables.vectors[gen.Z, index], 0.0, 0.0
+            self.tables.vectors[gen.DZ, index] = 0.0
         self._start_accelerations()
 
     def step(
@@ -216,26 +212,47 @@ class Plant:
             If an input is not finite or the run diverges; the state is that before the step.
 
         """
+        mechanism, tables = self.mechanism, self.tables
         if torque is not None:
-            self._put(self._torque, torque, 'torque')
+            self._put(tables.torque, torque, 'torque')
         if external_force is not None:
             self._set_force(np.asarray(external_force, dtype=float))
-        elif self._loaded:
-            self._wrench[:] = 0.0
-            self._loaded = False
+        elif self.loaded:
+            tables.wrench[:] = 0.0
+            self.loaded = False
         if motion is not None:
             self._set_motion(motion)
-        mechanism = self.mechanism
         status = gen.step_and_report(
-            self._vectors, self._matrices, self._settings, self._prescribed, self._torque,
-            self._motion, self._base, self._wrench, self._loaded, self._columns, self._owner,
-            self._inertias, self._moving, self._reaction, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, self._q, self._bodies, self._joints)
+            tables.vectors, tables.matrices, tables.settings, tables.prescribed, tables.torque,
+            tables.motion, tables.base, tables.wrench, self.loaded, tables.columns, tables.owner,
+            tables.inertias, tables.moving, tables.reaction, mechanism.body_int,
+            mechanism.body_float, mechanism.coordinate, self._q, self.bodies, self._joints)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1
         self.state.t = self._t0 + self._time_steps * self.dt
         return self.state
+
+    def taken(self, steps: int, status: int) -> None:
+        """
+        Take over what a compiled loop has done with the tables.
+
+        Parameters
+        ----------
+        steps : int
+            Steps since the last ``reset``.
+        status : int
+            Of the last step, see ``integrator.step``.
+
+        Raises
+        ------
+        SimulationError
+            If that step failed.
+
+        """
+        self._time_steps = steps
+        if status != gen.OK:
+            self._fail(status)
 
     def start_torque(self, torque: ArrayLike) -> None:
         """
@@ -247,7 +264,7 @@ class Plant:
             Torque of each joint at the start [N m or N].
 
         """
-        self._torque[self._q] = torque
+        self.tables.torque[self._q] = torque
         self._start_accelerations()
         self._read_state()
 
@@ -265,8 +282,8 @@ class Plant:
             Torque of each joint [N m or N].
 
         """
-        self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
-        self._torque[self._q] = torque
+        self.tables.vectors[gen.Z], self.tables.vectors[gen.DZ] = z, dz
+        self.tables.torque[self._q] = torque
         self._t0, self._time_steps = t, 0
         self._start_accelerations()
         self._read_state()
@@ -274,50 +291,51 @@ class Plant:
     @property
     def coordinates(self) -> FloatArray:
         """All coordinates, joints and nodes; a view [rad, m]."""
-        return self._vectors[gen.Z]
+        return self.tables.vectors[gen.Z]
 
     @property
     def rates(self) -> FloatArray:
         """Rates of all coordinates; a view."""
-        return self._vectors[gen.DZ]
+        return self.tables.vectors[gen.DZ]
 
     @property
     def second_rates(self) -> FloatArray:
         """Second rates of all coordinates; a view."""
-        return self._vectors[gen.DDZ]
+        return self.tables.vectors[gen.DDZ]
 
     @property
     def stiffness(self) -> FloatArray:
         """Elastic stiffness matrix of the straight links; a view."""
-        return self._matrices[gen.STIFFNESS]
+        return self.tables.matrices[gen.STIFFNESS]
 
     @property
     def prescribed(self) -> NDArray[np.bool_]:
         """Which coordinates follow a given motion; a view."""
-        return self._prescribed
+        return self.tables.prescribed
 
     def energy(self) -> Energy:
         """Give the energy of the present state [J]."""
-        mechanism = self.mechanism
-        z, dz = self._vectors[gen.Z], self._vectors[gen.DZ]
-        refresh(z, dz, self._vectors[gen.DDZ], self._base, mechanism.body_int,
-                mechanism.body_float, self._moving)
+        mechanism, tables = self.mechanism, self.tables
+        z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
+        refresh(z, dz, tables.vectors[gen.DDZ], tables.base, mechanism.body_int,
+                mechanism.body_float, tables.moving)
         return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
-                              mechanism.coordinate, self._moving))
+                              mechanism.coordinate, tables.moving))
 
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
-        return Counts(int(self._settings[gen.ITERATIONS]), int(self._settings[gen.FACTORS]))
+        settings = self.tables.settings
+        return Counts(int(settings[gen.ITERATIONS]), int(settings[gen.FACTORS]))
 
     def mass_matrix(self) -> FloatArray:
         """Give the mass matrix over all coordinates at the present state."""
-        mechanism = self.mechanism
+        mechanism, tables = self.mechanism, self.tables
         result = np.empty((mechanism.size, mechanism.size))
-        z = self._vectors[gen.Z]
-        refresh(z, z * 0.0, z * 0.0, self._base, mechanism.body_int, mechanism.body_float,
-                self._moving)
+        z = tables.vectors[gen.Z]
+        refresh(z, z * 0.0, z * 0.0, tables.base, mechanism.body_int, mechanism.body_float,
+                tables.moving)
         mass_matrix(z, mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                    self._moving, self._columns, self._owner, self._inertias, result)
+                    tables.moving, tables.columns, tables.owner, tables.inertias, result)
         return result
 
     def imbalance(
@@ -339,12 +357,12 @@ class Plant:
             Joint efforts, and what is missing at elastic coordinates.
 
         """
-        mechanism = self.mechanism
+        mechanism, tables = self.mechanism, self.tables
         result = np.empty(mechanism.size)
         inverse_dynamics(
-            z, dz, ddz, self._base, self._wrench, self._loaded, float(elastic),
-            mechanism.body_int, mechanism.body_float, mechanism.coordinate, self._moving,
-            self._reaction, result)
+            z, dz, ddz, tables.base, tables.wrench, self.loaded, float(elastic),
+            mechanism.body_int, mechanism.body_float, mechanism.coordinate, tables.moving,
+            tables.reaction, result)
         return result
 
     def solve_accelerations(
@@ -371,26 +389,28 @@ class Plant:
             If the mass matrix is singular.
 
         """
-        saved = self._vectors.copy(), self._torque.copy()
-        self._vectors[gen.Z], self._vectors[gen.DZ] = z, dz
-        self._torque[self._q] = torque
-        self._vectors[gen.DDZ, self._prescribed] = self._motion[2, self._prescribed]
+        tables = self.tables
+        saved = tables.vectors.copy(), tables.torque.copy()
+        tables.vectors[gen.Z], tables.vectors[gen.DZ] = z, dz
+        tables.torque[self._q] = torque
+        tables.vectors[gen.DDZ, tables.prescribed] = tables.motion[2, tables.prescribed]
         self._start_accelerations()
-        result = self._vectors[gen.DDZ].copy()
-        self._vectors[:], self._torque[:] = saved
+        result = tables.vectors[gen.DDZ].copy()
+        tables.vectors[:], tables.torque[:] = saved
         return result
 
     def _start_accelerations(self) -> None:
-        mechanism = self.mechanism
-        self._vectors[gen.DDZ, self._prescribed] = self._motion[2, self._prescribed]
+        mechanism, tables = self.mechanism, self.tables
+        tables.vectors[gen.DDZ, tables.prescribed] = tables.motion[2, tables.prescribed]
         regular = gen.accelerations(
-            self._vectors, self._matrices, self._prescribed, self._torque, self._base,
-            self._wrench, self._loaded, self._columns, self._owner, self._inertias, self._moving,
-            self._reaction, mechanism.body_int, mechanism.body_float, mechanism.coordinate)
-        self._settings[gen.FACTORED] = 0.0
+            tables.vectors, tables.matrices, tables.prescribed, tables.torque, tables.base,
+            tables.wrench, self.loaded, tables.columns, tables.owner, tables.inertias,
+            tables.moving, tables.reaction, mechanism.body_int, mechanism.body_float,
+            mechanism.coordinate)
+        tables.settings[gen.FACTORED] = 0.0
         if not regular:
             self._fail(gen.SINGULAR)
-        self._vectors[gen.ACC] = self._vectors[gen.OLD_DDZ] = self._vectors[gen.DDZ]
+        tables.vectors[gen.ACC] = tables.vectors[gen.OLD_DDZ] = tables.vectors[gen.DDZ]
 
     def _put(self, vector: FloatArray, values: ArrayLike, name: str) -> None:
         try:
@@ -401,36 +421,36 @@ class Plant:
             raise SimulationError(msg) from None
 
     def _set_force(self, force: FloatArray) -> None:
-        if force.shape == self._wrench.shape:
-            self._wrench[:] = force
+        if force.shape == self.tables.wrench.shape:
+            self.tables.wrench[:] = force
         elif force.shape in ((3,), (6,)):
-            self._wrench[:] = 0.0
-            self._wrench[self.mechanism.tip, :force.size] = force
+            self.tables.wrench[:] = 0.0
+            self.tables.wrench[self.mechanism.tip, :force.size] = force
         else:
             msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
-                   f'or {self._wrench.shape} for all points')
+                   f'or {self.tables.wrench.shape} for all points')
             raise SimulationError(msg)
-        if not np.isfinite(self._wrench).all():
+        if not np.isfinite(self.tables.wrench).all():
             self._fail(gen.BAD_INPUT)
-        self._loaded = True
+        self.loaded = True
 
     def _set_motion(self, motion: tuple[ArrayLike, ArrayLike, ArrayLike]) -> None:
         for row, values in enumerate(motion):
             given = np.asarray(values, dtype=float)
             for number, drive in enumerate(self._drives):
                 if drive == 'motion':
-                    self._motion[row, self._q[number]] = given[number]
+                    self.tables.motion[row, self._q[number]] = given[number]
 
     def _read_state(self) -> None:
-        mechanism = self.mechanism
+        mechanism, tables = self.mechanism, self.tables
         self.state.t = self._t0 + self._time_steps * self.dt
-        gen.report(self._vectors, self._prescribed, self._torque, self._q, self._bodies,
-                   self._reaction, self._moving, mechanism.body_int, mechanism.coordinate,
+        gen.report(tables.vectors, tables.prescribed, tables.torque, self._q, self.bodies,
+                   tables.reaction, tables.moving, mechanism.body_int, mechanism.coordinate,
                    self._joints)
 
     def _fail(self, status: int) -> NoReturn:
         loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
-                 if not self._prescribed[index]]
+                 if not self.tables.prescribed[index]]
         t = self._t0 + (self._time_steps + 1) * self.dt
         raise SimulationError(failure_message(
             status, self.mechanism.name, t, self.dt, self.energy().total, loose))

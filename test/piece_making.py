@@ -1,0 +1,29 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A piece of work in a module that other processes can import."""
+
+from __future__ import annotations
+
+from tudor_dynamics.errors import BagError
+from tudor_dynamics.parallel import Count
+
+
+def square(piece: int, count: Count) -> int:
+    """Do a piece of work of as many steps."""
+    if piece < 0:
+        raise BagError('negative', place=str(piece), remedy='give another')
+    for _ in range(piece):
+        count(1)
+    return piece**2

@@ -1,0 +1,182 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Pieces of work in threads or processes, by joblib; what runs them makes no difference to results.
+
+No process outlives the one that began it, also where that was killed and told nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+import os
+from pathlib import Path
+import shutil
+import signal
+from tempfile import TemporaryDirectory
+import threading
+import time
+from typing import TypeVar
+
+from joblib import delayed, Parallel
+from joblib.externals.loky import get_reusable_executor
+import numpy as np
+
+Piece = TypeVar('Piece')
+Result = TypeVar('Result')
+Count = Callable[[int], None]
+"""Told the number of steps that a piece of work has done since it was last told."""
+
+GRACE = 10.0
+"""For a worker to end by itself once its parent has gone [s]."""
+LOOK = 0.2
+"""Time between two looks at the progress, or for the parent [s]."""
+STEPS, PROCESS = range(2)
+
+_watched = False
+
+
+def in_threads(
+    work: Callable[[Piece], Result], pieces: Sequence[Piece], jobs: int,
+) -> list[Result]:
+    """
+    Do pieces of work that leave the interpreter's lock, such as compiled ones.
+
+    Parameters
+    ----------
+    work : callable
+        Does one piece.
+    pieces : sequence
+        What is to be done.
+    jobs : int
+        Number of threads.
+
+    Returns
+    -------
+    list
+        Results, in the order of the pieces.
+
+    """
+    return list(Parallel(jobs, backend='threading')(delayed(work)(piece) for piece in pieces))
+
+
+def in_processes(
+    work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[Result]:
+    """
+    Do pieces of work in processes.
+
+    Parameters
+    ----------
+    work : callable
+        Does one piece, and may tell how many steps it has done; a function of a module.
+    pieces : sequence
+        What is to be done; goes to the processes as bytes.
+    jobs : int
+        Number of processes; one for no process beside this one.
+    progress : callable, optional
+        Told the number of steps done so far, all pieces together.
+
+    Returns
+    -------
+    list
+        Results, in the order of the pieces.
+
+    """
+    if min(jobs, len(pieces)) <= 1:
+        done: list[int] = []
+        results = []
+        for piece in pieces:
+            results.append(work(piece, done.append))
+            progress(sum(done))
+        return results
+    with TemporaryDirectory(prefix='tudor_') as folder, ThreadPoolExecutor(1) as runner:
+        board = np.memmap(Path(folder) / 'board', np.int64, 'w+', shape=(len(pieces), 2))
+        future = runner.submit(_run_all, work, pieces, min(jobs, len(pieces)), folder)
+        try:
+            return _watch(future, board, progress)
+        except BaseException:  # else all that is left would be gone through
+            while not future.done():  # one may just begin
+                for process in set(board[:, PROCESS].tolist()) - {0}:
+                    with suppress(ProcessLookupError):
+                        os.kill(process, signal.SIGTERM)  # what is half written is removed
+                time.sleep(LOOK)
+            raise
+
+
+def _watch(
+    future: Future[list[Result]], board: np.memmap, progress: Callable[[int], None],
+) -> list[Result]:
+    while not future.done():
+        wait([future], LOOK)
+        progress(int(board[:, STEPS].sum()))
+    return future.result()
+
+
+def _run_all(
+    work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int, folder: str,
+) -> list[Result]:
+    # An interrupt is the first thread's to handle; processes that begin here inherit that.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        return list(Parallel(jobs, backend='loky', batch_size=1, pre_dispatch='all')(
+            delayed(_in_worker)(work, piece, folder, row, len(pieces), os.getpid())
+            for row, piece in enumerate(pieces)))
+    finally:
+        get_reusable_executor(jobs).shutdown(wait=True)
+
+
+def _in_worker(
+    work: Callable[[Piece, Count], Result], piece: Piece, folder: str, row: int, rows: int,
+    parent: int,
+) -> Result:
+    _watch_parent(parent, folder)
+    board = np.memmap(Path(folder) / 'board', np.int64, 'r+', shape=(rows, 2))
+    board[row, PROCESS] = os.getpid()
+
+    def count(steps: int) -> None:
+        board[row, STEPS] += steps
+
+    try:
+        return work(piece, count)
+    except SystemExit:  # the pool would take it for a result and go on with what is left
+        os._exit(1)
+    finally:
+        board[row, PROCESS] = 0
+
+
+def _watch_parent(parent: int, folder: str) -> None:
+    global _watched
+    if _watched:
+        return
+    _watched = True
+    signal.signal(signal.SIGTERM, _end)
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(LOOK)
+        shutil.rmtree(folder, ignore_errors=True)
+        os.kill(os.getpid(), signal.SIGTERM)  # what was half written is removed
+        time.sleep(GRACE)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def _end(*_: object) -> None:
+    raise SystemExit(1)
