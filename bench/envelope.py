@@ -76,7 +76,8 @@ class Envelope:
             Of the samples [s]; commands that arrive together may be so far apart.
         driven : ndarray of shape (n, n_joints), optional
             Speeds that the joints had when they arrived [rad/s]: who listens may meet a new
-            publisher later than the drive did, and hear it first in the middle of a motion.
+            publisher later than the drive did, and hear it first in the middle of a motion; the
+            smaller of both steps counts then.
 
         Returns
         -------
@@ -89,10 +90,11 @@ class Envelope:
         silent = between > self.stop.timeout
         lost = self.stop.acceleration * np.maximum(between - self.stop.timeout, 0.0)
         before = np.sign(command[:-1]) * np.maximum(np.abs(command[:-1]) - lost, 0.0)
+        size = np.abs(command[1:] - before)
         if driven is not None:
-            before = np.where(silent, driven[1:], before)
+            size = np.where(silent, np.minimum(size, np.abs(command[1:] - driven[1:])), size)
         time = np.where(silent, period, np.maximum(between, period)) + SLACK
-        return np.abs(command[1:] - before), self.limits.acceleration * time
+        return size, self.limits.acceleration * time
 
     def step(self, command: FloatArray, arrival: FloatArray, period: float) -> float:
         """Give the largest step as a share of what the acceleration allows."""

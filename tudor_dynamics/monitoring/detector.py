@@ -28,6 +28,9 @@ from tudor_dynamics.monitoring.thresholds.features import NEVER
 from tudor_dynamics.small_arrays import largest
 from tudor_dynamics.typing import FloatArray
 
+HIGHEST = 10.0
+"""To which a threshold is raised at most: a model that loses the arm for a moment has residuals
+without bound, and would make it blind for as long as that takes to fade."""
 SHARE = 0.15
 """Part of an excess that comes back behind it and is no contact: the arm swings, teeth meet."""
 AFTERMATH = 1.0
@@ -104,7 +107,7 @@ class _Track:
         faded = math.exp((self.stamp - stamp) * 1e-9 / AFTERMATH)
         bar = max(1.0, self.raised * faded)
         self.stamp = stamp
-        self.raised = max(bar, SHARE * ratio)
+        self.raised = max(bar, min(SHARE * ratio, HIGHEST))
         if not ratio < bar:
             self.last = stamp
         if not ratio > bar:

@@ -150,6 +150,16 @@ def test_debounce_and_rearming() -> None:
     assert levels[33] is Level.COLLISION and levels[90] is Level.FREE
 
 
+def test_a_model_that_lost_the_arm_does_not_make_blind() -> None:
+    """However large a residual was, a push is found again seconds later."""
+    detector = detector_of(DetectorSettings(0.01, 0.3))
+    for k, ratio in enumerate([0.1] * 5 + [1e90] * 5 + [0.1] * 500):
+        detector.step('strain', excess(10_000_000 * k, ratio))
+    assert detector.level is Level.FREE
+    events = [detector.step('strain', excess(10_000_000 * k, 3.0)) for k in range(510, 520)]
+    assert [event is not None for event in events].count(True) == 1
+
+
 def test_noise_cannot_hold_a_level_up() -> None:
     """A residual that is noise, its threshold four deviations: free again once it is only that."""
     detector = detector_of(DetectorSettings(0.01, 0.5))
