@@ -25,6 +25,7 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.ringing import find_ringing
 from tudor_dynamics.signals import prepare
+from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0
@@ -33,11 +34,12 @@ RATE = 100.0
 class Rigid:
     """Predicts 100 times the position."""
 
+    payload_range = None
     channels = ('hub', 'mid')
 
-    def predict(self, motion: FloatArray) -> FloatArray:
+    def follow(self, stretch: Stretch) -> FloatArray:
         """Give both channels."""
-        return 100.0 * motion[:, :2]
+        return 100.0 * stretch.motion[:, :2]
 
 
 def _bag(added: FloatArray, seed: int = 0, gaps: tuple[int, ...] = ()) -> BagData:
