@@ -167,8 +167,10 @@ def _slow_module() -> str:
 
 def test_interrupt_while_modules_load() -> None:
     """Ctrl-C before the subcommand is even there is one line, too."""
-    process = subprocess.Popen([sys.executable, '-c', _slow_module()], text=True,
-                               stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, '-c', _slow_module()], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,  # who runs tests in the background may ignore the signal
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     assert process.stdout is not None and process.stderr is not None
     assert process.stdout.readline() == 'loading\n'
     process.send_signal(signal.SIGINT)
