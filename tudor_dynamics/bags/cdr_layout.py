@@ -106,6 +106,11 @@ class _Cursor:
         self.significant[start:start + 4] = 255
         return int(self._u32.unpack_from(self.buffer, start)[0])
 
+    def header(self) -> str:
+        """Read a Header: skip its stamp, return its frame."""
+        self.skip(8, 4)
+        return self.text()
+
     def text(self) -> str:
         """Read a string, which must end with a NUL."""
         size = self.count()
@@ -176,8 +181,7 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
 
     """
     cursor = _Cursor(buffer)
-    cursor.skip(8, 4)
-    frame_id = cursor.text()
+    frame_id = cursor.header()
     names = cursor.names()
     fields = {field: cursor.doubles() for field in FIELDS}
     return cursor.finish(frame_id, names, fields, spare)
@@ -204,8 +208,7 @@ def wrench_layout(buffer: bytes) -> Layout:
 
     """
     cursor = _Cursor(buffer)
-    cursor.skip(8, 4)
-    frame_id = cursor.text()
+    frame_id = cursor.header()
     return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})
 
 
@@ -231,8 +234,7 @@ def imu_layout(buffer: bytes) -> Layout:
 
     """
     cursor = _Cursor(buffer)
-    cursor.skip(8, 4)
-    frame_id = cursor.text()
+    frame_id = cursor.header()
     fields = {}
     for field, size in (('orientation', 4), ('angular_velocity', 3), ('linear_acceleration', 3)):
         fields[field] = cursor.skip(8 * size, 8), size
@@ -264,8 +266,7 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
 
     """
     cursor = _Cursor(buffer)
-    cursor.skip(8, 4)
-    frame_id = cursor.text()
+    frame_id = cursor.header()
     names = cursor.names()
     points = cursor.count()
     if points != 1:
