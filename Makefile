@@ -39,6 +39,7 @@ help:
 
 venv: $(STAMP)
 
+# An older pip would run setup.py develop, which puts `tudor` where colcon wants it, not into bin.
 # The stamp is written last, so that an interrupted installation is taken up again. An environment
 # whose interpreter has gone is made anew.
 $(STAMP): setup.cfg setup.py package.xml tools/find_python
@@ -48,7 +49,7 @@ $(STAMP): setup.cfg setup.py package.xml tools/find_python
 	  $$python -m venv --clear $(if $(ROS_SETUP),--system-site-packages) $(VENV); \
 	fi; \
 	echo 'installing from PyPI, one or two minutes ...'; \
-	$(BIN)/python -m pip install --quiet --editable '.$(EXTRAS)'
+	$(BIN)/python -m pip install --quiet --use-pep517 --editable '.$(EXTRAS)'
 	@touch $@
 
 demo: venv
@@ -67,7 +68,7 @@ bench: venv
 # Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
 docs: venv
 	@$(BIN)/python -c 'import sphinx, numpydoc' 2>/dev/null \
-	  || $(BIN)/python -m pip install --quiet --editable '.[docs]'
+	  || $(BIN)/python -m pip install --quiet --use-pep517 --editable '.[docs]'
 	@$(ROS) $(BIN)/python -m sphinx -q -W --keep-going -b html docs/api build/docs
 	@echo "open in a browser: file://$(abspath build/docs)/index.html"
 

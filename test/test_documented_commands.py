@@ -202,3 +202,12 @@ def test_the_readme_is_read_in_three_minutes() -> None:
     text = (ROOT / 'README.md').read_text(encoding='utf-8')
     assert len(text.split()) <= 900
     assert not re.search(r'^```\w+ ', text, re.MULTILINE)
+
+
+def test_the_environment_has_the_command() -> None:
+    """Whatever pip made it with, ``tudor`` is where the README says."""
+    binaries = ROOT / '.venv' / 'bin'
+    if Path(sys.executable).parent != binaries:
+        pytest.skip('not run in the environment of make venv')
+    done = subprocess.run([binaries / 'tudor', '--version'], stdout=subprocess.PIPE, check=False)
+    assert done.returncode == 0 and done.stdout.startswith(b'tudor')
