@@ -47,12 +47,44 @@ def test_table(
     """Each figure stands in the row of its channel, whole, also where no terminal is."""
     print_table(score_table('run 4', [('strain', 'analytical', SCORE, units)]))
     text = capsys.readouterr().out
-    total = next(line for line in text.splitlines() if ' all ' in line)
-    for figure in ('analytical', '12.5', shown, '11.25', '93.46', '93.20', '6.54'):
+    total = next(line for line in text.splitlines() if 'strain, analytical' in line)
+    for figure in ('12.5', shown, '11.25', '93.46', '93.20', '6.54'):
         assert figure in total
     hub = next(line for line in text.splitlines() if ' hub ' in line)
     assert '92.3' in hub and '7.00' in hub and '15' in hub
     assert '…' not in text
+
+
+LONG = 'left_arm_shoulder_pan_joint_of_the_first_robot'
+LARGE = Score(1580, -1.2345e-05, 1.1111e+07, -123.456, -993.2, -8.0, {
+    LONG: ChannelScore(1.234e-09, -992.345, 7.0), 'mid': ChannelScore(9.0, 95.0, 0.05)})
+
+UNITS = {LONG: 'um/m', 'mid': 'V'}
+
+
+def test_figures_are_whole_on_a_narrow_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Long names go on in the next line; every digit of large and small figures is there."""
+    monkeypatch.setenv('COLUMNS', '80')
+    print_table(score_table('run 4', [('strain', 'analytical', LARGE, UNITS)]))
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 80 and '…' not in text
+    first = ''.join(line[:20].strip() for line in text.splitlines())
+    assert LONG in first
+    for figure in ('-1.234e-05', '1.111e+07', '-123.46', '-993.20', '-800.00', '1.234e-09',
+                   '-992.35', '700.00'):
+        assert figure in text
+
+
+def test_figures_come_before_the_width(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Where even the figures are too wide, lines are longer than the terminal."""
+    monkeypatch.setenv('COLUMNS', '30')
+    print_table(score_table('run 4', [('strain', 'analytical', LARGE, UNITS)]))
+    text = capsys.readouterr().out
+    assert '-1.234e-05' in text and '…' not in text and max(map(len, text.splitlines())) > 60
 
 
 def test_steps(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -31,13 +33,14 @@ from tudor_dynamics.signals import prepare
 @pytest.mark.parametrize(('text', 'expected'), [
     ('run', BagChoice('run')), ('a@b/run', BagChoice('a@b/run')),
     ('run@0-60%', BagChoice('run', 0.0, 0.6)), ('r@1@2.5-100%', BagChoice('r@1', 0.025, 1.0)),
-    ('run@0-60', BagChoice('run@0-60'))])
+    ('run@0-60', BagChoice('run@0-60')), ('run@5s-50s', BagChoice('run', 5.0, 50.0, True)),
+    ('run@5-50s', BagChoice('run@5-50s'))])
 def test_choices(text: str, expected: BagChoice) -> None:
     """A path, or a path and a part of it."""
     assert parse_choice(text) == expected
 
 
-@pytest.mark.parametrize('text', ['run@60-60%', 'run@60-40%', 'run@0-101%'])
+@pytest.mark.parametrize('text', ['run@60-60%', 'run@60-40%', 'run@0-101%', 'run@9s-5s'])
 def test_impossible_parts(text: str) -> None:
     """A part that is empty or outside is refused with the argument."""
     with pytest.raises(UsageError, match=f'{text}: the part'):
@@ -79,6 +82,26 @@ def test_cut_by_time() -> None:
     assert cut(whole, BagChoice('bag')) is whole
     with pytest.raises(UsageError, match='bag@20-80%: nothing was recorded in this part'):
         cut(whole, BagChoice('bag', 0.2, 0.8))
+
+
+def test_cut_by_seconds() -> None:
+    """Times count from the first sample; a part that ends behind the recording is refused."""
+    whole = recording_of(np.arange(1001.0)[:, None], 100.0)
+    part = cut(whole, parse_choice('bag@2s-4.5s'))
+    assert part.q[0, 0] == 200.0 and part.q[-1, 0] == 449.0
+    assert str(parse_choice('bag@2s-4.5s')) == 'bag@2s-4.5s'
+    with pytest.raises(UsageError, match='bag@2s-11s: the recording lasts 10 s'):
+        cut(whole, parse_choice('bag@2s-11s'))
+
+
+def test_times_and_fractions_overlap() -> None:
+    """They are compared once the duration is known."""
+    early, late = parse_choice('bag@0s-5s'), parse_choice('bag@60-100%')
+    assert early.overlaps(parse_choice('bag@4s-6s'))
+    assert not early.overlaps(parse_choice('bag@5s-6s'))
+    assert replace(early, duration=8.0).overlaps(late)
+    assert not replace(early, duration=10.0).overlaps(late)
+    assert not late.overlaps(replace(early, duration=10.0))
 
 
 def _bag(effort: bool, strain: bool) -> BagData:

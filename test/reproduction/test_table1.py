@@ -23,6 +23,7 @@ import pytest
 
 from tudor_dynamics.reproduction.table1 import (
     Block, Cell, findings, MODELS, PARTS, published, Row, TITLES)
+from tudor_dynamics.reproduction.table_text import block_grid
 
 PAYLOADS = (0, 100, 200, 300, 400)
 
@@ -48,6 +49,21 @@ def test_every_cell_once() -> None:
         misprint = (output, part, payload, model) == ('effort', 'training', 200, 'analytical')
         low, high = (130.0, 260.0) if output == 'strain' else (0.33, 0.65)
         assert (low < spread < high) is not misprint, (output, part, payload, model)
+
+
+@pytest.mark.parametrize('width', [78, 60, 200])
+def test_tables_fit_a_terminal(width: int) -> None:
+    """Every group of columns stands in one piece, once, and pieces are as narrow as they can."""
+    for block in papers_own():
+        grid = block_grid(block)
+        pieces = grid.pieces(width)
+        assert [column for piece in pieces for column in piece] == list(
+            range(2, len(grid.heads)))
+        assert (len(pieces) == 1) == (width == 200)
+        for piece in pieces:
+            shown = sum(2 + max(len(row[column]) for row in (grid.heads, *grid.rows))
+                        for column in (0, 1, *piece))
+            assert shown <= width or len({grid.over(column) for column in piece} - {''}) == 1
 
 
 def test_what_is_said_of_the_paper_is_so() -> None:

@@ -22,18 +22,21 @@ import hashlib
 import json
 from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 from pydantic import ValidationError
 
+from tudor_dynamics.arm.angles import Snapped
 from tudor_dynamics.arm.kinematics import (
     gauge_point, is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
+from tudor_dynamics.arm.open_values import OPEN, open_values, spelled
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
-from tudor_dynamics.errors import ArmError, check_type
+from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import read_bounded
 
 MAX_YAML_BYTES = 2_000_000
@@ -89,6 +92,8 @@ class Arm:
         File the description came from, for messages.
     urdf : str or None
         Text of the URDF, where the kinematics come from one.
+    notes : tuple of str
+        What was taken otherwise than it stands in the files, one sentence each.
 
     """
 
@@ -96,6 +101,7 @@ class Arm:
     full_model: pin.Model
     source: str = field(default='')
     urdf: str | None = field(default=None, repr=False)
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Write joints with their efforts, and gauges with their places, one line each."""
@@ -211,6 +217,10 @@ class Arm:
         content = self.spec.model_dump(
             mode='json', exclude={'joints': {'__all__': {'limits', 'planned'}}},
             include={'name', 'gravity', 'joints', 'active_joints', 'joint_topic', 'gauges'})
+        for source in (*(joint['effort'] for joint in content['joints']), *content['gauges']):
+            for key in ('index', 'interface'):  # digests from before they were known still hold
+                if source[key] is None:
+                    del source[key]
         model = self.full_model
         content['tree'] = [
             [model.names[i], int(model.parents[i]), model.joints[i].shortname(),
@@ -253,6 +263,32 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                 raise ArmError(msg)
 
 
+def check_no_open_values(content: Any, source: str) -> None:
+    """
+    Refuse a description in which something is still ``?``.
+
+    Parameters
+    ----------
+    content : object
+        Description as plain values.
+    source : str
+        Where it came from, for messages.
+
+    Raises
+    ------
+    ArmError
+        If there is such a value; each is named by its keys.
+
+    """
+    names = [spelled(content, path) for path in open_values(content)]
+    if names:
+        more = f' and {len(names) - MAX_PARTS} more' if len(names) > MAX_PARTS else ''
+        msg = f'still {OPEN!r}: {", ".join(map(_short, names[:MAX_PARTS]))}{more}'
+        raise ArmError(msg, place=source, remedy=(
+            'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
+            'means'))
+
+
 def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     """
     Check a description and build its models.
@@ -280,24 +316,29 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     if not isinstance(content, dict):
         msg = f'{source}: expected a YAML mapping with name, kinematics and joints'
         raise ArmError(msg)
+    check_no_open_values(content, source)
     try:
         spec = ArmSpec.model_validate(content)
     except ValidationError as err:
         msg = f'{source}: {validation_message(err)}'
         raise ArmError(msg) from None
-    urdf = None
+    urdf, snapped = None, Snapped()
     if spec.kinematics.urdf is not None:
         urdf = read_urdf(base / spec.kinematics.urdf)
-        model = model_from_urdf(urdf, str(base / spec.kinematics.urdf))
+        model = model_from_urdf(urdf, str(base / spec.kinematics.urdf), snapped)
     else:
         rows = spec.kinematics.dh
         assert rows is not None  # the schema has one of the two
-        model = model_from_dh(rows, [joint.name for joint in spec.joints],
+        exact = [(a, snapped.take(alpha, f'alpha of row {number}'), d,
+                  snapped.take(theta, f'theta of row {number}'))
+                 for number, (a, alpha, d, theta) in enumerate(rows, start=1)]
+        model = model_from_dh(exact, [joint.name for joint in spec.joints],
                               [joint.type or 'revolute' for joint in spec.joints],
                               spec.kinematics.convention)
     _check_against_model(spec, model, source)
     model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
-    return Arm(spec, model, source, urdf)
+    note = snapped.note()
+    return Arm(spec, model, source, urdf, (note,) if note else ())
 
 
 def load_arm(path: str | Path) -> Arm:
@@ -335,4 +376,7 @@ def load_arm(path: str | Path) -> Arm:
     except ValueError as err:
         msg = f'{path}: {err}'
         raise ArmError(msg) from None
-    return arm_from_dict(content, base=path.parent, source=str(path))
+    arm = arm_from_dict(content, base=path.parent, source=str(path))
+    for note in arm.notes:
+        warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)
+    return arm

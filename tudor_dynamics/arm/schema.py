@@ -22,9 +22,9 @@ is silently ignored gives a wrong model.
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from tudor_dynamics.arm.drives import check_drives, DamperSpec, MotorSpec, SensorSpec
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
@@ -32,7 +32,19 @@ from tudor_dynamics.arm.links import (
     check_links, check_overlap, InertiaPart, LinkSpec, SimulationSpec)
 
 EFFORT_UNITS = ('A', 'N m', 'N')
+NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
+"""Spellings of one unit; the first is used everywhere."""
+MAX_INDEX = 1000
+"""Values of an array that may be named."""
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
+
+
+def _one_spelling(unit: Any) -> Any:
+    return NEWTON_METRE[0] if unit in NEWTON_METRE else unit
+
+
+EffortUnit = Annotated[Literal['A', 'N m', 'N'], BeforeValidator(_one_spelling)]
+StrainUnit = Annotated[Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'], BeforeValidator(_one_spelling)]
 
 
 class KinematicsSpec(Spec):
@@ -60,12 +72,31 @@ class KinematicsSpec(Spec):
         return self
 
 
-class EffortSpec(Spec):
+class SourceSpec(Spec):
+    """The topic of a value, and its place there where that is no JointState."""
+
+    topic: Name
+    index: Annotated[int, Field(ge=0, lt=MAX_INDEX)] | None = None
+    """Place of the value in a std_msgs/Float64MultiArray, from 0; its messages have no stamp, so
+    their log times count, or when they arrive."""
+    interface: Name | None = None
+    """Interface in a control_msgs/DynamicJointState, such as current; for bags, not for nodes."""
+
+    @model_validator(mode='after')
+    def _one_kind(self) -> SourceSpec:
+        if self.index is not None and self.interface is not None:
+            raise ValueError('give index (Float64MultiArray) or interface (DynamicJointState), '
+                             'not both')
+        return self
+
+
+class EffortSpec(SourceSpec):
     """The topic on which a joint's actuator effort arrives, and what it is measured in."""
 
     topic: Name = 'joint_states'
-    """Topic of type sensor_msgs/JointState, whose field ``effort`` is read."""
-    unit: Literal['A', 'N m', 'N'] = 'N m'
+    """Topic of type sensor_msgs/JointState, whose field ``effort`` is read; of another type with
+    ``index`` or ``interface``."""
+    unit: EffortUnit = 'N m'
     """What the driver publishes: motor current, torque, or force of a prismatic joint."""
     torque_constant: Positive | None = None
     """Joint torque per ampere, gear and efficiency included; unknown by default
@@ -157,7 +188,7 @@ class JointSpec(Spec):
         return terms
 
 
-class GaugeSpec(Spec):
+class GaugeSpec(SourceSpec):
     """A strain gauge (bridge) on the link behind a joint."""
 
     name: Name
@@ -171,8 +202,9 @@ class GaugeSpec(Spec):
     direction: Literal['x', 'y', 'z'] | Vector3 = 'x'
     """Direction of the link in the joint's frame."""
     topic: Name = 'link_strains'
-    """Topic of type sensor_msgs/JointState, whose field ``position`` is read."""
-    unit: Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'] = 'um/m'
+    """Topic of type sensor_msgs/JointState, whose field ``position`` is read; of another type with
+    ``index`` or ``interface``."""
+    unit: StrainUnit = 'um/m'
     """What its amplifier publishes; the damper needs a strain, um/m or m/m."""
 
     @field_validator('axis', 'direction')

@@ -33,6 +33,7 @@ from xml.etree import ElementTree
 
 import pinocchio as pin
 
+from tudor_dynamics.arm.angles import Snapped
 from tudor_dynamics.arm.fields import LARGEST
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_bounded
@@ -161,6 +162,16 @@ def _check_numbers(root: ElementTree.Element, path: str) -> None:
                     raise ArmError(msg)
 
 
+def _snap(root: ElementTree.Element, snapped: Snapped) -> None:
+    """Take the angles between joints as what they were rounded from."""
+    for joint in root.iter('joint'):
+        origin = joint.find('origin')
+        if origin is not None and origin.get('rpy') is not None:
+            angles = [snapped.take(float(word), f'{joint.get("name")} rpy')
+                      for word in origin.get('rpy', '').split()]
+            origin.set('rpy', ' '.join(map(repr, angles)))
+
+
 def _are_numbers(text: str, count: int, tag: str) -> bool:
     try:
         values = [float(word) for word in text.split()]
@@ -193,7 +204,7 @@ def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
             os.close(usual)
 
 
-def model_from_urdf(text: str, path: str) -> pin.Model:
+def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin.Model:
     """
     Build a model from a URDF; continuous joints become angles, fixed ones merge with parents.
 
@@ -203,6 +214,8 @@ def model_from_urdf(text: str, path: str) -> pin.Model:
         URDF as XML text.
     path : str
         Where it came from, for messages.
+    snapped : Snapped, optional
+        Remembers the rounded angles of joints that were taken as exact ones.
 
     Returns
     -------
@@ -218,6 +231,7 @@ def model_from_urdf(text: str, path: str) -> pin.Model:
     root = _parse(text, path)
     _adapt(root, path)
     _check_numbers(root, path)
+    _snap(root, snapped or Snapped())
     model, cause = None, None
     with _stderr_of_libraries() as taken:
         try:

@@ -27,13 +27,19 @@ from tudor_dynamics.bags.alignment import (
     gap_limit, increasing, interpolate, split_at_gaps)
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.joint_states import check_lengths, JointStates
+from tudor_dynamics.bags.layouts.carriers import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plan import Plan, resolve
+from tudor_dynamics.bags.plan import Channel, Plan, resolve
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.bags.streams import check_finite, choose_clock, select, Stream
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
 
+REMEDIES = {
+    JOINT_STATE: 'leave out index and interface in the arm description',
+    FLOAT64_MULTI_ARRAY: 'say with index: N in the arm description which value of the array it is',
+    DYNAMIC_JOINT_STATE: 'say with interface: NAME in the arm description which one it is'}
+"""Where a topic has another type than described: what to write."""
 MIN_SEGMENT = 5
 """Fewer samples between two gaps are left out: nothing can be differentiated from them."""
 
@@ -81,19 +87,24 @@ class Assembly:
         self.dropped: Counter[str] = Counter()
         self.clock = choose_clock(topics, notes, self.path)
 
-    def states(self, name: str) -> JointStates:
+    def states(self, name: str, channel: Channel | None = None) -> JointStates:
         """
-        Give a topic of the bag, which must be one of joint states.
+        Give a topic of the bag, which must be of the type wanted.
 
         Parameters
         ----------
         name : str
             Name of the topic.
+        channel : Channel, optional
+            What is looked for in it; positions by default.
 
         """
-        if name not in self.topics:
-            msg = (f'topic {name} is of type {self.bag.topics[name].msgtype}, '
-                   f'expected {JOINT_STATE}; name another topic in the arm description')
+        found = self.bag.topics[name].msgtype
+        msgtype = JOINT_STATE if channel is None else channel.msgtype
+        if name not in self.topics or found != msgtype:
+            remedy = 'name another topic in the arm description'
+            remedy = remedy if channel is None else REMEDIES.get(found, remedy)
+            msg = f'topic {name} is of type {found}, expected {msgtype}; {remedy}'
             raise BagError(msg, place=self.path)
         return self.topics[name]
 
@@ -188,7 +199,7 @@ class Assembly:
         return check_finite(stream, self.notes, self.path).values
 
     def output(
-        self, motion: Stream, names: Sequence[str], topics: Sequence[str], field: str,
+        self, motion: Stream, names: Sequence[str], channels: Sequence[Channel],
     ) -> Output | None:
         """
         Give efforts or strains on the stamps of the motion; None where there are none.
@@ -199,19 +210,19 @@ class Assembly:
             Positions, whose stamps count.
         names : sequence of str
             Joints or gauges, in the order wanted.
-        topics : sequence of str
-            Topic of each of them.
-        field : str
-            Field of the messages that carries the values.
+        channels : sequence of Channel
+            Where the values of each of them stand.
 
         """
         if not names:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)
         found = np.ones(len(motion.stamp), dtype=bool)
-        for topic in dict.fromkeys(topics):
-            columns = [i for i, other in enumerate(topics) if other == topic]
-            stream = self._output_stream([names[i] for i in columns], topic, field)
+        sources = [(channel.topic, channel.field, channel.msgtype) for channel in channels]
+        for source in dict.fromkeys(sources):
+            columns = [i for i, other in enumerate(sources) if other == source]
+            stream = self._output_stream([names[i] for i in columns],
+                                         [channels[i] for i in columns])
             if stream is None:
                 return None
             values[:, columns], inside = interpolate(motion.stamp, stream.stamp, stream.values)
@@ -226,18 +237,21 @@ class Assembly:
                                f'every {other * 1e-6:.3g} ms; interpolated')
         return Output(values, found)
 
-    def _output_stream(self, names: Sequence[str], wanted: str, field: str) -> Stream | None:
-        who = ', '.join(names)
-        topic = resolve(wanted, self.bag.topics, self.path)
+    def _output_stream(
+        self, names: Sequence[str], channels: Sequence[Channel],
+    ) -> Stream | None:
+        who, keys = ', '.join(names), [channel.name for channel in channels]
+        wanted, field = channels[0].topic, channels[0].field
+        topic = resolve(wanted, self.bag.topics, self.path, channels[0].msgtype)
         if topic is None:
             self.notes.add(f'no topic {wanted} ({field} of {who})', lacking=True)
             return None
-        states = self.states(topic)
-        check_lengths(states, names, self.path)
-        stream, index = select(states, names, field, self.clock[topic])
+        states = self.states(topic, channels[0])
+        check_lengths(states, keys, self.path)
+        stream, index = select(states, keys, field, self.clock[topic])
         if not len(index):
             present = sorted({name for block in states.blocks for name in block.layout.names
-                              if block.layout.fields[field][1]})
+                              if block.layout.size(field)})
             self.notes.add(f'no {field} of {who} in {topic}, ' + (
                 f'which has it of {", ".join(present)}' if present else 'the field is empty'),
                 lacking=True)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Bulk decoding of CDR messages: JointState and WrenchStamped as arrays.
+Bulk decoding of CDR messages as arrays: JointState, WrenchStamped, arrays and interfaces.
 
 Messages of one topic nearly always share one layout: the same names, the same fields, the same
 frame, hence every number at the same place. The layout is parsed once, all messages that agree
@@ -60,7 +60,9 @@ class Block:
 
     @property
     def stamp(self) -> NDArray[np.int64]:
-        """Header stamps [ns]."""
+        """Header stamps, zero where the messages have none [ns]."""
+        if not self.layout.stamped:
+            return np.zeros(len(self.index), dtype=np.int64)
         seconds = self.records['sec'].astype(np.int64)
         return seconds * 1_000_000_000 + self.records['nanosec'].astype(np.int64)
 
@@ -71,16 +73,24 @@ class Block:
         Parameters
         ----------
         field : str
-            ``position``, ``velocity`` or ``effort``; ``wrench`` for a WrenchStamped.
+            ``position``, ``velocity`` or ``effort``; ``wrench`` for a WrenchStamped, an interface
+            for a DynamicJointState, ``data`` for an array.
 
         Returns
         -------
         ndarray of shape (n, length of the field)
-            In the units of the message; no columns where the field is empty.
+            In the units of the message; no columns where the field is empty, NaN where a joint
+            lacks the interface.
 
         """
-        if self.layout.fields[field][1] == 0:
+        if self.layout.size(field) == 0:
             return np.empty((len(self.index), 0))
+        if field in self.layout.scattered:
+            values = np.full((len(self.index), len(self.layout.names)), np.nan)
+            for column, place in enumerate(self.layout.scattered[field]):
+                if place is not None:
+                    values[:, column] = self.records[place[0]][:, place[1]]
+            return values
         return np.ascontiguousarray(self.records[field], dtype=np.float64)
 
 
@@ -110,7 +120,7 @@ def decode(
     messages : sequence of bytes
         CDR buffers with their encapsulation headers.
     parse : callable
-        `joint_state_layout` or `wrench_layout`.
+        Such as `joint_state_layout` or `wrench_layout`.
     topic : str
         Name, for messages.
 

@@ -21,7 +21,8 @@ the encapsulation header of four bytes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field as dataclass_field
 import struct
 from typing import Any
 
@@ -65,6 +66,11 @@ class Layout:
         Offset and number of float64 values of each array.
     dtype : numpy.dtype
         Structured type: ``sec``, ``nanosec`` and the fields that are not empty.
+    stamped : bool
+        Whether the messages have a header with a stamp.
+    scattered : dict of str to tuple of (str, int) or None
+        Of fields whose values stand apart: for each name the part of the structured type and the
+        place in it; None where the name lacks the field.
     significant : ndarray of uint8, shape (length,)
         255 where a byte belongs to the structure, 0 where it is a number or padding.
 
@@ -77,9 +83,16 @@ class Layout:
     fields: dict[str, tuple[int, int]]
     dtype: np.dtype[Any]
     significant: NDArray[np.uint8]
+    stamped: bool = True
+    scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] = dataclass_field(
+        default_factory=dict)
+
+    def size(self, name: str) -> int:
+        """Give the number of values in a field; none of a field that such messages lack."""
+        return self.fields.get(name, (0, 0))[1]
 
 
-class _Cursor:
+class Cursor:
     """Walks one buffer, checks every bound, and marks the structural bytes."""
 
     def __init__(self, buffer: bytes) -> None:
@@ -141,21 +154,25 @@ class _Cursor:
 
     def finish(
         self, frame_id: str, names: tuple[str, ...], fields: dict[str, tuple[int, int]],
-        spare: int = MAX_PADDING,
+        spare: int = MAX_PADDING, *, stamped: bool = True,
+        scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] | None = None,
     ) -> Layout:
         """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
         if left > spare:
             raise CdrError(f'has {left} bytes too many')
         present = {name: place for name, place in fields.items() if place[1]}
+        parts: list[tuple[str, Any, int]] = [] if not stamped else [
+            ('sec', self.order + 'i4', HEADER), ('nanosec', self.order + 'u4', HEADER + 4)]
+        parts += [(name, (self.order + 'f8', (size,)), start)
+                  for name, (start, size) in present.items()]
         dtype = np.dtype({
-            'names': ['sec', 'nanosec', *present],
-            'formats': [self.order + 'i4', self.order + 'u4',
-                        *((self.order + 'f8', (size,)) for _, size in present.values())],
-            'offsets': [HEADER, HEADER + 4, *(start for start, _ in present.values())],
-            'itemsize': len(self.buffer)})
+            'names': [name for name, _, _ in parts], 'formats': [kind for _, kind, _ in parts],
+            'offsets': [start for _, _, start in parts], 'itemsize': len(self.buffer)})
+        if scattered is not None:
+            fields = {name: (HEADER, len(names)) for name in scattered}
         return Layout(len(self.buffer), self.order, frame_id, names, fields, dtype,
-                      self.significant)
+                      self.significant, stamped, scattered or {})
 
 
 def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
@@ -180,7 +197,7 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
         If the buffer is no JointState.
 
     """
-    cursor = _Cursor(buffer)
+    cursor = Cursor(buffer)
     frame_id = cursor.header()
     names = cursor.names()
     fields = {field: cursor.doubles() for field in FIELDS}
@@ -207,7 +224,7 @@ def wrench_layout(buffer: bytes) -> Layout:
         If the buffer is no WrenchStamped.
 
     """
-    cursor = _Cursor(buffer)
+    cursor = Cursor(buffer)
     frame_id = cursor.header()
     return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})
 
@@ -233,7 +250,7 @@ def imu_layout(buffer: bytes) -> Layout:
         If the buffer is no Imu.
 
     """
-    cursor = _Cursor(buffer)
+    cursor = Cursor(buffer)
     frame_id = cursor.header()
     fields = {}
     for field, size in (('orientation', 4), ('angular_velocity', 3), ('linear_acceleration', 3)):
@@ -265,7 +282,7 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
         If the buffer is no JointTrajectory of one point.
 
     """
-    cursor = _Cursor(buffer)
+    cursor = Cursor(buffer)
     frame_id = cursor.header()
     names = cursor.names()
     points = cursor.count()

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.joint_states import JointStates
-from tudor_dynamics.bags.plan import MANY_TURNS, Plan
+from tudor_dynamics.bags.plan import Channel, MANY_TURNS, Plan
 
 STRAIN_WORDS = ('strain', 'gauge')
 """A topic of JointState whose name has one of these carries strains, where no arm is given."""
@@ -44,7 +45,7 @@ def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
     def with_field(what: str) -> dict[str, list[str]]:
         found = {}
         for name, states in topics.items():
-            blocks = [block for block in states.blocks if block.layout.fields[what][1]]
+            blocks = [block for block in states.blocks if block.layout.size(what)]
             if blocks:
                 largest = max(blocks, key=lambda block: len(block.index))
                 found[name] = list(largest.layout.names)
@@ -53,6 +54,7 @@ def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
     def is_strain(name: str) -> bool:
         return any(word in name.lower() for word in STRAIN_WORDS)
 
+    topics = {name: states for name, states in topics.items() if states.msgtype == JOINT_STATE}
     positions, efforts = with_field('position'), with_field('effort')
     candidates = [name for name in positions if not is_strain(name)]
     if not candidates:
@@ -62,8 +64,9 @@ def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
     joints = tuple(dict.fromkeys(positions[topic]))
     sources = [name for name in (topic, *sorted(efforts))
                if set(joints) <= set(efforts.get(name, ()))]
-    strains = {gauge: name for name, gauges in positions.items() if is_strain(name)
-               for gauge in gauges}
+    strains = {gauge: Channel(name, gauge, 'position') for name, gauges in positions.items()
+               if is_strain(name) for gauge in gauges}
+    source = sources[0] if sources else topic
     return Plan(topic, joints, (False,) * len(joints), (MANY_TURNS,) * len(joints),
-                (sources[0] if sources else topic,) * len(joints),
+                tuple(Channel(source, joint, 'effort') for joint in joints),
                 tuple(strains), tuple(strains.values()))

@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import gap_limit, increasing, split_at_gaps
-from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE
+from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.guess import guess_plan
-from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
+from tudor_dynamics.bags.joint_states import JointStates, LAYOUTS, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm
-from tudor_dynamics.bags.reader import assemble, stated_payload
+from tudor_dynamics.bags.reader import assemble, planned_topics, stated_payload
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError
 
@@ -47,7 +47,8 @@ class ChannelReport:
     name : str
         Joint or gauge.
     field : str
-        ``position``, ``velocity`` or ``effort``.
+        ``position``, ``velocity`` or ``effort``; ``data`` of an array, whose names are places;
+        an interface of a DynamicJointState.
     minimum, maximum : float or None
         Range of the finite values; None where there are none.
     not_finite : int
@@ -184,11 +185,15 @@ def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
     return result
 
 
-def _channels(states: JointStates, names: list[str]) -> list[ChannelReport]:
+def _channels(
+    states: JointStates, names: list[str], fields: list[str],
+) -> list[ChannelReport]:
     found: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
     for block in states.blocks:
-        for what in FIELDS:
+        for what in block.layout.fields:
             values = block.values(what)
+            if not values.shape[1]:
+                continue
             finite = np.isfinite(values)
             low = np.where(finite, values, np.inf).min(axis=0).tolist()
             high = np.where(finite, values, -np.inf).max(axis=0).tolist()
@@ -202,7 +207,7 @@ def _channels(states: JointStates, names: list[str]) -> list[ChannelReport]:
                 found.setdefault((name, what), []).append(column)
     reports = []
     for name in names:
-        for what in FIELDS:
+        for what in fields:
             if (name, what) in found:
                 low, high, bad = zip(*found[name, what], strict=True)
                 least, most = min(low), max(high)
@@ -214,12 +219,12 @@ def _channels(states: JointStates, names: list[str]) -> list[ChannelReport]:
 
 def _topic_report(name: str, msgtype: str, states: JointStates) -> TopicReport:
     names = list(dict.fromkeys(one for block in states.blocks for one in block.layout.names))
-    fields = [what for what in FIELDS
-              if any(block.layout.fields[what][1] for block in states.blocks)]
+    fields = list(dict.fromkeys(what for block in states.blocks for what in block.layout.fields
+                                if block.layout.size(what)))
     unset = not states.stamp.any()
     times = _times(states.log_time if unset else states.stamp, 'log' if unset else 'stamp')
     return TopicReport(name, msgtype, len(states.stamp), names=names, fields=fields,
-                       channels=_channels(states, names), **times)
+                       channels=_channels(states, names, fields), **times)
 
 
 def _verdict(
@@ -229,8 +234,9 @@ def _verdict(
     if plan is None:
         return nothing | {'verdict': 'nothing: no joint positions in it'}
     try:
-        found = assemble(bag, topics, plan, notes, need_output=True, need_motion=True,
-                         checksum=False)
+        found = assemble(
+            bag, {name: topics[name] for name in planned_topics(bag, plan) if name in topics},
+            plan, notes, need_output=True, need_motion=True, checksum=False)
     except BagError as err:
         return nothing | {'verdict': f'nothing: {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
@@ -266,8 +272,14 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
     """
     notes = Notes(str(path), quiet=True)
     bag = open_bag(path, notes)
-    chosen = [name for name, info in bag.topics.items() if info.msgtype == JOINT_STATE]
-    topics = load_joint_states(bag, chosen)
+    topics = load_joint_states(bag, [name for name, info in bag.topics.items()
+                                     if info.msgtype == JOINT_STATE])
+    for name, info in bag.topics.items():
+        if info.msgtype in LAYOUTS and name not in topics:
+            try:
+                topics |= load_joint_states(bag, [name])
+            except BagError as err:  # it may have nothing to do with the arm
+                notes.add(err.cause)
     others = bag.read([name for name in bag.topics if name not in topics], with_data=False)
     reports, edges = [], []
     for name, info in sorted(bag.topics.items()):

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""JointState topics of a bag as arrays, and whether their messages keep their contract."""
+"""Topics that carry named values as arrays, and whether their messages keep their contract."""
 
 from __future__ import annotations
 
@@ -23,24 +23,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.cdr import Block, decode
-from tudor_dynamics.bags.cdr_layout import FIELDS, JOINT_STATE, joint_state_layout
+from tudor_dynamics.bags.cdr_layout import JOINT_STATE, joint_state_layout
+from tudor_dynamics.bags.layouts.carriers import (
+    array_layout, DYNAMIC_JOINT_STATE, dynamic_layout, FLOAT64_MULTI_ARRAY)
+from tudor_dynamics.bags.layouts.definitions import check_definition, EXPECTED
 from tudor_dynamics.bags.storage.raw import Bag, RawMessages
 from tudor_dynamics.errors import BagError
+
+LAYOUTS = {JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
+           DYNAMIC_JOINT_STATE: dynamic_layout}
+"""Types of messages with named values; those of an array are named by their places."""
 
 
 @dataclass(frozen=True, eq=False)
 class JointStates:
     """
-    All messages of a JointState topic.
+    All messages of a topic of JointState, or of another type with named values.
 
     Attributes
     ----------
     topic : str
         Name of the topic.
     log_time, stamp : ndarray of int64, shape (n,)
-        When each was recorded, and its header stamp [ns].
+        When each was recorded, and its header stamp, zero where it has none [ns].
     blocks : list of Block
         Messages by layout.
+    msgtype : str
+        Type of the messages.
 
     """
 
@@ -48,6 +57,12 @@ class JointStates:
     log_time: NDArray[np.int64]
     stamp: NDArray[np.int64]
     blocks: list[Block]
+    msgtype: str = JOINT_STATE
+
+    @property
+    def stamped(self) -> bool:
+        """Say whether messages of this type have a stamp."""
+        return self.msgtype != FLOAT64_MULTI_ARRAY
 
 
 def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
@@ -72,18 +87,19 @@ def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
         If the type is another one, or a message cannot be decoded.
 
     """
-    if raw.msgtype != JOINT_STATE:
+    layout = LAYOUTS.get(raw.msgtype)
+    if layout is None:
         msg = (f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected {JOINT_STATE}; '
                'name another topic in the arm description')
         raise BagError(msg)
     try:
-        blocks = decode(raw.data, joint_state_layout, raw.topic)
+        blocks = decode(raw.data, layout, raw.topic)
     except BagError as err:
         raise err.at(path) from None
     stamp = np.zeros(len(raw.data), dtype=np.int64)
     for block in blocks:
         stamp[block.index] = block.stamp
-    return JointStates(raw.topic, raw.log_time, stamp, blocks)
+    return JointStates(raw.topic, raw.log_time, stamp, blocks, raw.msgtype)
 
 
 def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointStates]:
@@ -95,7 +111,7 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
     bag : Bag
         Bag that was opened.
     topics : collection of str
-        JointState topics that it has.
+        Topics that it has, of the types in `LAYOUTS`.
 
     Returns
     -------
@@ -103,6 +119,11 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
         Decoded topics.
 
     """
+    for name in topics:
+        msgtype = bag.topics[name].msgtype if name in bag.topics else ''
+        if msgtype in EXPECTED:
+            for text in bag.definitions(msgtype):
+                check_definition(msgtype, text, name, str(bag.path))
     return {name: decode_joint_states(raw, str(bag.path))
             for name, raw in bag.read(topics).items()}
 
@@ -131,8 +152,7 @@ def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
         if not set(names) & set(layout.names):
             continue
         where = f'topic {states.topic}, message {block.index[0]}'
-        for field in FIELDS:
-            size = layout.fields[field][1]
+        for field, (_, size) in layout.fields.items():
             if size not in (0, len(layout.names)):
                 msg = (f'{where}: {field} has {size} values for {len(layout.names)} names; a '
                        'JointState array has the length of name or is empty: repair the '

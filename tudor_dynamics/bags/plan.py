@@ -21,8 +21,9 @@ from dataclasses import dataclass
 import math
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.schema import LimitSpec
+from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
+from tudor_dynamics.bags.layouts.carriers import DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.storage.raw import TopicInfo
 from tudor_dynamics.errors import BagError
 
@@ -30,6 +31,51 @@ MANY_TURNS = 4 * math.pi
 """No revolute joint without limits in its description is taken to go farther than this [rad]."""
 UNLIMITED = 1e6
 """Limits beyond this are none [rad or m]."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """
+    Where the values of one joint or gauge stand.
+
+    Attributes
+    ----------
+    topic : str
+        As described (relative or absolute).
+    name : str
+        Name in the messages; in an array the place, from 0.
+    field : str
+        Field of the messages: ``effort``, ``position``, ``data``, or an interface.
+    msgtype : str
+        Type that the messages must have.
+
+    """
+
+    topic: str
+    name: str
+    field: str
+    msgtype: str = JOINT_STATE
+
+
+def channel_of(source: SourceSpec, name: str, field: str) -> Channel:
+    """
+    Give the channel that a description names.
+
+    Parameters
+    ----------
+    source : SourceSpec
+        Topic of a joint's effort or of a gauge.
+    name : str
+        Joint or gauge.
+    field : {'effort', 'position'}
+        Field that carries the value in a JointState.
+
+    """
+    if source.index is not None:
+        return Channel(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
+    if source.interface is not None:
+        return Channel(source.topic, name, source.interface, DYNAMIC_JOINT_STATE)
+    return Channel(source.topic, name, field)
 
 
 @dataclass(frozen=True)
@@ -47,10 +93,12 @@ class Plan:
         Kind of each joint.
     reach : tuple of float or None
         Largest plausible ``|q|`` of each joint [rad or m]; None where any is.
-    effort_topics : tuple of str
-        Topic of each joint's effort.
-    gauges, gauge_topics : tuple of str
-        Name and topic of each gauge.
+    efforts : tuple of Channel
+        Where each joint's effort stands.
+    gauges : tuple of str
+        Names of the gauges.
+    strains : tuple of Channel
+        Where each gauge's reading stands.
 
     """
 
@@ -58,9 +106,15 @@ class Plan:
     joints: tuple[str, ...]
     prismatic: tuple[bool, ...]
     reach: tuple[float | None, ...]
-    effort_topics: tuple[str, ...]
+    efforts: tuple[Channel, ...]
     gauges: tuple[str, ...] = ()
-    gauge_topics: tuple[str, ...] = ()
+    strains: tuple[Channel, ...] = ()
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics as described, each once."""
+        return tuple(dict.fromkeys((self.joint_topic, *(
+            channel.topic for channel in (*self.efforts, *self.strains)))))
 
 
 def plan_from_arm(arm: Arm) -> Plan:
@@ -98,11 +152,14 @@ def plan_from_arm(arm: Arm) -> Plan:
         reach.append(bound)
     return Plan(
         arm.spec.joint_topic, arm.active_joints, tuple(prismatic), tuple(reach),
-        tuple(joint.effort.topic for joint in arm.joints),
-        arm.gauge_names, tuple(gauge.topic for gauge in arm.gauges))
+        tuple(channel_of(joint.effort, joint.name, 'effort') for joint in arm.joints),
+        arm.gauge_names,
+        tuple(channel_of(gauge, gauge.name, 'position') for gauge in arm.gauges))
 
 
-def resolve(name: str, topics: Mapping[str, TopicInfo], path: str) -> str | None:
+def resolve(
+    name: str, topics: Mapping[str, TopicInfo], path: str, msgtype: str = JOINT_STATE,
+) -> str | None:
     """
     Find a topic of the description in a bag.
 
@@ -114,11 +171,13 @@ def resolve(name: str, topics: Mapping[str, TopicInfo], path: str) -> str | None
         Topics of the bag.
     path : str
         Bag, for messages.
+    msgtype : str
+        Type of its messages.
 
     Returns
     -------
     str or None
-        The topic of that name, or the only JointState topic in a namespace that ends so.
+        The topic of that name, or the only one of that type in a namespace that ends so.
 
     Raises
     ------
@@ -133,7 +192,7 @@ def resolve(name: str, topics: Mapping[str, TopicInfo], path: str) -> str | None
     if name.startswith('/'):
         return None
     found = sorted(topic for topic, info in topics.items()
-                   if topic.endswith(f'/{relative}') and info.msgtype == JOINT_STATE)
+                   if topic.endswith(f'/{relative}') and info.msgtype == msgtype)
     if len(found) > 1:
         msg = (f'topic {name} is in several namespaces ({", ".join(found)}); write one '
                'of them in full in the arm description')

@@ -27,7 +27,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import increasing
 from tudor_dynamics.bags.assembly import Assembly
 from tudor_dynamics.bags.cdr import decode
-from tudor_dynamics.bags.cdr_layout import wrench_layout, WRENCH_STAMPED
+from tudor_dynamics.bags.cdr_layout import JOINT_STATE, wrench_layout, WRENCH_STAMPED
 from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
@@ -86,8 +86,8 @@ def assemble(
     """
     work = Assembly(bag, topics, plan, notes)
     motion, dq = work.motion()
-    effort = work.output(motion, plan.joints, plan.effort_topics, 'effort')
-    strain = work.output(motion, plan.gauges, plan.gauge_topics, 'position')
+    effort = work.output(motion, plan.joints, plan.efforts)
+    strain = work.output(motion, plan.gauges, plan.strains)
     rows = work.rows(motion, dq, (effort, strain))
     stamp = motion.stamp[rows]
     duration = (stamp[-1] - stamp[0]) * 1e-9 if len(stamp) else 0.0
@@ -181,12 +181,50 @@ def read_recording(
     """
     check_type(path, (str, Path), 'path', 'the path of a bag')
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
-    plan = plan_from_arm(arm)
-    notes = Notes(str(path))
+    return read_planned(path, plan_from_arm(arm), Notes(str(path)), need_output=need_output,
+                        need_motion=need_motion)
+
+
+def planned_topics(bag: Bag, plan: Plan) -> list[str]:
+    """Give the topics of a bag that a plan names, by their full names."""
+    types = {channel.topic: channel.msgtype for channel in (*plan.efforts, *plan.strains)}
+    names = {resolve(name, bag.topics, str(bag.path), types.get(name, JOINT_STATE))
+             for name in plan.topics}
+    return sorted(name for name in names if name is not None)
+
+
+def read_planned(
+    path: str | Path,
+    plan: Plan,
+    notes: Notes,
+    *,
+    need_output: bool = False,
+    need_motion: bool = False,
+) -> Recording:
+    """
+    Read what a plan names from a bag, as `read_recording` does.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    plan : Plan
+        What to look for.
+    notes : Notes
+        Is told what is odd.
+    need_output : bool
+        Refuse a bag with neither efforts nor strains.
+    need_motion : bool
+        Refuse a bag in which no joint moves.
+
+    Returns
+    -------
+    Recording
+        Aligned arrays.
+
+    """
     bag = open_bag(path, notes)
-    wanted = (plan.joint_topic, *plan.effort_topics, *plan.gauge_topics)
-    names = {resolve(name, bag.topics, str(path)) for name in wanted} - {None}
-    topics = load_joint_states(bag, sorted(str(name) for name in names))
+    topics = load_joint_states(bag, planned_topics(bag, plan))
     return assemble(bag, topics, plan, notes, need_output=need_output, need_motion=need_motion)
 
 

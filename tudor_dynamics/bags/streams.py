@@ -76,8 +76,8 @@ def select(
         Decoded topic, lengths checked.
     names : sequence of str
         Names of the columns wanted.
-    field : {'position', 'velocity', 'effort'}
-        Array to take them from.
+    field : str
+        Array to take them from: ``position``, ``velocity``, ``effort``, ``data``, an interface.
     stamp : ndarray of int64
         Time of every message of the topic [ns].
 
@@ -92,7 +92,7 @@ def select(
     rows, parts = [], []
     for block in states.blocks:
         layout = block.layout
-        if layout.fields[field][1] and set(names) <= set(layout.names):
+        if layout.size(field) and set(names) <= set(layout.names):
             columns = [layout.names.index(name) for name in names]
             rows.append(block.index)
             parts.append(block.values(field)[:, columns])
@@ -114,14 +114,15 @@ def choose_clock(
     Take header stamps, or log times where a topic has no header stamps.
 
     A stamp of zero means "not set" in ROS. Streams with different clocks could not be aligned, so
-    one topic without stamps sends all to their log times.
+    one topic without stamps sends all to their log times. Messages of a type that has no stamp get
+    their log times less what stamped messages of the bag take to be recorded.
 
     Parameters
     ----------
     topics : dict of str to JointStates
         Decoded topics by name.
     notes : Notes
-        Is told when log times are used.
+        Is told where log times are used.
     path : str
         Bag, for messages.
 
@@ -137,9 +138,17 @@ def choose_clock(
 
     """
     unset = [name for name, states in topics.items()
-             if len(states.stamp) > 1 and not states.stamp.any()]
+             if states.stamped and len(states.stamp) > 1 and not states.stamp.any()]
     if not unset:
-        return {name: states.stamp for name, states in topics.items()}
+        delays = [states.log_time - states.stamp for states in topics.values() if states.stamped]
+        delay = int(np.median(np.concatenate([*delays, np.zeros(0, np.int64)]))) if any(
+            map(len, delays)) else 0
+        for name, states in topics.items():
+            if not states.stamped and len(states.stamp):
+                notes.add(f'messages in {name} have no stamp: their log times count, less '
+                          f'{delay * 1e-6:.3g} ms that stamped messages take to be recorded')
+        return {name: states.stamp if states.stamped else states.log_time - delay
+                for name, states in topics.items()}
     for name, states in topics.items():
         if len(states.stamp) > 1 and np.mean(np.diff(states.log_time) > 0) < 0.9:
             msg = (f'all header stamps in {", ".join(unset)} are zero and the log times '

@@ -18,9 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rich.table import Table
-
-from tudor_dynamics.cli.console import print_table
+from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.identification.collisions import MethodResult
 
 
@@ -36,11 +34,10 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
         False alarms per hour that the thresholds allow.
 
     """
-    table = Table(title=f'collisions, thresholds for {allowed:g} false alarms per hour',
-                  title_justify='left')
-    for name in ('method', 'pushes found', 'latency median [ms]', '95 % [ms]', 'false alarms',
-                 'in [min]', 'largest ratio without push'):
-        table.add_column(name, justify='left' if name == 'method' else 'right', no_wrap=True)
+    table = new_table(
+        f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
+        figures=('pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]', 'false\nalarms',
+                 '\nin [min]', 'largest ratio\nwithout push'))
 
     def milliseconds(value: float | None) -> str:
         return '-' if value is None else f'{1e3 * value:.0f}'

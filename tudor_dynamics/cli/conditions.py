@@ -19,9 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from rich.table import Table
-
-from tudor_dynamics.cli.console import print_table
+from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.identification.excitation_report import ExcitationReport
 
 
@@ -45,14 +43,13 @@ def print_conditions(names: Sequence[str], reports: Sequence[ExcitationReport]) 
         One for each.
 
     """
-    table = Table(title='condition numbers of the regressors: below 30 good, above 1000 poor',
-                  title_justify='left')
-    for name in ('motion', 'output', 'channels', 'condition', 'parameters', 'shown least'):
-        table.add_column(name, justify='right' if name in ('condition', 'parameters') else 'left')
+    table = new_table('condition numbers of the regressors: below 30 good, above 1000 poor',
+                      names=('motion', 'output', 'channels', 'shown least'),
+                      figures=('condition', 'parameters'))
     for name, report in zip(names, reports, strict=True):
         for output, groups in (('effort', report.effort), ('strain', report.strain)):
             for group in groups:
-                table.add_row(name, output, ', '.join(group.channels), f'{group.condition:.1f}',
-                              str(group.parameters), group.weakest)
+                table.add_row(name, output, ', '.join(group.channels), group.weakest,
+                              f'{group.condition:.1f}', str(group.parameters))
         table.add_section()
     print_table(table)

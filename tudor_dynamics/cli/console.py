@@ -16,18 +16,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import json
 import math
 import sys
 from typing import Any
 
+from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from tudor_dynamics.identification.metrics import Score
+
+LEAST_TEXT = 10
+"""Characters that a column of text keeps at least; longer text goes on in the next line."""
+GAP = 2
+"""Blanks between columns."""
 
 
 class Steps:
@@ -126,28 +133,77 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
         Over all channels first, then each channel.
 
     """
-    table = Table(title=title, title_justify='left')
-    for name in ('output', 'model', 'channel'):
-        table.add_column(name, no_wrap=True)
-    for name in ('RMSE', 'unit', 'sigma(E)', 'fit %', 'Eq. 18 %', 'rel. error %'):
-        table.add_column(name, justify='left' if name == 'unit' else 'right', no_wrap=True)
+    table = new_table(title, names=('channel',), figures=(
+        'RMSE', 'unit', 'sigma(E)', 'fit\n%', 'Eq. 18\n%', 'rel. error\n%'))
+    table.columns[2].justify = 'left'
     for output, model, score, units in rows:
         unit = set(units.values())
-        table.add_row(output, model, 'all', f'{score.rmse:.4g}',
+        table.add_row(f'{output}, {model}', f'{score.rmse:.4g}',
                       unit.pop() if len(unit) == 1 else 'mixed', f'{score.sigma_e:.4g}',
                       _percent(score.fit), _percent(score.fit_printed),
                       _percent(100 * score.relative_error))
         for name, channel in score.channels.items():
-            table.add_row('', '', name, f'{channel.rmse:.4g}', units[name], '',
+            table.add_row(f'  {name}', f'{channel.rmse:.4g}', units[name], '',
                           _percent(channel.fit), '', _percent(100 * channel.relative_error))
         table.add_section()
     return table
 
 
+def new_table(
+    title: str, names: Sequence[str] = (), figures: Sequence[str] = (),
+) -> Table:
+    """
+    Make a table whose names may take several lines and whose figures are never cut.
+
+    Parameters
+    ----------
+    title : str
+        Title above the table.
+    names : sequence of str
+        Heads of the columns of text, which come first.
+    figures : sequence of str
+        Heads of the columns of numbers, aligned at the right.
+
+    Returns
+    -------
+    rich.table.Table
+        Table without rows; more columns may be added.
+
+    """
+    table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, show_edge=False,
+                  pad_edge=False, padding=(0, GAP - 1, 0, 0))
+    for name in names:
+        table.add_column(name, overflow='fold')
+    for name in figures:
+        table.add_column(name, justify='right', no_wrap=True)
+    return table
+
+
+def _longest(column: Column) -> int:
+    lines = [line for cell in (column.header, *column.cells) for line in str(cell).splitlines()]
+    return max(map(cell_len, lines), default=0)
+
+
 def print_table(table: Table) -> None:
-    """Print a table on standard output; wide enough to be whole where it goes to a file."""
+    """Print a table on standard output: as wide as the terminal, or as its figures need."""
     # no markup: units in brackets, and names that come from bags, stand as they are
-    console = Console(markup=False)
-    if not console.is_terminal:
-        console = Console(width=160, markup=False)
+    console = Console(markup=False, highlight=False, emoji=False)
+    console.width = max(console.width, _arrange(table, console.width))
     console.print(table)
+
+
+def _arrange(table: Table, width: int) -> int:
+    """Share a width out: figures stay whole, the first text is the last to be folded."""
+    for column in table.columns:
+        column.width = _longest(column)
+    texts = [column for column in table.columns if not column.no_wrap]
+
+    def total() -> int:
+        return sum((column.width or 0) + GAP for column in table.columns)
+    for group in (texts[1:], texts[:1]):
+        while total() > width:
+            widest = max(group, key=lambda column: column.width or 0, default=None)
+            if widest is None or (widest.width or 0) <= LEAST_TEXT:
+                break
+            widest.width = (widest.width or 0) - 1
+    return total()

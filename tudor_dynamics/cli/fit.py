@@ -48,7 +48,7 @@ examples:
   tudor fit run1 run2 --test run3 --arm my_arm.yaml --out model
         judge by a bag of its own
   tudor fit run1@0-60% --test run1@60-100% --arm my_arm.yaml --out model
-        parts of one bag by time
+        parts of one bag by time; BAG@5s-50s counts seconds
   tudor fit empty full --payload-of empty=0 full=0.4 --arm my_arm.yaml --out model
         one model of all payloads, its parameters affine in the mass at the tip; bags of
         `tudor record` carry their payload themselves
@@ -76,7 +76,7 @@ class Clock:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
     parser.add_argument('bags', nargs='+', metavar='BAG',
-                        help='bag directory or file, or a part of it: BAG@0-60%%')
+                        help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s')
     parser.add_argument('--arm', required=True, metavar='YAML', help='arm description')
     parser.add_argument('--out', required=True, metavar='MODEL',
                         help='directory for the model bundle and its report')

@@ -27,6 +27,7 @@ from rich.text import Text
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
+from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import BagError, printable
 
 EXAMPLES = """\
@@ -39,8 +40,6 @@ Without --arm, joints, efforts and strains are guessed from the topics. The exit
 bag that can be read, even if nothing can be learned from it, and 2 for one that cannot.
 """
 
-WIDTH = 120
-"""Of the tables where the output is no terminal [characters]."""
 REAL_TIME = 1e8
 """Stamps before this are no dates, but times since some start [s]."""
 
@@ -58,8 +57,6 @@ def run(args: argparse.Namespace) -> int:
     """Describe the bags; 2 if one could not be read, the others are described nevertheless."""
     arm = None if args.arm is None else load_arm(args.arm)
     console = Console(highlight=False, markup=False, emoji=False)
-    if not console.is_terminal:
-        console = Console(highlight=False, markup=False, emoji=False, width=WIDTH)
     reports, code = [], 0
     for path in args.bags:
         try:
@@ -92,21 +89,18 @@ def _topic_row(topic: TopicReport) -> list[str]:
     jitter = '' if topic.jitter is None else f'{topic.jitter * 1e3:.3g}'
     gaps = f'{topic.gaps} ({topic.longest_gap:.3g} s)' if topic.gaps else '0'
     again = f'{topic.duplicates} / {topic.backward}'
-    return [printable(topic.name), printable(topic.type), str(topic.count), rate, jitter, gaps,
-            again, topic.clock]
+    name = f'{printable(topic.name)}\n  {printable(topic.type.replace("/msg/", "/"))}'
+    return [name, topic.clock, str(topic.count), rate, jitter, gaps, again]
 
 
 def _channel_table(topic: TopicReport) -> Table:
     fields = ', '.join(topic.fields) or 'no values'
-    table = Table(title=Text(f'{printable(topic.name)}: {fields}'), title_justify='left')
-    table.add_column('name', overflow='fold')
-    for what in topic.fields:
-        table.add_column(f'{what} range')
-    table.add_column('NaN', justify='right')
+    table = new_table(f'{printable(topic.name)}: {printable(fields)}', names=(
+        'name', *(f'{printable(what)} range' for what in topic.fields)), figures=('NaN',))
     for name in topic.names:
         found = {channel.field: channel for channel in topic.channels if channel.name == name}
         bad = sum(channel.not_finite for channel in found.values())
-        table.add_row(Text(printable(name)), *(_range(found.get(what)) for what in topic.fields),
+        table.add_row(printable(name), *(_range(found.get(what)) for what in topic.fields),
                       str(bad))
     return table
 
@@ -131,17 +125,16 @@ def show(report: BagReport, console: Console) -> None:
     console.print(Text(printable(report.path), style='bold'))
     console.print(f'{report.storage}, {len(report.files)} file(s), {report.size / 1e6:.3g} MB, '
                   f'{report.duration:.4g} s{start}{payload}')
-    table = Table()
-    for title in ('topic', 'type', 'messages', 'rate [Hz]', 'jitter [ms]', 'gaps',
-                  'double / back', 'clock'):
-        table.add_column(title, overflow='fold',
-                         justify='left' if title in ('topic', 'type', 'clock') else 'right')
+    table = new_table('', names=('topic\n  type', 'clock'), figures=(
+        'messages', 'rate\n[Hz]', 'jitter\n[ms]', 'gaps', 'double\n/ back'))
     for topic in report.topics:
-        table.add_row(*(Text(cell) for cell in _topic_row(topic)))
-    console.print(table)
+        table.add_row(*_topic_row(topic))
+    print_table(table)
     for topic in report.topics:
         if topic.names:
-            console.print(_channel_table(topic))
+            console.print()
+            print_table(_channel_table(topic))
+    console.print()
     for text in report.odd:
         console.print(Text(f'odd: {printable(text)}', style='yellow'))
     usable = report.effort_model or report.strain_model

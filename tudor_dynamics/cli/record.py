@@ -25,10 +25,9 @@ import time
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
-from tudor_dynamics.cli.console import finite, print_json, print_table
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
@@ -199,9 +198,8 @@ def _write_campaign(
 
 
 def _print(results: list[StimulusResult], out: Path, seconds: float) -> None:
-    table = Table(title=f'{out}: {len(results)} bags in {seconds:.1f} s', title_justify='left')
-    for name in ('bag', 'samples', 'pushes'):
-        table.add_column(name, justify='left' if name == 'bag' else 'right')
+    table = new_table(f'{out}: {len(results)} bags in {seconds:.1f} s', names=('bag',),
+                      figures=('samples', 'pushes'))
     for result in results:
         table.add_row(Path(result.bag).name, str(result.samples), str(len(result.pushes)))
     print_table(table)

@@ -22,16 +22,16 @@ from pathlib import Path
 import time
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from tudor_dynamics.cli.campaign_options import opened
-from tudor_dynamics.cli.console import finite, print_json
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.pages import write_table
 from tudor_dynamics.reproduction.table1 import build, LABELS, MODELS, Table1
 from tudor_dynamics.reproduction.table_text import (
     FIGURE_TEXT, finding_texts, Grid, grids, SPLIT_TEXTS)
+
+NARROW = 78
+"""Characters of a table, so that it stands whole on the narrowest of terminals."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,15 +66,14 @@ def _content(table: Table1) -> dict[str, Any]:
 
 
 def _print(grid: Grid) -> None:
-    table = Table(title=grid.title, title_justify='left')
-    names = [(name, number) for name, count in grid.groups for number in range(count)]
-    for (name, number), head in zip(names, grid.heads, strict=True):
-        text = f'{name}\n{head}' if name and number == 0 else f'\n{head}'
-        table.add_column(text, justify='left' if not name else 'right', no_wrap=True)
-    for number, row in enumerate(grid.rows):
-        if number in grid.breaks:
-            table.add_section()
-        table.add_row(*row)
-    # in pieces of the width of a narrow terminal it would be of no use
-    width = Console(width=400).measure(table).maximum
-    Console(markup=False, width=width).print(table, crop=False)
+    first = grid.groups[0][1]
+    title = grid.title
+    for columns in grid.pieces(NARROW):
+        table = new_table(title, names=[f'\n{head}' for head in grid.heads[:first]], figures=[
+            f'{grid.over(column)}\n{grid.heads[column]}' for column in columns])
+        for number, row in enumerate(grid.rows):
+            if number in grid.breaks:
+                table.add_section()
+            table.add_row(*row[:first], *(row[column] for column in columns))
+        print_table(table)
+        title = ''

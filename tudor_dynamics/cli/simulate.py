@@ -25,10 +25,9 @@ import warnings
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.cli.console import print_json, print_table
+from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
 from tudor_dynamics.simulation.mechanics.motor_links import left_out, with_motors
@@ -108,9 +107,9 @@ def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> 
                     'damping_ratio': result.damping.tolist()})
         return
     state = f'{", ".join(free)} free' if free else 'all joints held'
-    table = Table(title=f'{plant.mechanism.name}, {state}', title_justify='left')
-    for name in ('mode', 'frequency [Hz]', 'damping ratio [%]', 'moves most'):
-        table.add_column(name, justify='right')
+    table = new_table(f'{plant.mechanism.name}, {state}',
+                      figures=('mode', 'frequency [Hz]', 'damping ratio [%]'))
+    table.add_column('moves most', overflow='fold')
     for number, shape in enumerate(result.shape):
         largest = plant.mechanism.coordinate_names[int(np.argmax(np.abs(shape)))]
         table.add_row(str(number + 1), f'{result.frequency[number]:.3f}',

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import re
 
 import numpy as np
@@ -42,20 +42,58 @@ class BagChoice:
     path : str
         Bag directory or file.
     begin, end : float
-        Part used, as fractions of its duration.
+        Part used, as fractions of its duration, or since its first sample [s].
+    seconds : bool
+        Whether begin and end are times.
+    duration : float or None
+        Of the recording, where it was read; needed to compare times with fractions [s].
 
     """
 
     path: str
     begin: float = 0.0
     end: float = 1.0
+    seconds: bool = False
+    duration: float | None = field(default=None, compare=False)
 
     def overlaps(self, other: BagChoice) -> bool:
-        """Say whether another choice of the same recording has samples of this one."""
-        return self.begin < other.end and other.begin < self.end
+        """
+        Say whether another choice of the same recording has samples of this one.
+
+        Times and fractions can be compared once one of the two was read; before, they are not
+        said to overlap.
+        """
+        duration = self.duration or other.duration
+        if self.seconds == other.seconds:
+            own, others = (self.begin, self.end), (other.begin, other.end)
+        elif duration is None:
+            return False
+        else:
+            own, others = self.span(duration), other.span(duration)
+        return own[0] < others[1] and others[0] < own[1]
+
+    def span(self, duration: float) -> tuple[float, float]:
+        """
+        Give begin and end as times.
+
+        Parameters
+        ----------
+        duration : float
+            Of the recording [s].
+
+        Returns
+        -------
+        begin, end : float
+            Since the first sample [s].
+
+        """
+        scale = 1.0 if self.seconds else duration
+        return self.begin * scale, self.end * scale
 
     def __str__(self) -> str:
         """Write the choice as it is written on the command line."""
+        if self.seconds:
+            return f'{self.path}@{self.begin:g}s-{self.end:g}s'
         if (self.begin, self.end) == (0.0, 1.0):
             return self.path
         return f'{self.path}@{100 * self.begin:g}-{100 * self.end:g}%'
@@ -63,12 +101,12 @@ class BagChoice:
 
 def parse_choice(text: str) -> BagChoice:
     """
-    Read a bag argument: ``PATH`` or ``PATH@BEGIN-END%``.
+    Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``.
 
     Parameters
     ----------
     text : str
-        Argument, such as ``bags/run1`` or ``bags/run1@0-60%``.
+        Argument, such as ``bags/run1``, ``bags/run1@0-60%`` or ``bags/run1@5s-50s``.
 
     Returns
     -------
@@ -81,6 +119,13 @@ def parse_choice(text: str) -> BagChoice:
         If the part is empty or outside 0-100 %.
 
     """
+    timed = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)s-(\d+(?:\.\d+)?)s', text)
+    if timed is not None:
+        begin, end = float(timed[2]), float(timed[3])
+        if not begin < end < float('inf'):
+            msg = f'{text}: the part {timed[2]}s-{timed[3]}s is empty'
+            raise UsageError(msg)
+        return BagChoice(timed[1], begin, end, seconds=True)
     match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
     if match is None:
         return BagChoice(text)
@@ -133,7 +178,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     recording : Recording
         Recording of the whole bag.
     choice : BagChoice
-        Part as fractions of its duration.
+        Part of it.
 
     Returns
     -------
@@ -143,20 +188,24 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
     Raises
     ------
     UsageError
-        If the part lies in a gap.
+        If the part lies in a gap, or ends behind the recording.
 
     """
-    if (choice.begin, choice.end) == (0.0, 1.0):
+    if (choice.begin, choice.end, choice.seconds) == (0.0, 1.0, False):
         return recording
     t = recording.t
-    first, last = np.searchsorted(t, [choice.begin * t[-1], choice.end * t[-1]])
-    if choice.end >= 1.0:
+    begin, end = choice.span(float(t[-1]))
+    if end > t[-1] + recording.dt:
+        msg = (f'{choice}: the recording lasts {t[-1]:.4g} s; name a part that ends before')
+        raise UsageError(msg)
+    first, last = np.searchsorted(t, [begin, end])
+    if end >= t[-1]:
         last = len(t)
     segments = []
     for part in recording.segments:
-        begin, end = max(part.start, int(first)), min(part.stop, int(last))
-        if end > begin:
-            segments.append(slice(begin - int(first), end - int(first)))
+        start, stop = max(part.start, int(first)), min(part.stop, int(last))
+        if stop > start:
+            segments.append(slice(start - int(first), stop - int(first)))
     if not segments:
         msg = (f'{choice}: nothing was recorded in this part of {t[-1]:.3g} s; name a part that '
                'has samples')
@@ -208,6 +257,7 @@ def load(
     """
     whole = read_recording(choice.path, arm, need_output=True, need_motion=learn)
     recording = cut(whole, choice)
+    choice = replace(choice, duration=float(whole.t[-1]))
     return BagData(choice, recording, tuple(prepare(recording, preprocessing)),
                    whole.payload if payload is None else payload)
 
@@ -238,8 +288,8 @@ def halves(
     parts = []
     for begin, end in ((0.0, middle), (middle, 1.0)):
         recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
-        named = BagChoice(bag.choice.path, bag.choice.begin + begin * width,
-                          bag.choice.begin + end * width)
+        named = replace(bag.choice, begin=bag.choice.begin + begin * width,
+                        end=bag.choice.begin + end * width)
         parts.append(BagData(named, recording, tuple(prepare(recording, preprocessing)),
                              bag.payload))
     return parts[0], parts[1]

@@ -230,9 +230,9 @@ def validate_unseen(
         msg = 'one training bag, no test bag and nothing held out: the fit cannot be judged'
         raise FitError(msg)
     first, last = holdout
+    share = last.recording.t[-1] / (first.recording.t[-1] + last.recording.t[-1])
     return validate(fit([first]), [last], output,
-                    f'the last {100 * (1 - last.choice.begin):.0f} % of the only bag, fitted to '
-                    'the rest')
+                    f'the last {100 * share:.0f} % of the only bag, fitted to the rest')
 
 
 def random_split(

@@ -49,7 +49,7 @@ def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
     Parameters
     ----------
     bags : str, path, or sequence of them
-        Bag directories or files, or parts of them: ``BAG@0-60%``.
+        Bag directories or files, or parts of them: ``BAG@0-60%`` or ``BAG@5s-50s``.
     name : str, default='bags'
         Name of the argument, for messages.
 
@@ -231,7 +231,7 @@ def fit(
     Parameters
     ----------
     bags : str, path, or sequence of them
-        Bags to learn from, or parts of them: ``BAG@0-60%``.
+        Bags to learn from, or parts of them: ``BAG@0-60%`` or ``BAG@5s-50s``.
     arm : Arm
         Arm that was recorded, see ``load_arm``.
     test : str, path, or sequence of them

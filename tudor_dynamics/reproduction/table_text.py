@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import csv
 from dataclasses import dataclass
 import io
@@ -62,6 +62,46 @@ class Grid:
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     breaks: tuple[int, ...] = ()
+
+    def over(self, column: int) -> str:
+        """Give the head over a column: that of its group where the group begins."""
+        begin = 0
+        for name, count in self.groups:
+            if begin == column:
+                return name
+            begin += count
+        return EMPTY
+
+    def pieces(self, width: int, gap: int = 2) -> list[list[int]]:
+        """
+        Share the groups behind the first one out on tables that are not too wide.
+
+        Parameters
+        ----------
+        width : int
+            Of a table, with the columns of the first group [characters].
+        gap : int, default=2
+            Blanks between columns.
+
+        Returns
+        -------
+        list of list of int
+            Columns of each table, without those of the first group.
+
+        """
+        def taken(columns: Iterable[int]) -> int:
+            return sum(gap + max(map(len, (
+                self.over(column), self.heads[column], *(row[column] for row in self.rows))))
+                for column in columns)
+        begin = self.groups[0][1]
+        own, result = taken(range(begin)), [list[int]()]
+        for _, count in self.groups[1:]:
+            group = range(begin, begin + count)
+            if result[-1] and own + taken([*result[-1], *group]) > width:
+                result.append([])
+            result[-1] += group
+            begin += count
+        return result
 
     def look(self, column: int) -> str:
         """Give the style class of a column: text at the left, a line before each group."""

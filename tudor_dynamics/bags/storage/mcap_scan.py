@@ -86,11 +86,14 @@ class Channels:
     ----------
     topics : dict of int to (str, str)
         Channel number to topic and message type.
+    definitions : dict of str to str
+        Message type to the text that defines it, where that is one of ``.msg`` files.
 
     """
 
     def __init__(self) -> None:
         self.topics: dict[int, tuple[str, str]] = {}
+        self.definitions: dict[str, str] = {}
         self._schemas = {0: '__schemaless__'}
 
     def schema(self, record: bytes) -> None:
@@ -104,7 +107,10 @@ class Channels:
 
         """
         (number,) = _U16.unpack_from(record)
-        name, _ = _text(record, 2)
+        name, offset = _text(record, 2)
+        encoding, offset = _text(record, offset)
+        if encoding == 'ros2msg':
+            self.definitions[name] = _text(record, offset)[0]
         if number == 0 or self._schemas.setdefault(number, name) != name:
             raise Damaged('a schema changes its name')
 

@@ -94,6 +94,29 @@ def mcap_channels(path: Path) -> Channels:
     return _read(path).channels
 
 
+def mcap_definitions(path: Path, *, unfinished: bool = False) -> dict[str, str]:
+    """
+    Give the definitions of messages that a file carries.
+
+    Parameters
+    ----------
+    path : Path
+        MCAP file to ask.
+    unfinished : bool
+        The file breaks off anywhere; what is whole before is looked at.
+
+    Returns
+    -------
+    dict of str to str
+        Message type to its definition.
+
+    """
+    summary = _Summary() if unfinished else _read(path)
+    if not summary.channels.definitions:
+        scan_mcap(path, (), with_data=False, channels=summary.channels, unfinished=unfinished)
+    return summary.channels.definitions
+
+
 @dataclass(frozen=True)
 class _Summary:
     """Channels, number of messages of each, and whether that is all there is to know."""

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.storage.mcap_scan import scan_mcap
-from tudor_dynamics.bags.storage.mcap_summary import mcap_channels
-from tudor_dynamics.bags.storage.sqlite_scan import scan_sqlite
+from tudor_dynamics.bags.storage.mcap_summary import mcap_channels, mcap_definitions
+from tudor_dynamics.bags.storage.sqlite_scan import scan_sqlite, sqlite_definitions
 from tudor_dynamics.bags.storage.unpacking import Damaged, unpacked_file, Unpacker, ZSTD_MAGIC
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
@@ -164,6 +164,30 @@ class Bag:
             log_time = log_time[order]
             data = [data[i] for i in order] if data else data
         return RawMessages(name, msgtype, log_time, data)
+
+    def definitions(self, msgtype: str) -> list[str]:
+        """
+        Give what the bag says that a type of message is made of, file by file.
+
+        Parameters
+        ----------
+        msgtype : str
+            Such as ``std_msgs/msg/Float64MultiArray``.
+
+        Returns
+        -------
+        list of str
+            Texts of ``.msg`` files; none of files that carry none.
+
+        """
+        found = []
+        for file in self.files:
+            with storage_file(file, self.compression) as opened:
+                texts = (sqlite_definitions(opened) if opened.suffix == '.db3' else
+                         mcap_definitions(opened, unfinished=file in self.unfinished))
+            if texts.get(msgtype):
+                found.append(texts[msgtype])
+        return found
 
     def checksum(self) -> str:
         """

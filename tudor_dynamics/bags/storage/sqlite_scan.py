@@ -110,6 +110,41 @@ def sqlite_topics(path: Path) -> list[tuple[str, str, int]]:
                 in connection.execute('SELECT id, name, type FROM topics ORDER BY id')]
 
 
+def sqlite_definitions(path: Path) -> dict[str, str]:
+    """
+    Give the definitions of messages that a file carries.
+
+    Parameters
+    ----------
+    path : Path
+        Database file to ask.
+
+    Returns
+    -------
+    dict of str to str
+        Message type to its definition; empty where the file is from before there were any.
+
+    """
+    with _opened(path) as connection:
+        if not _is_plain(connection, 'message_definitions'):
+            return {}
+        rows = connection.execute(
+            'SELECT topic_type, encoded_message_definition FROM message_definitions '
+            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?",
+            (MAX_PIECE,))
+        return {str(msgtype): str(text) for msgtype, text in rows}
+
+
+def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
+    roots = connection.execute(
+        "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = ?",
+        (table,)).fetchall()
+    columns = list(connection.execute(f'PRAGMA table_xinfo({table})'))
+    return (bool(roots) and all(root for root, in roots) and not any(row[6] for row in columns)
+            and {'topic_type', 'encoding', 'encoded_message_definition'} <= {
+                row[1] for row in columns})
+
+
 def scan_sqlite(
     path: Path, times: dict[str, list[int]], data: dict[str, list[bytes]], *, with_data: bool,
 ) -> None:
