@@ -88,7 +88,15 @@ class Layout:
         default_factory=dict)
 
     def size(self, name: str) -> int:
-        """Give the number of values in a field; none of a field that such messages lack."""
+        """
+        Give the number of values in a field; none of a field that such messages lack.
+
+        Parameters
+        ----------
+        name : str
+            Name of the field.
+
+        """
         return self.fields.get(name, (0, 0))[1]
 
 
@@ -106,7 +114,17 @@ class Cursor:
         self._u32 = struct.Struct(self.order + 'I')
 
     def skip(self, size: int, alignment: int) -> int:
-        """Skip numbers; return where they begin."""
+        """
+        Skip numbers; return where they begin.
+
+        Parameters
+        ----------
+        size : int
+            Bytes that they take.
+        alignment : int
+            Multiple of bytes that they begin at.
+
+        """
         start = self.position + (HEADER - self.position) % alignment
         if start + size > len(self.buffer):
             raise CdrError(f'ends within byte {start} + {size}, has {len(self.buffer)} bytes')
@@ -157,7 +175,25 @@ class Cursor:
         spare: int = MAX_PADDING, *, stamped: bool = True,
         scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] | None = None,
     ) -> Layout:
-        """Check that nothing is left, and make the layout."""
+        """
+        Check that nothing is left, and make the layout.
+
+        Parameters
+        ----------
+        frame_id : str
+            Of the header.
+        names : tuple of str
+            Names of the values in each field.
+        fields : dict of str to (int, int)
+            Offset and number of float64 values of each array.
+        spare : int
+            Bytes that may follow.
+        stamped : bool
+            Whether there is a header.
+        scattered : mapping, optional
+            See `Layout`; its fields take the place of those given, which are their parts.
+
+        """
         left = len(self.buffer) - self.position
         if left > spare:
             raise CdrError(f'has {left} bytes too many')
