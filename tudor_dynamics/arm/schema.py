@@ -39,12 +39,13 @@ MAX_INDEX = 1000
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
 
 
-def _one_spelling(unit: Any) -> Any:
+def one_spelling(unit: Any) -> Any:
+    """Write a unit as it is written everywhere; anything else stays what it is."""
     return NEWTON_METRE[0] if unit in NEWTON_METRE else unit
 
 
-EffortUnit = Annotated[Literal['A', 'N m', 'N'], BeforeValidator(_one_spelling)]
-StrainUnit = Annotated[Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'], BeforeValidator(_one_spelling)]
+EffortUnit = Annotated[Literal['A', 'N m', 'N'], BeforeValidator(one_spelling)]
+StrainUnit = Annotated[Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'], BeforeValidator(one_spelling)]
 
 
 class KinematicsSpec(Spec):

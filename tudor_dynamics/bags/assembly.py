@@ -214,7 +214,7 @@ class Assembly:
             Where the values of each of them stand.
 
         """
-        if not names:
+        if not channels:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)
         found = np.ones(len(motion.stamp), dtype=bool)

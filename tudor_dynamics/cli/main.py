@@ -38,6 +38,7 @@ from tudor_dynamics import __version__  # noqa: E402
 from tudor_dynamics.errors import printable, TudorError, TudorWarning  # noqa: E402
 
 SUBCOMMANDS = {
+    'init': 'write the first description of your arm, from its bags and its URDF',
     'fit': 'learn a dynamics model from bags',
     'evaluate': 'compare a model with bags it has not seen',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',

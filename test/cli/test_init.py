@@ -1,0 +1,209 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor init``: what it writes, what it leaves open, what it refuses, what it asks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+from draft_making import JOINTS, motion, torques, urdf, write
+import numpy as np
+import pytest
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bags import JointStateSeries, write_bag
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.errors import ArmError
+import yaml
+
+
+@pytest.fixture(scope='module')
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write bags of one motion in several units, and URDFs."""
+    folder = tmp_path_factory.mktemp('init')
+    (folder / 'pair.urdf').write_text(urdf())
+    (folder / 'finger.urdf').write_text(urdf(finger=True))
+    (folder / 'bare.urdf').write_text(urdf(masses=False))
+    _, q = motion()
+    tau = torques(q)
+    write(folder / 'torque', effort=tau)
+    write(folder / 'ampere', effort=tau / np.array([9.0, 7.0]))
+    write(folder / 'milli', effort=1e3 * tau)
+    write(folder / 'named', effort=tau / 9.0, topic='/motor_currents')
+    write(folder / 'still', effort=np.column_stack([tau, np.zeros(len(tau))]),
+          names=(*JOINTS, 'finger'))
+    write(folder / 'gauges', effort=tau, strains={
+        'outer': 20 * tau[:, 1] + 3.0, 'inner': 9 * tau[:, 0] - 50.0})
+    return folder
+
+
+def run(place: Path, *words: str, code: int = 0) -> dict[str, object]:
+    """Run the command in a folder and read what it wrote."""
+    out = place / 'arm.yaml'
+    paths = [word if word.startswith('--') else str(place / word) for word in words]
+    assert main(['init', *paths, '--out', str(out), '--overwrite']) == code
+    return dict(yaml.safe_load(out.read_text()))
+
+
+@pytest.mark.parametrize(('bag', 'unit', 'evidence'), [
+    ('torque', 'N m', r'1(\.0\d)? times the gravity moments'),
+    ('ampere', 'A', r'0\.1\d* times .* currents'), ('named', 'A', r'0\.1\d* times')])
+def test_units_show_in_what_the_arm_carries(
+    place: Path, capsys: pytest.CaptureFixture[str], bag: str, unit: str, evidence: str,
+) -> None:
+    """Efforts are compared with the gravity moments of the URDF; the file can be used as it is."""
+    content = run(place, bag, '--urdf', 'pair.urdf')
+    assert [joint['effort']['unit'] for joint in content['joints']] == [unit] * 2
+    said = capsys.readouterr().out
+    assert re.search(evidence, said) and 'next: tudor fit ' in said
+    assert '1.5708 as 1.570796' in said  # rounded in the URDF
+    with pytest.warns(match='1.5708'):
+        arm = load_arm(place / 'arm.yaml')
+    assert arm.active_joints == JOINTS and arm.name == 'pair'
+    text = (place / 'arm.yaml').read_text()
+    assert 'friction:' not in yaml.safe_load(text) and '#   friction: ' in text
+    assert not any('friction' in joint for joint in content['joints'])
+
+
+def test_thousandths_are_not_taken_for_anything(
+    place: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Efforts in mN m are neither of the units; the file is refused by the name of the key."""
+    content = run(place, 'milli', '--urdf', 'pair.urdf')
+    assert content['joints'][0]['effort']['unit'] == '?'
+    assert 'N m in thousandths' in capsys.readouterr().out
+    with pytest.raises(ArmError, match=r"still '\?': joints\[shoulder\].effort.unit, joints\[el"):
+        load_arm(place / 'arm.yaml')
+    assert main(['fit', str(place / 'milli'), '--arm', str(place / 'arm.yaml'), '--out',
+                 str(place / 'model')]) == 2
+    assert 'joints[elbow].effort.unit' in capsys.readouterr().err
+
+
+def test_without_masses_the_limits_of_the_urdf_judge(place: Path) -> None:
+    """Torques are below the limits, but not far."""
+    assert run(place, 'torque', '--urdf', 'bare.urdf')['joints'][0]['effort']['unit'] == 'N m'
+    assert run(place, 'ampere', '--urdf', 'bare.urdf')['joints'][0]['effort']['unit'] in (
+        '?', 'N m')
+
+
+def test_all_joints_of_the_urdf_are_listed(place: Path) -> None:
+    """One that does not move, or is not in the bag, is held where it is."""
+    for bag in ('still', 'torque'):
+        content = run(place, bag, '--urdf', 'finger.urdf')
+        assert [joint['name'] for joint in content['joints']] == [*JOINTS, 'finger']
+        assert content['active_joints'] == list(JOINTS)
+    with pytest.warns(match='1.5708'):
+        assert load_arm(place / 'arm.yaml').held_joints == {'finger': 0.0}
+
+
+def test_gauges_sit_behind_the_joint_whose_moment_they_follow(
+    place: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Topic, unit and joint are told by the readings; the distance is not."""
+    content = run(place, 'gauges', '--urdf', 'pair.urdf')
+    assert content['gauges'] == [
+        {'name': 'outer', 'joint': 'elbow', 'distance': '?', 'topic': 'link_strains',
+         'unit': 'um/m'},
+        {'name': 'inner', 'joint': 'shoulder', 'distance': '?', 'topic': 'link_strains',
+         'unit': 'um/m'}]
+    assert 'gauges[outer].distance, gauges[inner].distance' in capsys.readouterr().out
+
+
+def test_rows_in_a_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Text with names, or YAML without; pi is known, degrees are refused with their line."""
+    (place / 'rows.txt').write_text(
+        'joint a alpha d theta\nshoulder 0, pi/2, 0.3, 0\nelbow 0.4 0 0 -pi/4  # outer\n')
+    content = run(place, 'named', '--dh', 'rows.txt')
+    assert content['kinematics']['dh'][0] == [0.0, np.pi / 2, 0.3, 0.0]
+    assert content['kinematics']['dh'][1][3] == -np.pi / 4
+    assert load_arm(place / 'arm.yaml').joints[0].effort.topic == 'motor_currents'
+    assert 'make sure' not in capsys.readouterr().out
+    (place / 'rows.yaml').write_text('dh: [[0.0, 1.5708, 0.3, 0.0], [0.4, 0, 0, 0]]\n')
+    run(place, 'named', '--dh', 'rows.yaml')
+    assert 'taken as those of shoulder, elbow' in capsys.readouterr().out
+    for text, part in (('elbow 0 90 0 0', 'line 1: an angle of 90 looks like degrees'),
+                       ('elbow 0 0 0', 'line 1: '), ('', '0 D-H rows'),
+                       ('a 0 0 0 0\nb 0 0 0 0', '2 rows for the joints shoulder, elbow'),
+                       ('0 0 nan 0', 'line 1: ')):
+        (place / 'wrong.txt').write_text(text)
+        assert main(['init', str(place / 'named'), '--dh', str(place / 'wrong.txt'), '--out',
+                     str(place / 'wrong.yaml')]) == 2
+        err = capsys.readouterr().err
+        assert part in err and len(err.splitlines()) == 1
+    assert not (place / 'wrong.yaml').exists()
+
+
+def test_a_prismatic_joint_and_a_large_effort(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """More than drives take in ampere is a force, where the rows say that the joint slides."""
+    stamp, q = motion()
+    write_bag(tmp_path / 'bag', [JointStateSeries('/joint_states', stamp, ['axis'], q[:, :1],
+                                                  effort=200 * q[:, :1])])
+    (tmp_path / 'rows').write_text('axis 0 0 0 0 prismatic')
+    content = run(tmp_path, 'bag', '--dh', 'rows')
+    assert content['joints'] == [{'name': 'axis', 'type': 'prismatic',
+                                  'effort': {'topic': 'joint_states', 'unit': 'N'}}]
+    assert load_arm(tmp_path / 'arm.yaml').is_prismatic('axis')
+
+
+def test_without_kinematics_they_are_left_open(place: Path) -> None:
+    """Joints and topics are there, rows are not."""
+    content = run(place, 'named')
+    assert content['kinematics'] == {'dh': '?'} and len(content['joints']) == 2
+
+
+def test_nothing_is_written_over(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A file that is there stays, unless asked."""
+    out = place / 'mine.yaml'
+    out.write_text('mine')
+    assert main(['init', str(place / 'torque'), '--out', str(out)]) == 2
+    assert '--overwrite' in capsys.readouterr().err and out.read_text() == 'mine'
+
+
+def test_a_urdf_of_another_arm(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One line with both lists of joints."""
+    (place / 'other.urdf').write_text(urdf().replace('"shoulder"', '"j1"').replace(
+        '"elbow"', '"j2"'))
+    assert main(['init', str(place / 'torque'), '--urdf', str(place / 'other.urdf'), '--out',
+                 str(place / 'x.yaml')]) == 2
+    err = capsys.readouterr().err
+    assert 'j1, j2' in err and 'shoulder, elbow' in err and len(err.splitlines()) == 1
+
+
+def test_answers_take_the_place_of_question_marks(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """On a terminal it asks, once for all joints of a topic; an empty answer leaves a value."""
+    answers = iter(['mA', 'N*m', '0.05', ''])
+    asked = []
+
+    def say(text: str) -> str:
+        asked.append(text)
+        return next(answers)
+    for stream in ('stdin', 'stdout'):
+        monkeypatch.setattr(f'sys.{stream}.isatty', lambda: True)
+    monkeypatch.setattr('builtins.input', say)
+    stamp_free = place / 'asked'
+    if not stamp_free.exists():
+        _, q = motion()
+        tau = torques(q)
+        write(stamp_free, effort=1e3 * tau, strains={'a': 9 * tau[:, 0], 'b': 9 * tau[:, 1]})
+    content = run(place, 'asked', '--urdf', 'pair.urdf')
+    assert [joint['effort']['unit'] for joint in content['joints']] == ['N m', 'N m']
+    assert [gauge['distance'] for gauge in content['gauges']] == [0.05, '?']
+    assert len(asked) == 4 and asked[0].startswith('joints[shoulder].effort.unit: unit (A, N m')
+    assert 'one of A, N m, N' in capsys.readouterr().out
