@@ -58,7 +58,7 @@ READ_BY = {
     'joints[].friction': 'ME', 'joints[].asymmetric': 'ME', 'joints[].rotor_inertia': 'ME',
     'joints[].friction_velocity': 'ME', 'joints[].stribeck_velocity': 'ME',
     'joints[].hold': 'MESR', 'joints[].limits': 'MRDG', 'joints[].planned': 'RDG',
-    'gauges': 'MESRD',
+    'couplings': 'M', 'gauges': 'MESRD',
     'preprocessing': 'MER', **dict.fromkeys((
         'preprocessing.filter', 'preprocessing.acceleration_cutoff', 'preprocessing.output_cutoff',
         'preprocessing.cutoff', 'preprocessing.measured_velocity', 'preprocessing.rate',

@@ -18,9 +18,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sample_arms import arm_of, random_states, SIX_ROWS
 
 from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.models import AnalyticalModel, EffortRegressor
 from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.models.payload import payload_regressor
+from tudor_dynamics.typing import FloatArray
 
 ALL = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
 
@@ -60,3 +65,49 @@ def test_continuous_at_standstill(asymmetric: bool) -> None:
 def test_no_friction() -> None:
     """A joint without friction terms has no columns."""
     assert friction_columns(JointSpec(name='a', friction=()), np.zeros(3)).shape == (3, 0)
+
+
+LOADED = arm_of(SIX_ROWS[:3], [
+    {'name': 'a', 'friction': ['viscous', 'load'], 'friction_velocity': 0.2},
+    {'name': 'b', 'friction': ['load', 'coulomb'], 'friction_velocity': 0.2},
+    {'name': 'c', 'effort': {'unit': 'A', 'torque_constant': 4.0}, 'friction': ['load']}])
+
+
+def _efforts(motion: FloatArray, truth: FloatArray) -> FloatArray:
+    """Bodies, and friction as a part of what they ask for, without the model's own terms."""
+    plain = EffortRegressor(arm_of(SIX_ROWS[:3], [{'name': n, 'friction': []} for n in 'abc']))
+    bodies = plain.rows(motion) @ truth[:33]
+    switch = np.tanh(motion[:, 3:6] / [0.2, 0.2, 0.02])
+    effort = bodies + np.abs(plain.rows(motion)[:, :, :30] @ truth[:30]) * switch * truth[33:36]
+    effort[:, 0] += truth[36] * motion[:, 3]
+    effort[:, 1] += truth[37] * switch[:, 1]
+    return np.asarray(effort / [1.0, 1.0, 4.0])
+
+
+def test_friction_that_grows_with_the_load_is_found() -> None:
+    """Its share of what the bodies ask for comes out, for any unit of the effort."""
+    motion, other = random_states(800, 3, seed=1), random_states(200, 3, seed=2)
+    # rotors without inertia: it cannot be told from that of the bodies, which count as load
+    truth = np.concatenate([np.random.default_rng(3).uniform(0.5, 1.5, 30), np.zeros(3),
+                            [0.1, 0.25, 0.05, 3.0, 2.0]])
+    model = AnalyticalModel(EffortRegressor(LOADED), 3).fit(motion, _efforts(motion, truth))
+    group, = model.groups_
+    found = dict(zip(group.base.names, group.estimate.parameters))
+    assert [found[f'load({n})'] for n in 'abc'] == pytest.approx([0.1, 0.25, 0.05], abs=1e-3)
+    expected = _efforts(other, truth)
+    assert np.max(np.abs(model.predict(other) - expected)) < 2e-3 * np.max(np.abs(expected))
+
+
+def test_rows_are_linear_for_given_loads() -> None:
+    """Rows by the loads of some parameters, times these parameters, are the efforts."""
+    regressor, motion = EffortRegressor(LOADED), random_states(30, 3, seed=1)
+    parameters = np.random.default_rng(4).normal(size=(3, len(regressor.columns)))
+    regressor.assume(parameters)
+    assert np.allclose(np.einsum('kcp,cp->kc', regressor.rows(motion), parameters),
+                       regressor.outputs(motion, parameters), rtol=1e-9)
+
+
+def test_load_and_several_payloads() -> None:
+    """A load that hangs on the payload makes no model that is affine in it."""
+    with pytest.raises(FitError, match='fit each payload apart'):
+        payload_regressor(EffortRegressor(LOADED), LOADED)

@@ -30,6 +30,7 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from tudor_dynamics.arm.angles import Snapped
+from tudor_dynamics.arm.couplings import coupling_matrix
 from tudor_dynamics.arm.kinematics import (
     gauge_point, is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.open_values import OPEN, open_values, spelled
@@ -38,6 +39,7 @@ from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
 from tudor_dynamics.files import read_bounded
+from tudor_dynamics.typing import FloatArray
 
 MAX_YAML_BYTES = 2_000_000
 MAX_PARTS = 8
@@ -189,6 +191,15 @@ class Arm:
         return np.array([model.joints[model.getJointId(name)].idx_v
                          for name in self.active_joints], dtype=np.intp)
 
+    @cached_property
+    def coupling(self) -> FloatArray | None:
+        """Speeds of the motors by those of the active joints; None where nothing is coupled."""
+        if self.spec.couplings is None:
+            return None
+        names = [joint.name for joint in self.spec.joints]
+        index = [names.index(name) for name in self.active_joints]
+        return coupling_matrix(self.spec.couplings, names)[np.ix_(index, index)]
+
     def is_prismatic(self, joint: str) -> bool:
         """
         Say whether a joint moves along its axis instead of about it.
@@ -221,6 +232,8 @@ class Arm:
             for key in ('index', 'interface'):  # digests from before they were known still hold
                 if source[key] is None:
                     del source[key]
+        if self.spec.couplings is not None:
+            content['couplings'] = self.spec.couplings.model_dump(mode='json')
         model = self.full_model
         content['tree'] = [
             [model.names[i], int(model.parents[i]), model.joints[i].shortname(),

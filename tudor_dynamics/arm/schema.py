@@ -26,6 +26,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from tudor_dynamics.arm.couplings import check_couplings, CouplingsSpec
 from tudor_dynamics.arm.drives import check_drives, DamperSpec, MotorSpec, SensorSpec
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec, Vector3
 from tudor_dynamics.arm.links import (
@@ -36,7 +37,7 @@ NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
 """Spellings of one unit; the first is used everywhere."""
 MAX_INDEX = 1000
 """Values of an array that may be named."""
-FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')
+FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load')
 
 
 def one_spelling(unit: Any) -> Any:
@@ -152,8 +153,8 @@ class JointSpec(Spec):
     """Needed with D-H rows (default revolute); a URDF has it already."""
     effort: EffortSpec = EffortSpec()
     """Where the effort of its actuator comes from."""
-    friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square'],
-                    ...] = ('viscous', 'coulomb')
+    friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square',
+                            'load'], ...] = ('viscous', 'coulomb')
     """Terms of friction to identify, each a column of the regressor."""
     asymmetric: bool = False
     """Separate viscous and Coulomb coefficients for each direction of motion."""
@@ -252,6 +253,9 @@ class ArmSpec(Spec):
     """Inputs and outputs of the model, all joints by default; the others are held."""
     joint_topic: Name = 'joint_states'
     """Topic of the positions, and of the velocities where the driver has them."""
+    couplings: CouplingsSpec | None = None
+    """Motors that turn with more than their own joint, as in wrists and SCARAs; none by
+    default."""
     gauges: tuple[GaugeSpec, ...] = ()
     """Strain gauges; without them there is no strain model and no damper."""
     preprocessing: PreprocessingSpec = PreprocessingSpec()
@@ -283,6 +287,7 @@ class ArmSpec(Spec):
                 raise ValueError(f'active joint {name!r} is not among the joints {names}')
         if self.active_joints is not None and not self.active_joints:
             raise ValueError('active_joints is empty: name at least one joint, or leave it out')
+        check_couplings(self.couplings, names, self.active_joints or names)
         for gauge in self.gauges:
             if gauge.joint not in names:
                 raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '

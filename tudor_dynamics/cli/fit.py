@@ -35,7 +35,7 @@ from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.library.from_bags import check_choices, fit_bags, read_bags
 from tudor_dynamics.models.bundle import check_target, save_bundle
-from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.units import output_units

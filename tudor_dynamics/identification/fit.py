@@ -30,7 +30,7 @@ from tudor_dynamics.identification.validation import (
     random_split, validate, validate_unseen, Validation)
 from tudor_dynamics.identification.verdict import judge_model, Verdict
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.estimators import ESTIMATORS
+from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.typing import FloatArray
@@ -54,6 +54,8 @@ class FitSettings:
         Estimator of the analytical model.
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
+    shared : bool
+        Let currents of unknown torque constants share one set of inertial parameters.
     elm_hidden : int
         Number of hidden neurons.
     elm_ridge : float
@@ -70,6 +72,7 @@ class FitSettings:
     kinds: tuple[str, ...] = DEFAULT_KINDS
     estimator: str = 'wls'
     strain_form: str = 'exact'
+    shared: bool = False
     elm_hidden: int = 100
     elm_ridge: float = 1e-6
     elm_seed: int = 0

@@ -32,12 +32,14 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
-from tudor_dynamics.models.estimators import (
+from tudor_dynamics.models.estimation.estimators import (
     ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
+from tudor_dynamics.models.estimation.products import Products
+from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.products import Products
 from tudor_dynamics.models.regressor import plain_regressor, Regressor
-from tudor_dynamics.models.serialise import Group, groups_from_list, groups_to_list
+from tudor_dynamics.models.serialise import (
+    Group, groups_from_list, groups_to_list, has_constants)
 from tudor_dynamics.models.training import Blocks, check_block, check_motion
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.typing import FloatArray
@@ -45,6 +47,8 @@ from tudor_dynamics.typing import FloatArray
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 HUBER_PASSES = 20
+LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
+"""Turns of loads and parameters, and the relative change at which they have settled."""
 
 Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
@@ -102,8 +106,8 @@ class AnalyticalModel(MemorylessModel):
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> AnalyticalModel:
         """Build one that is not fitted yet; see ``MemorylessModel``."""
-        return cls(plain_regressor(arm, output, settings.strain_form), len(arm.active_joints),
-                   estimator=settings.estimator)
+        return cls(plain_regressor(arm, output, settings.strain_form, shared=settings.shared),
+                   len(arm.active_joints), estimator=settings.estimator)
 
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
         """
@@ -123,13 +127,26 @@ class AnalyticalModel(MemorylessModel):
         if self.estimator not in ESTIMATORS:
             msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
             raise FitError(msg)
+        self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
+        triangular = self._least_squares(blocks)
+        for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
+            before = self.coefficients()
+            self.regressor.assume(before)
+            triangular = self._least_squares(blocks)
+            change = np.linalg.norm(self.coefficients() - before, axis=1)
+            if np.all(change < LOAD_CHANGE * np.linalg.norm(before, axis=1)):
+                break
+        if self.estimator == 'huber':
+            self._fit_huber(blocks, triangular=triangular)
+        return self
+
+    def _least_squares(self, blocks: Blocks) -> bool:
+        """Estimate in one pass, or in two where the first is too inaccurate; say which."""
         self.fit_products(self.products(blocks))
         triangular = any(g.estimate.condition > LARGEST_GRAM_CONDITION for g in self.groups_)
         if triangular:
             self.fit_products(self.products(blocks, triangular=True))
-        if self.estimator == 'huber':
-            self._fit_huber(blocks, triangular=triangular)
-        return self
+        return triangular
 
     def products(
         self, blocks: Blocks, *, triangular: bool = False, weights: FloatArray | None = None,
@@ -193,10 +210,19 @@ class AnalyticalModel(MemorylessModel):
             Self.
 
         """
-        self.groups_ = tuple(
-            Group(base, solve(group, weighted=self.estimator != 'ols'))
-            for base, group in zip(self.base_, products, strict=True))
+        self.groups_ = tuple(self._estimate(base, group)
+                             for base, group in zip(self.base_, products, strict=True))
         return self
+
+    def _estimate(self, base: BaseSet, products: list[Products]) -> Group:
+        unknown = [base.channels.index(i) for i in self.regressor.unknown]
+        constants = None
+        if unknown:
+            scaled = self.regressor.scaled[base.kept]
+            constants = find_constants(products, scaled, unknown)
+            products = [rescaled(product, scaled, value) for product, value in
+                        zip(products, constants.values, strict=True)]
+        return Group(base, solve(products, weighted=self.estimator != 'ols'), constants)
 
     def predict(self, motion: FloatArray) -> FloatArray:
         """
@@ -235,8 +261,10 @@ class AnalyticalModel(MemorylessModel):
             return self._full
         full = np.zeros((len(self.channels), len(self.regressor.columns)))
         for group in self.groups_:
-            for channel in group.base.channels:
+            for i, channel in enumerate(group.base.channels):
                 full[channel, group.base.kept] = group.estimate.parameters
+                if group.constants is not None:
+                    full[channel, self.regressor.scaled] /= group.constants.values[i]
         # kept: beside a running robot this is asked for at every sample
         full.flags.writeable = False
         self._full, self._full_of = full, self.groups_
@@ -255,7 +283,8 @@ class AnalyticalModel(MemorylessModel):
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
         """Build it from its coefficients; see ``Model``."""
-        regressor = plain_regressor(arm, output, str(content.get('form')))
+        regressor = plain_regressor(arm, output, str(content.get('form')),
+                                    shared=has_constants(content))
         groups = groups_from_list(content['groups'], regressor, arm, output)
         model = cls(regressor, len(arm.active_joints), estimator=str(content['estimator']),
                     base=tuple(group.base for group in groups))

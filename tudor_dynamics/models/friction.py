@@ -33,9 +33,10 @@ from tudor_dynamics.compiled import compiled
 from tudor_dynamics.typing import FloatArray
 
 (_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
- _CUBE_ROOT, _SQUARE) = range(10)
+ _CUBE_ROOT, _SQUARE, LOAD) = range(11)
 _TERMS = {'viscous': (_VISCOUS,), 'coulomb': (_COULOMB,), 'offset': (_OFFSET,),
-          'stribeck': (_STRIBECK,), 'cube_root': (_CUBE_ROOT,), 'square': (_SQUARE,)}
+          'stribeck': (_STRIBECK,), 'cube_root': (_CUBE_ROOT,), 'square': (_SQUARE,),
+          'load': (LOAD,)}
 _DIRECTED = {'viscous': (_VISCOUS_FORWARD, _VISCOUS_BACKWARD), 'coulomb': (_FORWARD, _BACKWARD)}
 
 
@@ -63,7 +64,9 @@ def friction_names(joint: JointSpec) -> tuple[str, ...]:
     return tuple(names)
 
 
-def friction_columns(joint: JointSpec, dq: FloatArray) -> FloatArray:
+def friction_columns(
+    joint: JointSpec, dq: FloatArray, load: FloatArray | None = None,
+) -> FloatArray:
     """
     Evaluate the friction columns of a joint.
 
@@ -73,20 +76,24 @@ def friction_columns(joint: JointSpec, dq: FloatArray) -> FloatArray:
         Description with its friction terms.
     dq : ndarray of shape (n_samples,)
         Velocity of the joint [rad/s or m/s].
+    load : ndarray of shape (n_samples,), optional
+        What the bodies ask of the joint, for the term ``load`` [N m or N]; 1 by default.
 
     Returns
     -------
     ndarray of shape (n_samples, n_terms)
         Columns in the order of `friction_names`. Coefficients come out in effort units per
-        velocity unit (viscous), effort units (coulomb, offset, stribeck), and effort units per
-        root or square of the velocity unit (cube_root, square). In the asymmetric case the
-        negative direction's Coulomb coefficient comes out negative.
+        velocity unit (viscous), effort units (coulomb, offset, stribeck), effort units per
+        root or square of the velocity unit (cube_root, square), and as a part of the load (load).
+        In the asymmetric case the negative direction's Coulomb coefficient comes out negative.
 
     """
     codes = friction_codes(joint)
     out = np.empty((len(dq), len(codes)))
     _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
           out)
+    if load is not None:
+        out[:, codes == LOAD] *= np.abs(load)[:, None]
     return out
 
 
@@ -106,7 +113,7 @@ def _fill(dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: Fl
 @compiled
 def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
     """
-    Evaluate one column at one speed.
+    Evaluate one column at one speed; that of a load still wants its size as a factor.
 
     Parameters
     ----------
@@ -133,7 +140,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
         # smoothed as the sign is: the root's slope at zero is infinite
         return dq / (dq * dq + sharp * sharp) ** (1.0 / 3.0)
     smooth = math.tanh(dq / sharp)
-    if code == _COULOMB:
+    if code == _COULOMB or code == LOAD:
         return smooth
     if code == _STRIBECK:
         return smooth * math.exp(-(dq / stribeck) ** 2)

@@ -22,35 +22,42 @@ import numpy as np
 
 from tudor_dynamics.arm.schema import JointSpec
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.friction import friction_codes, friction_term
+from tudor_dynamics.models.friction import friction_codes, friction_term, LOAD
 from tudor_dynamics.typing import FloatArray
 
 
 class JointTerms:
     """
-    What the joints themselves add to the efforts of the bodies.
+    What the drives of the joints add to the efforts of the bodies.
 
     Parameters
     ----------
     joints : sequence of JointSpec
         Joints with their terms.
     columns : sequence of int
-        First column of each joint's own parameters: rotor inertia, then friction.
+        First column of the parameters of each joint's drive: rotor inertia, then friction.
     scale : ndarray of shape (n_joints,)
         Effort per unit in which it is measured.
+    speeds : ndarray of shape (n_joints, n_joints), optional
+        Speeds of the drives by those of the joints; each its own by default.
+    reach : ndarray of shape (n_joints, n_joints), optional
+        What each effort feels of each drive; of its own by default.
 
     """
 
     def __init__(
         self, joints: Sequence[JointSpec], columns: Sequence[int], scale: FloatArray,
+        speeds: FloatArray | None = None, reach: FloatArray | None = None,
     ) -> None:
         codes = [friction_codes(joint) for joint in joints]
-        layout = [[column, joint.rotor_inertia, len(terms)] for joint, column, terms in
-                  zip(joints, columns, codes, strict=True)]
+        first = np.cumsum([0, *(len(terms) for terms in codes)])
+        layout = [[column, joint.rotor_inertia, begin, len(terms)] for joint, column, begin, terms
+                  in zip(joints, columns, first, codes, strict=False)]
+        own = np.eye(len(joints))
         self._terms = (
             np.array(layout, dtype=np.intp), np.concatenate(codes, dtype=np.intp),
             np.array([[joint.friction_velocity, joint.stribeck_velocity] for joint in joints]),
-            scale)
+            scale, own if speeds is None else speeds, own if reach is None else reach)
 
     def add(self, motion: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
         """
@@ -72,17 +79,29 @@ class JointTerms:
 
 @compiled
 def _add(terms: tuple, motion: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
-    layout, codes, speeds, scale = terms
+    layout, codes, smoothing, scale, speeds, reach = terms
     n = len(layout)
+    loads = np.empty(n)
     for k in range(len(motion)):
-        code = 0
         for i in range(n):
-            column, value, dq = layout[i, 0], out[k, i], motion[k, n + i]
-            if layout[i, 1] != 0:
-                value += parameters[i, column] * motion[k, 2 * n + i]
-                column += 1
-            for term in range(layout[i, 2]):
-                value += parameters[i, column + term] * friction_term(
-                    codes[code + term], dq, speeds[i, 0], speeds[i, 1])
-            code += layout[i, 2]
-            out[k, i] = value / scale[i]
+            loads[i] = abs(out[k, i])
+        for drive in range(n):
+            dq, ddq = 0.0, 0.0
+            for j in range(n):
+                dq += speeds[drive, j] * motion[k, n + j]
+                ddq += speeds[drive, j] * motion[k, 2 * n + j]
+            for i in range(n):
+                if reach[i, drive] == 0.0:
+                    continue
+                column, value = layout[drive, 0], 0.0
+                if layout[drive, 1] != 0:
+                    value += parameters[i, column] * ddq
+                    column += 1
+                for term in range(layout[drive, 3]):
+                    code = codes[layout[drive, 2] + term]
+                    part = parameters[i, column + term] * friction_term(
+                        code, dq, smoothing[drive, 0], smoothing[drive, 1])
+                    value += part * loads[drive] if code == LOAD else part
+                out[k, i] += reach[i, drive] * value
+        for i in range(n):
+            out[k, i] /= scale[i]

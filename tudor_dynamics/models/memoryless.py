@@ -53,6 +53,10 @@ class ModelSettings(Protocol):
         """Seed of the hidden layer."""
 
     @property
+    def shared(self) -> bool:
+        """Whether currents of unknown torque constants share the inertial parameters."""
+
+    @property
     def payloads(self) -> Range | None:
         """Least and largest payload of the training bags, where they differ [kg]."""
 

@@ -35,11 +35,12 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
-from tudor_dynamics.models.estimators import Estimate
+from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.memoryless import ModelSettings
 from tudor_dynamics.models.regressor import (
     EffortRegressor, plain_regressor, Regressor, StrainRegressor)
-from tudor_dynamics.models.serialise import Group, groups_from_list, payloads_of
+from tudor_dynamics.models.serialise import (
+    Group, groups_from_list, has_constants, payloads_of)
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 
@@ -72,10 +73,18 @@ class PayloadRegressor:
     """The payload follows the motion [kg]."""
 
     def __init__(self, plain: EffortRegressor | StrainRegressor, body: str) -> None:
+        if plain.loaded:
+            msg = ('friction that grows with the load (the term load) is not identified over '
+                   'several payloads')
+            raise FitError(msg, remedy='leave it out of joints[].friction, or fit each payload '
+                                       'apart')
         self.plain = plain
         self.body = body
+        self.loaded = False
         self.channels = plain.channels
         self.groups = plain.groups
+        self.unknown = plain.unknown
+        self.scaled = np.append(plain.scaled, np.full(len(BODY_PARAMETERS), True))
         self.form = getattr(plain, 'form', None)
         own = [f'{name}({body})' for name in BODY_PARAMETERS]
         self.carried = np.array([plain.columns.index(name) for name in own], dtype=np.intp)
@@ -104,6 +113,9 @@ class PayloadRegressor:
         self.plain.rows(motion[:, :-1], out=rows[:, :, :n])
         np.multiply(rows[:, :, self.carried], motion[:, -1, None, None], out=rows[:, :, n:])
         return rows
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """Take parameters that no row depends on; see ``Regressor``."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """
@@ -193,7 +205,7 @@ class PayloadModel(AnalyticalModel):
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
         """Build one for the payloads of the fit; see ``MemorylessModel``."""
         assert settings.payloads is not None
-        plain = plain_regressor(arm, output, settings.strain_form)
+        plain = plain_regressor(arm, output, settings.strain_form, shared=settings.shared)
         return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
                    estimator=settings.estimator)
 
@@ -201,7 +213,8 @@ class PayloadModel(AnalyticalModel):
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:
         """Build it from its coefficients; see ``Model``."""
         regressor = payload_regressor(
-            plain_regressor(arm, output, str(content.get('form'))), arm)
+            plain_regressor(arm, output, str(content.get('form')),
+                            shared=has_constants(content)), arm)
         groups = groups_from_list(content['groups'], regressor, arm, output)
         model = cls(regressor, len(arm.active_joints), payloads_of(content),
                     estimator=str(content['estimator']),
@@ -237,13 +250,16 @@ class PayloadModel(AnalyticalModel):
         groups = []
         for group in self.groups_:
             channels = group.base.channels
-            kept = np.flatnonzero(merged[channels[0]])
-            values = merged[channels[0], kept]
+            shared = merged[channels[0]].copy()
+            if group.constants is not None:
+                shared[self._plain.scaled] *= group.constants.values[0]
+            kept = np.flatnonzero(shared)
+            values = shared[kept]
             # what two parameters' errors come to together is in no single number
             unknown = np.full(len(kept), np.nan)
             base = BaseSet(channels, kept, tuple(self._plain.columns[i] for i in kept))
             groups.append(Group(base, Estimate(values, unknown, group.estimate.condition, (),
-                                               group.estimate.variances)))
+                                               group.estimate.variances), group.constants))
         model = AnalyticalModel(self._plain, self.n_joints, estimator=self.estimator,
                                 base=tuple(group.base for group in groups))
         model.groups_ = tuple(groups)

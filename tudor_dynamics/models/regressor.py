@@ -25,9 +25,11 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ArmError
+from tudor_dynamics.models.coupling import Coupling
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.joint_terms import JointTerms
 from tudor_dynamics.models.rigid_bodies import RigidBodies
@@ -46,6 +48,23 @@ class Regressor(Protocol):
     """Names of all parameters, base-parameter reduction not yet done."""
     groups: tuple[tuple[int, ...], ...]
     """Channels that share their parameters; each channel stands in one group."""
+    unknown: tuple[int, ...]
+    """Channels that share them up to a torque constant, which is not known."""
+    scaled: NDArray[np.bool_]
+    """Columns whose parameters carry that constant."""
+    loaded: bool
+    """Whether rows depend on parameters, through friction that grows with the load."""
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """
+        Take parameters for the loads of the rows; see `EffortRegressor.assume`.
+
+        Parameters
+        ----------
+        parameters : ndarray of shape (n_channels, n_columns) or None
+            Parameters of each channel.
+
+        """
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
@@ -82,16 +101,28 @@ class EffortRegressor:
 
     Joints whose effort is a torque or force, or a current with a known constant, share the
     inertial parameters and are stacked. A joint with a current of unknown torque constant has
-    parameters of its own, scaled by that constant.
+    parameters of its own, scaled by that constant, or shares those of the others as well: then
+    the constants are to be found with them (`torque_constants.find_constants`).
 
     Parameters
     ----------
     arm : Arm
         Arm whose active joints are described.
+    shared : bool, default=False
+        One set of inertial parameters, also for currents of unknown torque constants.
+
+    Attributes
+    ----------
+    unknown : tuple of int
+        Channels that share their parameters with others up to an unknown torque constant.
+    scaled : ndarray of bool, shape (n_columns,)
+        Columns whose parameters carry that constant; those of friction do not.
+    loaded : bool
+        Whether a joint has friction that grows with its load.
 
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, *, shared: bool = False) -> None:
         self.channels = arm.active_joints
         self._joints = arm.joints
         self._model = arm.model
@@ -102,6 +133,10 @@ class EffortRegressor:
                  if joint.effort.unit != 'A' or joint.effort.torque_constant is not None]
         alone: list[tuple[int, ...]] = [(i,) for i in range(len(arm.joints)) if i not in known]
         self.groups: tuple[tuple[int, ...], ...] = tuple(([tuple(known)] if known else []) + alone)
+        self.unknown: tuple[int, ...] = ()
+        if shared and len(self.groups) > 1:
+            self.groups = (tuple(range(len(arm.joints))),)
+            self.unknown = tuple(i for i, in alone)
         names = [f'{parameter}({name})' for name in list(self._model.names)[1:]
                  for parameter in BODY_PARAMETERS]
         self._n_bodies = len(names)
@@ -113,8 +148,33 @@ class EffortRegressor:
             names += friction_names(joint)
             self._local.append(slice(first, len(names)))
         self.columns: tuple[str, ...] = tuple(names)
+        self._coupling = Coupling(arm)
+        self.scaled = np.array([i < self._n_bodies or name.startswith('Ia(')
+                                for i, name in enumerate(names)])
+        for i, part in enumerate(self._local):
+            if np.count_nonzero(self._coupling.reach[:, i]) > 1:
+                self.scaled[part] = True  # several efforts feel it, each in its own unit
+        self.loaded = any('load' in joint.friction for joint in arm.joints)
+        self._assumed: FloatArray | None = None
         self._bodies = RigidBodies(self._model, self._velocity, self._velocity)
-        self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale)
+        self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale,
+                                 self._coupling.speeds, self._coupling.reach)
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """
+        Take parameters by which rows know the loads that friction grows with.
+
+        With friction in proportion to what the bodies ask of a joint, the effort is no linear
+        function of all parameters. For given loads it is: rows by the parameters of the last
+        estimate, and an estimate by these rows, settle within a few turns.
+
+        Parameters
+        ----------
+        parameters : ndarray of shape (n_joints, n_columns) or None
+            Parameters of each channel; None for bodies whose parameters all are 1.
+
+        """
+        self._assumed = parameters
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
@@ -134,15 +194,24 @@ class EffortRegressor:
 
         """
         n = len(self.channels)
-        dq, ddq = motion[:, n:2 * n], motion[:, 2 * n:]
+        motion = self._coupling.of_joints(motion)
+        dq = motion[:, n:2 * n] @ self._coupling.speeds.T
+        ddq = motion[:, 2 * n:] @ self._coupling.speeds.T
         full = in_model_order(motion, self._velocity, self._model.nv)
         rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
         torque_rows(self._model, self._data, self._velocity, full, rows[:, :, :self._n_bodies])
+        self._coupling.mix(rows[:, :, :self._n_bodies])
+        bodies = rows[:, :, :self._n_bodies]
         for i, joint in enumerate(self._joints):
-            columns = friction_columns(joint, dq[:, i])
+            load = None
+            if 'load' in joint.friction:
+                load = (bodies[:, i].sum(axis=1) if self._assumed is None else
+                        bodies[:, i] @ self._assumed[i, :self._n_bodies])
+            columns = friction_columns(joint, dq[:, i], load)
             if joint.rotor_inertia:
                 columns = np.column_stack([ddq[:, i], columns])
-            rows[:, i, self._local[i]] = columns
+            for channel in np.flatnonzero(self._coupling.reach[:, i]):
+                rows[:, channel, self._local[i]] = self._coupling.reach[channel, i] * columns
         if np.any(self._scale != 1.0):
             rows /= self._scale[None, :, None]  # what is zero in `out` stays zero
         return rows
@@ -164,8 +233,8 @@ class EffortRegressor:
             Efforts in their units.
 
         """
-        out = np.empty((len(motion), len(self.channels)))
-        self._bodies.outputs(motion, parameters, out)
+        motion = self._coupling.of_joints(motion)
+        out = self._coupling.body_efforts(self._bodies, motion, parameters)
         self._terms.add(motion, parameters, out)
         return out
 
@@ -213,7 +282,11 @@ class StrainRegressor:
                  for parameter in BODY_PARAMETERS]
         self.columns: tuple[str, ...] = (*names, 'offset')
         self.groups: tuple[tuple[int, ...], ...] = tuple((i,) for i in range(len(self.channels)))
+        self.unknown: tuple[int, ...] = ()
+        self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
+        self.loaded = False
         self._bodies = RigidBodies(model, self._joint_index, self._output_index)
+        self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """
@@ -233,12 +306,16 @@ class StrainRegressor:
 
         """
         # virtual joints at the gauges stay at zero
-        full = in_model_order(motion, self._joint_index, self._model.nv)
+        full = in_model_order(self._coupling.of_joints(motion), self._joint_index,
+                              self._model.nv)
         shape = (len(motion), len(self.channels), len(self.columns))
         rows = np.zeros(shape) if out is None else out
         torque_rows(self._model, self._data, self._output_index, full, rows[:, :, :-1])
         rows[:, :, -1] = 1.0
         return rows
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """Take parameters that no row of a strain depends on; see ``Regressor``."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """
@@ -258,13 +335,13 @@ class StrainRegressor:
 
         """
         out = np.empty((len(motion), len(self.channels)))
-        self._bodies.outputs(motion, parameters, out)
+        self._bodies.outputs(self._coupling.of_joints(motion), parameters, out)
         out += parameters[:, -1]
         return out
 
 
 def plain_regressor(
-    arm: Arm, output: str, strain_form: str,
+    arm: Arm, output: str, strain_form: str, *, shared: bool = False,
 ) -> EffortRegressor | StrainRegressor:
     """
     Give the rows of an output.
@@ -277,6 +354,10 @@ def plain_regressor(
         What is measured.
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
+    shared : bool, default=False
+        One set of inertial parameters for all efforts, also for currents of unknown torque
+        constants.
 
     """
-    return EffortRegressor(arm) if output == 'effort' else StrainRegressor(arm, strain_form)
+    return (EffortRegressor(arm, shared=shared) if output == 'effort' else
+            StrainRegressor(arm, strain_form))

@@ -25,7 +25,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet
-from tudor_dynamics.models.estimators import Estimate
+from tudor_dynamics.models.estimation.estimators import Estimate
+from tudor_dynamics.models.estimation.torque_constants import Constants
 from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.models.units import column_unit
 
@@ -44,11 +45,15 @@ class Group:
         Base parameters of the channels.
     estimate : Estimate
         Their values with standard errors.
+    constants : Constants or None
+        Torque constants that were found with them, where the channels share parameters up to
+        these.
 
     """
 
     base: BaseSet
     estimate: Estimate
+    constants: Constants | None = None
 
 
 def plausible(values: Any) -> bool:
@@ -91,6 +96,19 @@ def payloads_of(content: dict[str, Any]) -> Range:
     return low, high
 
 
+def has_constants(content: dict[str, Any]) -> bool:
+    """
+    Say whether channels of a model share their parameters up to torque constants.
+
+    Parameters
+    ----------
+    content : dict
+        Plain values of an analytical model.
+
+    """
+    return any('torque_constants' in item for item in content['groups'])
+
+
 def groups_to_list(
     groups: tuple[Group, ...], regressor: Regressor, arm: Arm, output: str,
 ) -> list[dict[str, Any]]:
@@ -121,6 +139,10 @@ def groups_to_list(
             'channels': list(names),
             'condition': float(group.estimate.condition),
             'residual_std': [float(np.sqrt(v)) for v in group.estimate.variances],
+            **({} if group.constants is None else {'torque_constants': [
+                {'channel': name, 'value': float(value), 'relative_error': float(error)}
+                for name, value, error in zip(names, group.constants.values,
+                                              group.constants.relative_errors, strict=True)]}),
             'coefficients': [
                 {'name': name, 'column': regressor.columns[column],
                  'value': float(value), 'standard_error': float(error),
@@ -183,9 +205,24 @@ def groups_from_list(
             msg = f'residual_std {noise.tolist()} of {item["channels"]}; expected 0 or more each'
             raise ModelError(msg)
         groups.append(Group(base, Estimate(values, errors, float(item['condition']), unexcited,
-                                           noise ** 2)))
+                                           noise ** 2), _constants(item, len(channels))))
     listed = sorted(channel for group in groups for channel in group.base.channels)
     if listed != list(range(len(regressor.channels))):
         msg = f'{output} channels {listed} where {list(regressor.channels)} were expected'
         raise ModelError(msg)
     return tuple(groups)
+
+
+def _constants(content: dict[str, Any], channels: int) -> Constants | None:
+    rows = content.get('torque_constants')
+    if rows is None:
+        return None
+    values = np.array([float(row['value']) for row in rows])
+    errors = np.array([float(row['relative_error']) for row in rows])
+    bounded = (plausible(values) and plausible(1.0 / values) if np.all(values > 0.0) else False)
+    if [row['channel'] for row in rows] != content['channels'] or not bounded or np.any(
+            ~(errors >= 0.0)):
+        msg = (f'torque_constants {values.tolist()} of {content["channels"]}; expected one above '
+               '0 for each')
+        raise ModelError(msg)
+    return Constants(values, errors)

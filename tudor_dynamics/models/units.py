@@ -21,7 +21,7 @@ from tudor_dynamics.models.base_parameters import PAYLOAD
 
 _BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
 _FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
-             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2'}
+             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1'}
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:
@@ -108,9 +108,13 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
             column, unit, scaled=unit != 'N m', prismatic=False)
     owner = column.partition('(')[2][:-1]
     name = owner if owner in channels else channels[0]
-    effort = {joint.name: joint for joint in arm.joints}[name].effort
-    prismatic = arm.is_prismatic(name)
-    if effort.torque_constant is not None:
+    efforts = {joint.name: joint.effort for joint in arm.joints}
+    effort, prismatic = efforts[name], arm.is_prismatic(name)
+    absolute = effort.torque_constant is not None or (
+        column.split('(')[0].rstrip('+-') not in _FRICTION and any(
+            efforts[other].unit != 'A' or efforts[other].torque_constant is not None
+            for other in channels))
+    if absolute:
         return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
                               prismatic=prismatic)
     return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)

@@ -21,8 +21,9 @@ import pytest
 
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.models import AnalyticalModel
-from tudor_dynamics.models.estimators import huber_weights, LARGEST_GRAM_CONDITION, solve
-from tudor_dynamics.models.products import Products, squared_residuals
+from tudor_dynamics.models.estimation.estimators import (
+    huber_weights, LARGEST_GRAM_CONDITION, solve)
+from tudor_dynamics.models.estimation.products import Products, squared_residuals
 from tudor_dynamics.models.training import TrainingBlock
 from tudor_dynamics.signals import Decimation
 from tudor_dynamics.typing import FloatArray
@@ -32,6 +33,9 @@ class Linear:
     """Rows that are the motion of one joint itself: parameters can be seen directly."""
 
     columns = ('q', 'dq', 'ddq')
+    unknown = ()
+    loaded = False
+    scaled = np.zeros(3, dtype=bool)
 
     def __init__(self, n_channels: int = 1) -> None:
         self.channels = tuple('abcd'[:n_channels])
@@ -44,6 +48,9 @@ class Linear:
             return rows
         out[:] = rows
         return out
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """Take no notice."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Give rows times parameters."""

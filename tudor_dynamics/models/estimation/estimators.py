@@ -22,7 +22,7 @@ import numpy as np
 from scipy import linalg
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.models.products import Products, squared_residuals, triangle
+from tudor_dynamics.models.estimation.products import Products, squared_residuals, triangle
 from tudor_dynamics.typing import FloatArray
 
 ESTIMATORS = ('ols', 'wls', 'huber')
