@@ -33,7 +33,7 @@ from tudor_dynamics.arm.angles import Snapped
 from tudor_dynamics.arm.couplings import coupling_matrix
 from tudor_dynamics.arm.kinematics import (
     gauge_point, is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
-from tudor_dynamics.arm.open_values import OPEN, open_values, spelled
+from tudor_dynamics.arm.open_values import check_no_open_values
 from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
@@ -276,32 +276,6 @@ def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
                 raise ArmError(msg)
 
 
-def check_no_open_values(content: Any, source: str) -> None:
-    """
-    Refuse a description in which something is still ``?``.
-
-    Parameters
-    ----------
-    content : object
-        Description as plain values.
-    source : str
-        Where it came from, for messages.
-
-    Raises
-    ------
-    ArmError
-        If there is such a value; each is named by its keys.
-
-    """
-    names = [spelled(content, path) for path in open_values(content)]
-    if names:
-        more = f' and {len(names) - MAX_PARTS} more' if len(names) > MAX_PARTS else ''
-        msg = f'still {OPEN!r}: {", ".join(map(_short, names[:MAX_PARTS]))}{more}'
-        raise ArmError(msg, place=source, remedy=(
-            'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
-            'means'))
-
-
 def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
     """
     Check a description and build its models.
@@ -379,7 +353,8 @@ def load_arm(path: str | Path) -> Arm:
     try:
         text = read_bounded(path, MAX_YAML_BYTES).decode()
     except OSError as err:
-        msg = f'{path}: the arm description cannot be read ({err.strerror}); check --arm'
+        msg = (f'{path}: the arm description cannot be read ({err.strerror}); check --arm, or '
+               'write one with `tudor init`')
         raise ArmError(msg) from None
     except ValueError as err:  # no UTF-8, or a NUL in the path
         msg = f'{path}: the arm description cannot be read ({err}); check --arm'

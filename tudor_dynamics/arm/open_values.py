@@ -19,8 +19,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from tudor_dynamics.errors import ArmError
+
 OPEN = '?'
 """Stands in a description for what nobody has said yet; nothing is read from such a file."""
+SHOWN = 8
+"""Open values that one message names."""
 Path = tuple[str | int, ...]
 """Keys and places in lists that lead to a value."""
 
@@ -78,3 +82,29 @@ def spelled(content: Any, path: Path) -> str:
         else:
             text += f'.{step}' if text else step
     return text
+
+
+def check_no_open_values(content: Any, source: str) -> None:
+    """
+    Refuse a description in which something is still ``?``.
+
+    Parameters
+    ----------
+    content : object
+        Description as plain values.
+    source : str
+        Where it came from, for messages.
+
+    Raises
+    ------
+    ArmError
+        If there is such a value; each is named by its keys.
+
+    """
+    names = [spelled(content, path) for path in open_values(content)]
+    if names:
+        more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+        msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
+        raise ArmError(msg, place=source, remedy=(
+            'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
+            'means'))

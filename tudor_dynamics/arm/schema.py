@@ -80,9 +80,10 @@ class SourceSpec(Spec):
     topic: Name
     index: Annotated[int, Field(ge=0, lt=MAX_INDEX)] | None = None
     """Place of the value in a std_msgs/Float64MultiArray, from 0; its messages have no stamp, so
-    their log times count, or when they arrive."""
+    the log time counts in a bag, and in a node when they arrive."""
     interface: Name | None = None
-    """Interface in a control_msgs/DynamicJointState, such as current; for bags, not for nodes."""
+    """Interface in a control_msgs/DynamicJointState, such as current; for bags alone, nodes
+    refuse it."""
 
     @model_validator(mode='after')
     def _one_kind(self) -> SourceSpec:
@@ -274,6 +275,18 @@ class ArmSpec(Spec):
     simulation: SimulationSpec = SimulationSpec()
     """Structural damping, and how a run starts."""
 
+    def _check_types(self) -> None:
+        """Refuse a topic that is described as if it carried messages of two types."""
+        kinds = {self.joint_topic.lstrip('/'): 'positions'}
+        sources: tuple[SourceSpec, ...] = (*(joint.effort for joint in self.joints), *self.gauges)
+        for source in sources:
+            kind = ('index' if source.index is not None else
+                    'interface' if source.interface is not None else 'positions')
+            if kinds.setdefault(source.topic.lstrip('/'), kind) != kind:
+                raise ValueError(f'the topic {source.topic} cannot carry messages of several '
+                                 'types: give index, or interface, with all that it carries, '
+                                 'and joint states on another one')
+
     @model_validator(mode='after')
     def _consistent(self) -> ArmSpec:
         names = [joint.name for joint in self.joints]
@@ -292,6 +305,7 @@ class ArmSpec(Spec):
             if gauge.joint not in names:
                 raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
                                  f'which is not among the joints {names}')
+        self._check_types()
         check_links(self.links, self.simulation, names)
         rows = self.kinematics.dh
         flange = self.kinematics.convention == 'modified'

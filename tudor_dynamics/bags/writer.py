@@ -26,6 +26,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.bags.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage.raw import one_line
@@ -131,6 +132,7 @@ def recording_series(
         Joint states, then topics with efforts, then topics with strains.
 
     """
+    refuse_interfaces(arm, 'a bag that is written here')
     stamp, joints = recording.stamp, arm.active_joints
     columns: dict[str, list[int]] = {}
     if recording.effort is not None:

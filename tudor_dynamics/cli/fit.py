@@ -77,7 +77,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
     parser.add_argument('bags', nargs='+', metavar='BAG',
                         help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s')
-    parser.add_argument('--arm', required=True, metavar='YAML', help='arm description')
+    parser.add_argument('--arm', required=True, metavar='YAML',
+                        help='arm description; tudor init writes one')
     parser.add_argument('--out', required=True, metavar='MODEL',
                         help='directory for the model bundle and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',

@@ -69,7 +69,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='tudor',
         description='Dynamics of lightweight and elastic robot arms, learned from rosbags.',
-        epilog='exit codes: 0 done, 1 data or model not good enough, 2 wrong input')
+        epilog='an own arm begins with `tudor init BAG --urdf FILE --out arm.yaml`. '
+               'exit codes: 0 done, 1 data or model not good enough, 2 wrong input')
     parser.add_argument('--version', action='version', version=f'tudor_dynamics {__version__}')
     commands = parser.add_subparsers(dest='command', metavar='COMMAND', required=True)
     for name, summary in SUBCOMMANDS.items():

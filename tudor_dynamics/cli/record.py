@@ -26,6 +26,7 @@ import time
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
@@ -139,6 +140,7 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     _check(args)
     arm = load_arm(args.arm)
+    refuse_interfaces(arm, 'a bag that is written here')
     out = Path(args.out)
     paths = [out / f'stimulus_{number + 1:02d}' for number in range(args.stimuli)]
     for path in (*paths, out / 'campaign.yaml'):

@@ -30,6 +30,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.errors import SimulationError, TudorError
 from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -66,6 +67,7 @@ class ArmSimulatorNode(TudorNode):
                 msg = 'no arm: set the parameter arm to a description with links and motors'
                 raise SimulationError(msg)
             description = load_arm(self.value('arm'))
+            refuse_interfaces(description, 'a simulated arm')
             self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
                 damping=self.value('damping'), imperfect=self.value('imperfections'),

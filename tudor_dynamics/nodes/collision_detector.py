@@ -67,13 +67,15 @@ class CollisionDetectorNode(DetectNode):
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
         self._prediction_readers = {output: NamedReader(names[output], self.drops)
                                     for output in prepared.outputs}
-        wanted = {(output, PREDICTED[output]): partial(self._on_predicted, output)
-                  for output in prepared.outputs}
-        wanted |= {(output, topic): partial(self._on_measured, output, topic)
-                   for output in prepared.outputs for topic in topics[output]}
-        for key, callback in wanted.items():
+        for output in prepared.outputs:
+            key = (output, PREDICTED[output])
             if key not in self._inputs:
-                self._inputs[key] = self.hear_joint_states(key[1], callback)
+                self._inputs[key] = self.hear_joint_states(
+                    key[1], partial(self._on_predicted, output))
+            for topic in topics[output]:
+                if (output, topic) not in self._inputs:
+                    self._inputs[output, topic] = self.hear_sensors(
+                        bundle.arm, topic, partial(self._on_measured, output, topic))
 
     def _on_motion(self, message: PointSample) -> None:
         self.outlets.look(self.meter.begin())

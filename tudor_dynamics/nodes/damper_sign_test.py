@@ -41,6 +41,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.control.sign_test import check_sign, grows, Sign, SignResult, StepResponse
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.base import strong, weak
@@ -73,6 +74,7 @@ class SignTester(Node):
         if arm.spec.damper is None:
             msg = f'{arm.source}: no damper is described, so there is none to test'
             raise ArmError(msg)
+        refuse_interfaces(arm, 'the sign test')
         self.arm = arm
         self._limits = motion_limits(arm)
         drops: Counter[str] = Counter()

@@ -72,8 +72,8 @@ class DynamicsPredictorNode(ModelNode):
         self._gathering = Gathering(bundle.arm.gauge_names, topics)
         for topic, channels in topics.items():
             reader = NamedReader(channels, self.drops)
-            self._gauges.append(self.hear_joint_states(
-                topic, partial(self._on_strain, topic, reader)))
+            self._gauges.append(self.hear_sensors(
+                bundle.arm, topic, partial(self._on_strain, topic, reader)))
 
     def _on_strain(self, topic: str, reader: NamedReader, message: JointSample) -> None:
         values = reader.read(message, FIELD['strain'])

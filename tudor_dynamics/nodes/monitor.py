@@ -77,8 +77,9 @@ class MonitorNode(DetectNode):
                 self._carried.setdefault(topic, []).append(output)
         for topic in self._carried:
             if topic not in self._inputs:
-                self._inputs[topic] = self.hear_joint_states(
-                    topic, self._on_joints if topic == own else partial(self._on_measured, topic))
+                self._inputs[topic] = self.hear_sensors(
+                    bundle.arm, topic,
+                    self._on_joints if topic == own else partial(self._on_measured, topic))
 
     def _on_joints(self, message: JointSample) -> None:
         begun = self.meter.begin()

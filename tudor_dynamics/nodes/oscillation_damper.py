@@ -29,6 +29,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.control.damper import MEANING, Status
 from tudor_dynamics.control.damper_law import SEEN, STATUS
 from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
@@ -85,6 +86,7 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                 msg = 'no arm: set the parameter arm to a description with a damper'
                 raise ArmError(msg)
             arm = load_arm(self.value('arm'))
+            refuse_interfaces(arm, 'the damper')
             self.controller = MotionController(arm)
         except TudorError as err:
             self.fault = str(err)

@@ -16,17 +16,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 import struct
 import warnings
 
 from bag_making import currents, GAUGES, joint_states, JOINTS, make_arm, motion, START, times
+from carrier_making import ARRAY, array, DELAY, DYNAMIC, dynamic, Topic, topic_of, write
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosbags.rosbag2 import StoragePlugin
 
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.bags.cdr_layout import CdrError
@@ -34,60 +33,10 @@ from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.layouts.carriers import array_layout, dynamic_layout
 from tudor_dynamics.errors import BagError, TudorWarning
 
-ARRAY = 'std_msgs/msg/Float64MultiArray'
-DYNAMIC = 'control_msgs/msg/DynamicJointState'
-STORE = get_typestore(Stores.ROS2_JAZZY)
-STORE.register(get_types_from_msg('string[] interface_names\nfloat64[] values',
-                                  'control_msgs/msg/InterfaceValue'))
-STORE.register(get_types_from_msg(
-    'std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values',
-    DYNAMIC))
-DELAY = 3_000_000
-"""Between a stamp and the log time of its message [ns]."""
 
-
-def array(values: np.ndarray, labels: tuple[str, ...] = ()) -> bytes:
-    """Encode an array by rosbags."""
-    kinds = STORE.types
-    dim = [kinds['std_msgs/msg/MultiArrayDimension'](label=label, size=1, stride=1)
-           for label in labels]
-    layout = kinds['std_msgs/msg/MultiArrayLayout'](dim=dim, data_offset=0)
-    return bytes(STORE.serialize_cdr(kinds[ARRAY](layout=layout, data=np.array(values)), ARRAY))
-
-
-def dynamic(stamp: int, joints: dict[str, dict[str, float]]) -> bytes:
-    """Encode the interfaces of joints by rosbags."""
-    kinds = STORE.types
-    header = kinds['std_msgs/msg/Header'](
-        stamp=kinds['builtin_interfaces/msg/Time'](
-            sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id='base')
-    values = [kinds['control_msgs/msg/InterfaceValue'](
-        interface_names=list(of), values=np.array(list(of.values()))) for of in joints.values()]
-    return bytes(STORE.serialize_cdr(kinds[DYNAMIC](
-        header=header, joint_names=list(joints), interface_values=values), DYNAMIC))
-
-
-@dataclass(frozen=True)
-class Topic:
-    """Messages of one topic with their log times."""
-
-    name: str
-    msgtype: str
-    log_time: np.ndarray
-    data: list[bytes]
-
-
-def write(path: Path, *topics: Topic, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
-    """Write joint states and more topics."""
-    states = joint_states(effort=None)
-    all_topics = [Topic(states.topic, states.msgtype, states.stamp + DELAY, states.encode()),
-                  *topics]
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
-        for topic in all_topics:
-            connection = writer.add_connection(topic.name, topic.msgtype, typestore=STORE)
-            for time, data in zip(topic.log_time.tolist(), topic.data, strict=True):
-                writer.write(connection, time, data)
-    return path
+def positions() -> Topic:
+    """Give joint states without efforts."""
+    return topic_of(joint_states(effort=None))
 
 
 def tensions(delay: int = DELAY) -> Topic:
@@ -121,7 +70,7 @@ def arm(**effort: object) -> object:
 @pytest.mark.parametrize('plugin', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_values_are_found_by_place_and_interface(tmp_path: Path, plugin: StoragePlugin) -> None:
     """Whatever the order in the messages; arrays get the log times less the usual delay."""
-    bag = write(tmp_path / 'bag', tensions(), interfaces(), plugin=plugin)
+    bag = write(tmp_path / 'bag', positions(), tensions(), interfaces(), plugin=plugin)
     with pytest.warns(TudorWarning, match='/bridge have no stamp: their log times count, less 3 '):
         found = read_recording(bag, arm())
     q, _ = motion(found.stamp)
@@ -131,7 +80,7 @@ def test_values_are_found_by_place_and_interface(tmp_path: Path, plugin: Storage
 
 def test_arrays_that_are_late_are_interpolated(tmp_path: Path) -> None:
     """A stream between the stamps of the joint states is brought onto them."""
-    bag = write(tmp_path / 'bag', tensions(DELAY + 4_000_000), interfaces())
+    bag = write(tmp_path / 'bag', positions(), tensions(DELAY + 4_000_000), interfaces())
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', TudorWarning)
         found = read_recording(bag, arm())
@@ -141,7 +90,7 @@ def test_arrays_that_are_late_are_interpolated(tmp_path: Path) -> None:
 
 def test_info_says_what_is_there(tmp_path: Path) -> None:
     """Places of arrays and interfaces of joints with their ranges."""
-    report = describe(write(tmp_path / 'bag', tensions(), interfaces()))
+    report = describe(write(tmp_path / 'bag', positions(), tensions(), interfaces()))
     topics = {topic.name: topic for topic in report.topics}
     bridge, dynamics = topics['/bridge'], topics['/dynamic_joint_states']
     assert bridge.names == ['0', '1', '2', '3'] and bridge.fields == ['data']
@@ -164,14 +113,16 @@ def test_a_topic_of_another_type_is_refused(
     tmp_path: Path, effort: dict[str, object], text: str,
 ) -> None:
     """One line says which type it is and what to write instead."""
-    bag = write(tmp_path / 'bag', tensions(), interfaces())
+    bag = write(tmp_path / 'bag', positions(), tensions(), interfaces())
+    described = {'topic': 'dynamic_joint_states', 'unit': 'A', 'interface': 'current', **effort}
+    joints = [{'name': name, 'effort': described} for name in JOINTS]
     with pytest.raises(BagError, match=text):
-        read_recording(bag, arm(**effort))
+        read_recording(bag, make_arm(joints=joints, gauges=[]))
 
 
 def test_places_and_interfaces_that_are_not_there(tmp_path: Path) -> None:
     """Are lacking, as names are that a JointState does not have."""
-    bag = write(tmp_path / 'bag', tensions(), interfaces())
+    bag = write(tmp_path / 'bag', positions(), tensions(), interfaces())
     with pytest.warns(TudorWarning, match='no voltage of shoulder, elbow in /dynamic_joint'):
         assert read_recording(bag, arm(interface='voltage')).effort is None
     with pytest.warns(TudorWarning, match='no data of shoulder, elbow in /bridge, which has'):
@@ -180,7 +131,7 @@ def test_places_and_interfaces_that_are_not_there(tmp_path: Path) -> None:
 
 def test_another_definition_is_refused(tmp_path: Path) -> None:
     """Where the bag says that its messages are made otherwise, none of them is read."""
-    bag = write(tmp_path / 'bag', interfaces())
+    bag = write(tmp_path / 'bag', positions(), interfaces())
     file, = (item for item in bag.iterdir() if item.suffix == '.mcap')
     content = file.read_bytes()
     assert b'float64[] values' in content
@@ -236,9 +187,7 @@ def test_a_message_may_not_announce_more_than_it_has() -> None:
 
 def test_currents_stay_what_they_were(tmp_path: Path) -> None:
     """An arm of plain JointStates reads the same beside such topics."""
-    series = currents()
-    bag = write(tmp_path / 'bag', tensions(), Topic(
-        series.topic, series.msgtype, series.stamp + DELAY, series.encode()))
+    bag = write(tmp_path / 'bag', positions(), tensions(), topic_of(currents()))
     with warnings.catch_warnings():
         warnings.simplefilter('error', TudorWarning)
         found = read_recording(bag, make_arm(gauges=[]))

@@ -20,12 +20,17 @@ from collections.abc import Callable
 from threading import Thread
 from typing import Any
 
+from rclpy.subscription import Subscription
+from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.sources import array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import RELOAD
+from tudor_dynamics.nodes.common.wire import ArrayDecoder, JointSample
 
 
 class ModelNode(TudorNode):
@@ -39,12 +44,15 @@ class ModelNode(TudorNode):
     ----------
     bundle : ModelBundle or None
         Model in use.
+    ros_time : callable
+        Stands for the stamps of messages that have none [ns].
 
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.bundle: ModelBundle | None = None
+        self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self._loaded: ModelBundle | None = None
         self._source = str(self.value('model'))
         self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
@@ -69,7 +77,9 @@ class ModelNode(TudorNode):
             msg = 'no model: set the parameter model to a bundle made by tudor fit'
             raise ModelError(msg)
         arm = None if self.bundle is None else self.bundle.arm
-        return load_bundle(self._source, arm=arm)
+        loaded = load_bundle(self._source, arm=arm)
+        refuse_interfaces(loaded.arm, f'node {self.get_name()}', arrays=True)
+        return loaded
 
     def _carrying(self, bundle: ModelBundle) -> ModelBundle:
         """Put the payload into a model; it may be one of all payloads."""
@@ -146,6 +156,28 @@ class ModelNode(TudorNode):
         for gauge in arm.gauges:
             topics['strain'].setdefault(gauge.topic, []).append(gauge.name)
         return topics
+
+    def hear_sensors(
+        self, arm: Arm, topic: str, callback: Callable[[JointSample], None],
+    ) -> Subscription:
+        """
+        Subscribe to a topic of efforts or strains, of the type that the arm describes.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm whose sensors they are.
+        topic : str
+            Topic as it is described.
+        callback : callable
+            Told each sample.
+
+        """
+        places = array_places(arm).get(topic)
+        if places is None:
+            return self.hear_joint_states(topic, callback)
+        return self.subscribe_raw(Float64MultiArray, topic, ArrayDecoder(
+            places, lambda: self.ros_time(), self.drops), callback)
 
     def hardware(self) -> str:
         """Give the name of the robot, by default that of the model's arm."""

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-JointStates and motions as they come from the middleware and go there: bytes, layout known before.
+JointStates, arrays and motions from the middleware and to it: bytes, layout known before.
 
 rclpy takes 20 us to make a message object of a JointState and 15 us to make bytes of one, most of
 it for names that never change. A robot's messages on one topic share one layout, so here the
@@ -24,7 +24,7 @@ What is no plain CDR, or no layout that can be parsed, is left to rclpy.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 import struct
 from typing import Any, Generic, TypeVar
@@ -32,10 +32,12 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.cdr_layout import (
     CdrError, HEADER, joint_state_layout, Layout, motion_layout)
+from tudor_dynamics.bags.layouts.carriers import array_layout, DATA
 from tudor_dynamics.typing import FloatArray
 
 NO_VALUES = np.empty(0)
@@ -151,7 +153,7 @@ class _Decoder(Generic[Sample]):
             self._drops['malformed'] += 1
             return None
 
-    def _read(self, data: bytes) -> Sample:
+    def _read(self, data: bytes) -> Sample | None:
         raise NotImplementedError
 
     def _convert(self, message: Any) -> Sample | None:
@@ -181,6 +183,52 @@ class JointStateDecoder(_Decoder[JointSample]):
         return JointSample(stamp.sec * SECOND + stamp.nanosec, list(message.name),
                            np.array(message.position), np.array(message.velocity),
                            np.array(message.effort))
+
+
+class ArrayDecoder(_Decoder[JointSample]):
+    """
+    Decodes the Float64MultiArrays of one topic into samples with names.
+
+    They have no stamp: when they arrive stands for it.
+
+    Parameters
+    ----------
+    places : mapping of str to int
+        Joint or gauge to its place in the array, from 0.
+    now : callable
+        Clock of the node [ns].
+    drops : collections.Counter
+        Told what is left out, by cause.
+
+    """
+
+    def __init__(
+        self, places: Mapping[str, int], now: Callable[[], int], drops: Counter[str],
+    ) -> None:
+        super().__init__(Float64MultiArray, array_layout, drops)
+        self._names = list(places)
+        self._places = list(places.values())
+        self._now = now
+
+    def _learn(self, data: bytes) -> None:
+        layout = self._parse(data)
+        start, size = layout.fields[DATA]
+        self._fixed = [(slice(0, start), data[:start])]
+        self._numbers = {DATA: (layout.order + 'f8', size, start)}
+        self._length = len(data)
+
+    def _sample(self, values: FloatArray) -> JointSample | None:
+        if len(values) <= max(self._places):
+            self._drops['short_array'] += 1
+            return None
+        chosen = np.array(values[self._places], dtype=np.float64)
+        return JointSample(self._now(), self._names, chosen, NO_VALUES, chosen)
+
+    def _read(self, data: bytes) -> JointSample | None:
+        return self._sample(self._values(data, DATA))
+
+    def _convert(self, message: Any) -> JointSample | None:
+        return self._sample(np.array(message.data))
 
 
 class MotionDecoder(_Decoder[PointSample]):

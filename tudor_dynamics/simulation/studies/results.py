@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.bags.messages import ImuSeries, JointStateSeries, Series
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
@@ -51,6 +52,7 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
         sensor, with the frame ``SENSOR_imu``.
 
     """
+    refuse_interfaces(arm, 'a bag that is written here')
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
     series: list[Series] = [JointStateSeries(
         '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
