@@ -1,0 +1,158 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A bag and its arm, ready to be compared with alternatives."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.doctor.explained import Explained
+from tudor_dynamics.doctor.rows import BodyRows
+from tudor_dynamics.doctor.thinned import Thinned
+from tudor_dynamics.typing import FloatArray
+
+OUTPUTS = ('effort', 'strain')
+
+
+class Case:
+    """
+    What is known of a bag, and how much of its outputs an alternative explains.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm as it is described.
+    recording : Recording
+        Signals without outliers.
+    thinned : Thinned
+        The same, thinned.
+    broken : set of str
+        Joints and gauges whose outputs are not what was measured; they are left out.
+
+    Attributes
+    ----------
+    sound : dict of str to ndarray of bool
+        Channels of each output that are not broken.
+    outputs : dict of str to ndarray of shape (n, n_channels)
+        Efforts and strains, where there are some.
+    names : tuple of (str, str)
+        Output and channel of each entry of `shares`.
+
+    """
+
+    def __init__(
+        self, arm: Arm, recording: Recording, thinned: Thinned,
+        broken: Collection[str] = frozenset(),
+    ) -> None:
+        self.arm, self.recording, self.thinned = arm, recording, thinned
+        self.motion = thinned.motion
+        self.bodies = {name: BodyRows(arm, name) for name in OUTPUTS if thinned.has(name)}
+        self.sound = {name: np.array([one not in broken for one in bodies.channels])
+                      for name, bodies in self.bodies.items()}
+        # what never changes leaves the same whatever is changed
+        self.outputs = {name: np.where(self.sound[name], thinned.output(name), 0.0)
+                        for name in self.bodies}
+        self.names = tuple((name, channel) for name, bodies in self.bodies.items()
+                           for channel in bodies.channels)
+
+    def scale(self, name: str, factors: Mapping[str, float]) -> None:
+        """
+        Divide channels by factors, before anything is compared.
+
+        Parameters
+        ----------
+        name : {'effort', 'strain'}
+            Output.
+        factors : mapping of str to float
+            Channel to what it is too large by.
+
+        """
+        divisor = np.array([factors.get(one, 1.0) for one in self.bodies[name].channels])
+        self.outputs[name] = self.outputs[name] / divisor
+
+    def explained(
+        self, motion: FloatArray | None = None, gravity: FloatArray | None = None,
+    ) -> dict[str, Explained]:
+        """
+        Build the least squares of all outputs for another motion or gravity.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n, 3 n_joints), optional
+            In place of the recorded one.
+        gravity : ndarray of shape (3,), optional
+            In place of that of the description [m/s^2].
+
+        """
+        x = self.motion if motion is None else motion
+        return {name: Explained(bodies.rows(x, gravity), bodies.own(x), bodies.groups)
+                for name, bodies in self.bodies.items()}
+
+    @cached_property
+    def usual(self) -> dict[str, Explained]:
+        """The least squares of the description as it is."""
+        return self.explained()
+
+    @cached_property
+    def now(self) -> FloatArray:
+        """What is left of each channel, as things are."""
+        return self.shares(self.usual)
+
+    def shares(
+        self, explained: Mapping[str, Explained], outputs: Mapping[str, FloatArray] | None = None,
+    ) -> FloatArray:
+        """
+        Give the part of the variance of each channel that is left.
+
+        Parameters
+        ----------
+        explained : mapping of str to Explained
+            Rows of the outputs.
+        outputs : mapping of str to ndarray, optional
+            Outputs in place of the measured ones.
+
+        Returns
+        -------
+        ndarray of shape (n_channels of all outputs,)
+            In the order of `names`.
+
+        """
+        values = {**self.outputs, **(outputs or {})}
+        return np.concatenate([item.shares(values[name]) for name, item in explained.items()])
+
+
+def gain(now: FloatArray, other: FloatArray) -> float:
+    """
+    Say how much better an alternative is: the sum of log ratios of what is left.
+
+    Up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise.
+
+    Parameters
+    ----------
+    now, other : ndarray of shape (n_channels,)
+        Parts of the variances that are left.
+
+    """
+    return float(np.sum(np.log(now / other)))
+
+
+def relative(shares: FloatArray | Sequence[float]) -> float:
+    """Give the relative residual over all channels, each with the same weight."""
+    return float(np.sqrt(np.mean(shares)))

@@ -1,0 +1,173 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The doctor looks at one bag: description, samples, stamps, then alternatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.doctor import samples
+from tudor_dynamics.doctor.case import Case, relative
+from tudor_dynamics.doctor.description import suspects
+from tudor_dynamics.doctor.lags import lag_told, output_lag, velocity_lag
+from tudor_dynamics.doctor.structure import (
+    Alternative, choose, driven_by_friction, unchanged)
+from tudor_dynamics.doctor.thinned import thin
+from tudor_dynamics.doctor.told import opposite, told
+from tudor_dynamics.doctor.trends import trends
+from tudor_dynamics.doctor.units import sizes
+from tudor_dynamics.identification.finding import Finding
+from tudor_dynamics.signals.timing import Timing, timing
+
+BROKEN = ('constant', 'held', 'dying', 'saturated')
+"""What makes the values of a channel none to judge a description by."""
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """
+    What was found about a bag.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        What is wrong; empty for a clean bag of a right description.
+    case : Case or None
+        Bag with its arm, for comparisons with other bags; None where it is too short.
+    chosen : Alternative or None
+        What explains it better than the description, or the description as it is.
+
+    """
+
+    findings: tuple[Finding, ...]
+    case: Case | None = None
+    chosen: Alternative | None = None
+
+
+def examine(arm: Arm, recording: Recording, retimed: Timing | None = None) -> Examined:
+    """
+    Look at a bag.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm as it is described.
+    recording : Recording
+        Signals of the bag.
+    retimed : Timing, optional
+        Why its stamps were replaced by even ones, where they were.
+
+    Returns
+    -------
+    Examined
+        Findings, in the order of what would be looked at first.
+
+    """
+    clean, findings = look_at_samples(recording, arm.active_joints, arm.gauge_names, retimed)
+    described = suspects(arm)
+    mended = next((item.mended for item in reversed(described) if item.mended is not None), arm)
+    broken = {name for item in findings if item.kind in BROKEN for name in item.channels}
+    thinned = thin(clean)
+    if thinned is None:
+        return Examined((*(item.finding for item in described), *findings))
+    found = velocity_lag(clean, thinned)
+    if found is not None:
+        findings.append(found)
+    case = Case(mended, clean, thinned, broken)
+    if not case.outputs:
+        return Examined((*(item.finding for item in described), *findings), case)
+    chosen, model_findings = _by_model(case)
+    for suspect in described:
+        wrong = Case(arm, clean, thinned, broken)
+        model_findings.insert(0, replace(
+            suspect.finding, bag=recording.path, measure='relative residual',
+            now=relative(wrong.now), otherwise=relative(case.now)))
+    return Examined((*model_findings, *findings), case, chosen)
+
+
+def look_at_samples(
+    recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
+    retimed: Timing | None = None,
+) -> tuple[Recording, list[Finding]]:
+    """
+    Look at what needs no description: samples and stamps.
+
+    Parameters
+    ----------
+    recording : Recording
+        Signals of a bag.
+    joints, gauges : tuple of str
+        Names of its columns.
+    retimed : Timing, optional
+        Why its stamps were replaced by even ones, where they were.
+
+    Returns
+    -------
+    recording : Recording
+        Without outliers.
+    findings : list of Finding
+        What is wrong.
+
+    """
+    clean, findings = samples.outliers(recording, joints, gauges)
+    findings += samples.flat(clean, joints, gauges)
+    findings += samples.standstill(clean, samples.moving(clean))
+    uneven = retimed or timing(clean)
+    if uneven is not None and uneven.clear:
+        done = '; even stamps took their place' if retimed is not None else ''
+        findings.append(Finding(
+            'jitter', f'stamps jitter by {uneven.jitter * 1e3:.2g} ms on an even sampling of '
+            f'{1.0 / recording.dt:.4g} Hz{done}', 'stamp in the driver when the sample is taken',
+            recording.path, (), 0.0, uneven.jitter, 's', 'roughness of the positions',
+            uneven.now, uneven.even))
+    return clean, findings
+
+
+def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
+    findings = sizes(case) if 'effort' in case.outputs else []
+    if findings:
+        case.scale('effort', {name: item.size or 1.0 for item in findings
+                              for name in item.channels})
+    hinted: list[int] = []
+    if 'effort' in case.outputs:
+        hinted = driven_by_friction(case, case.usual['effort'], case.outputs['effort'])
+    usual = unchanged(case)
+    chosen = choose(case, hinted) or usual
+    lags = _lags(case, usual)
+    if chosen is not usual and max((gain for _, gain in lags), default=0.0) > chosen.gain:
+        chosen = usual
+    if chosen is not usual:
+        findings.append(told(case, chosen))
+        lags = _lags(case, chosen)
+    findings += [finding for finding, _ in lags]
+    if not lags and chosen is usual:
+        findings += opposite(case, hinted)
+    shown = {name for finding in findings for name in finding.channels}
+    for name, explained in chosen.explained.items():
+        findings += [item for item in trends(case, name, explained, chosen.outputs[name])
+                     if item.channels[0] not in shown]
+    return chosen, findings
+
+
+def _lags(case: Case, chosen: Alternative) -> list[tuple[Finding, float]]:
+    found = []
+    for name in chosen.outputs:
+        lag = output_lag(case, name, chosen)
+        finding = lag_told(case.recording, name, lag)
+        if finding is not None:
+            found.append((finding, lag.gain))
+    return found

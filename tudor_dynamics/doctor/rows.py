@@ -1,0 +1,147 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Rows of the rigid bodies for any gravity, and what each channel has to itself."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.torque_rows import in_model_order, torque_rows
+from tudor_dynamics.typing import FloatArray
+
+
+class BodyRows:
+    """
+    Rows of an output, linear in the parameters of the bodies and in gravity.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    output : {'effort', 'strain'}
+        What is measured.
+
+    """
+
+    def __init__(self, arm: Arm, output: str) -> None:
+        strain = output == 'strain'
+        self.model = pin.Model(arm.gauge_model if strain else arm.model)
+        self.gravity = np.array(arm.spec.gravity)
+        self.channels = arm.gauge_names if strain else arm.active_joints
+        self._driven = self._places(arm.active_joints)
+        self._wanted = self._places(self.channels)
+        alone = [(i,) for i in range(len(self.channels))]
+        known = () if strain else tuple(
+            i for i, joint in enumerate(arm.joints)
+            if joint.effort.unit != 'A' or joint.effort.torque_constant is not None)
+        self.groups: tuple[tuple[int, ...], ...] = tuple(
+            ([known] if known else []) + [one for one in alone if one[0] not in known])
+        self.scale = np.array([1.0] * len(self.channels) if strain else
+                              [joint.effort.torque_constant or 1.0 for joint in arm.joints])
+        self._own = output == 'effort'
+        self._sharp = np.array([joint.friction_velocity for joint in arm.joints])
+
+    def _places(self, names: tuple[str, ...]) -> np.ndarray:
+        return np.array([self.model.joints[self.model.getJointId(name)].idx_v for name in names],
+                        dtype=np.intp)
+
+    def rows(self, motion: FloatArray, gravity: FloatArray | None = None) -> FloatArray:
+        """
+        Evaluate the rows of the bodies.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        gravity : ndarray of shape (3,), optional
+            In the base frame; that of the description by default [m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n, n_channels, n_columns)
+            N m or N per parameter.
+
+        """
+        self.model.gravity.linear = self.gravity if gravity is None else gravity
+        full = in_model_order(motion, self._driven, self.model.nv)
+        out = np.zeros((len(motion), len(self._wanted), 10 * (self.model.njoints - 1)))
+        torque_rows(self.model, self.model.createData(), self._wanted, full, out)
+        return out / self.scale[None, :, None]
+
+    def of_gravity(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate what gravity along each axis of the base adds to the rows.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints; the positions count.
+
+        Returns
+        -------
+        ndarray of shape (3, n, n_channels, n_columns)
+            For 1 m/s^2 each.
+
+        """
+        still = motion.copy()
+        still[:, motion.shape[1] // 3:] = 0.0
+        return np.stack([self.rows(still, axis) for axis in np.eye(3)])
+
+    def own(self, motion: FloatArray) -> list[FloatArray]:
+        """
+        Evaluate what each channel has to itself: rotor, friction and offset, or an offset.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints.
+
+        Returns
+        -------
+        list of ndarray of shape (n, n_own)
+            For each channel; of efforts ``ddq, dq, sign(dq), 1``.
+
+        """
+        ones = np.ones((len(motion), 1))
+        if not self._own:
+            return [ones] * len(self.channels)
+        n = len(self.channels)
+        found = []
+        for i in range(n):
+            dq, ddq = motion[:, n + i], motion[:, 2 * n + i]
+            sharp = max(float(self._sharp[i]), 0.03 * float(np.sqrt(np.mean(dq ** 2))), 1e-9)
+            found.append(np.column_stack([ddq, dq, np.tanh(dq / sharp), ones]))
+        return found
+
+    def inertial(self, motion: FloatArray) -> FloatArray | None:
+        """
+        Evaluate the efforts of the bodies with the masses of the description itself.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints.
+
+        Returns
+        -------
+        ndarray of shape (n, n_channels) or None
+            In N m or N; None where the description has no masses.
+
+        """
+        values = np.concatenate([inertia.toDynamicParameters()
+                                 for inertia in list(self.model.inertias)[1:]])
+        return self.rows(motion) @ values if values.any() else None
