@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm
 from tudor_dynamics.bags.reader import assemble, planned_topics, stated_payload
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError
 
@@ -144,6 +145,10 @@ class BagReport:
         What the user should know.
     payload : float or None
         Mass at the tip by the bag's own metadata [kg].
+    recording : Recording or None
+        What can be learned from, where there is something.
+    plan : Plan or None
+        Names of its columns.
 
     """
 
@@ -162,10 +167,14 @@ class BagReport:
     dropped: dict[str, int] = field(default_factory=dict)
     odd: list[str] = field(default_factory=list)
     payload: float | None = None
+    recording: Recording | None = field(default=None, repr=False)
+    plan: Plan | None = field(default=None, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Give the report as it is printed with ``--json``."""
-        return asdict(self)
+        content = asdict(replace(self, recording=None, plan=None))
+        del content['recording'], content['plan']
+        return content
 
 
 def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
@@ -245,7 +254,7 @@ def _verdict(
     reason = ''.join(text for name, text in lacking.items() if name not in models)
     return {'effort_model': 'effort' in models, 'strain_model': 'strain' in models,
             'verdict': f'{" and ".join(models)} model{reason}', 'samples': len(found.stamp),
-            'dropped': dict(found.dropped)}
+            'dropped': dict(found.dropped), 'recording': found}
 
 
 def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
@@ -300,4 +309,4 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
         sum(file.stat().st_size for file in bag.files), bag.checksum(),
         min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
         reports, **_verdict(bag, topics, plan, notes), odd=notes.texts,
-        payload=stated_payload(bag, notes))
+        payload=stated_payload(bag, notes), plan=plan)

@@ -29,6 +29,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
+from tudor_dynamics.errors import printable
+from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.metrics import Score
 
 LEAST_TEXT = 10
@@ -114,6 +116,24 @@ def _percent(value: float) -> str:
     if value < -999.0:
         return '< -999'
     return '> 999' if value > 999.0 else f'{value:.2f}'
+
+
+def print_findings(findings: Sequence[Finding]) -> None:
+    """
+    Print what the doctor says, one finding after the other.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+        Nothing is printed where there are none.
+
+    """
+    for item in findings:
+        where = f'{item.bag}: ' if item.bag else ''
+        print(printable(f'doctor: {item.title}: {where}{item.what}'))
+        if item.evidence:
+            print(printable(f'  evidence: {item.evidence}'))
+        print(printable(f'  remedy: {item.remedy}'))
 
 
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:

@@ -25,7 +25,9 @@ import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
 from tudor_dynamics.cli.collision_figures import print_collisions
-from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
+from tudor_dynamics.cli.console import (
+    finite, print_findings, print_json, print_table, score_table, steps)
+from tudor_dynamics.doctor.evaluation import examine_evaluation
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bundling import rounded
@@ -100,11 +102,13 @@ def run(args: argparse.Namespace) -> int:
         step('compare')
         found = predict_bags(bundle, data).outputs
     seen = _seen(bundle, data)
+    findings = examine_evaluation(bundle, data)
     if args.save:
         save_traces(Path(args.save), found)
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
-                                   'samples': sum(bag.samples for bag in data), **seen}
+                                   'samples': sum(bag.samples for bag in data), **seen,
+                                   'findings': [item.as_dict() for item in findings]}
         for output, kinds in found.items():
             content[output] = {kind: _figures(item) for kind, item in kinds.items()}
         print_json(finite(content))
@@ -112,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
     rows = [(output, kind, item.score, output_units(bundle.arm, output))
             for output, kinds in found.items() for kind, item in kinds.items()]
     print_table(score_table(f'{args.model} on {", ".join(map(str, choices))}', rows))
+    print_findings(findings)
     return 0
 
 

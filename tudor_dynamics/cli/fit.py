@@ -25,7 +25,8 @@ from pydantic import ValidationError
 
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.description import validation_message
-from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
+from tudor_dynamics.cli.console import (
+    finite, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import parse_choice
@@ -162,6 +163,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),
                            'seconds': clock.seconds,
+                           'findings': [item.as_dict() for item in result.findings],
                            **figures(result)}))
     else:
         _print(result, report)
@@ -181,6 +183,7 @@ def _print(result: FitResult, report: Path) -> None:
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
     for item in result.fitted:
         print(f'{item.output} {item.kind}: {item.verdict}')
+    print_findings(result.findings)
     for ringing in result.ringing:
         print(f'the arm rings: {ringing}')
     if result.settings.payloads is not None:

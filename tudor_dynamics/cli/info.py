@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from datetime import datetime, timezone
 import json
 import sys
@@ -25,10 +26,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
-from tudor_dynamics.cli.console import new_table, print_table
+from tudor_dynamics.cli.console import finite, new_table, print_findings, print_table
+from tudor_dynamics.doctor.examine import examine, look_at_samples
 from tudor_dynamics.errors import BagError, printable
+from tudor_dynamics.identification.finding import Finding
 
 EXAMPLES = """\
 examples:
@@ -67,13 +70,22 @@ def run(args: argparse.Namespace) -> int:
             print(f'tudor info: {err}', file=sys.stderr)
             code = 2
             continue
-        reports.append(report)
+        findings = look_at(report, arm)
+        reports.append(report.as_dict() | {'findings': [one.as_dict() for one in findings]})
         if not args.json:
-            show(report, console)
+            show(report, console, findings)
     if args.json:
-        print(json.dumps({'bags': [report.as_dict() for report in reports]}, indent=2,
-                         allow_nan=False))
+        print(json.dumps(finite({'bags': reports}), indent=2, allow_nan=False))
     return code
+
+
+def look_at(report: BagReport, arm: Arm | None) -> Sequence[Finding]:
+    """Let the doctor look at a bag; without an arm it sees samples and stamps alone."""
+    if report.recording is None or report.plan is None:
+        return ()
+    if arm is not None:
+        return examine(arm, report.recording).findings
+    return look_at_samples(report.recording, report.plan.joints, report.plan.gauges)[1]
 
 
 def _range(channel: ChannelReport | None) -> str:
@@ -105,7 +117,7 @@ def _channel_table(topic: TopicReport) -> Table:
     return table
 
 
-def show(report: BagReport, console: Console) -> None:
+def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) -> None:
     """
     Print a report.
 
@@ -115,6 +127,8 @@ def show(report: BagReport, console: Console) -> None:
         Of one bag.
     console : rich.console.Console
         Console to print on.
+    findings : sequence of Finding
+        What the doctor says.
 
     """
     start = ''
@@ -137,6 +151,7 @@ def show(report: BagReport, console: Console) -> None:
     console.print()
     for text in report.odd:
         console.print(Text(f'odd: {printable(text)}', style='yellow'))
+    print_findings(findings)
     usable = report.effort_model or report.strain_model
     console.print(Text(f'use: {printable(report.verdict)}', style='green' if usable else 'red'))
     console.print()

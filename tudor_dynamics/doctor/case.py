@@ -79,7 +79,7 @@ class Case:
         Parameters
         ----------
         name : {'effort', 'strain'}
-            Output.
+            Output whose channels are divided.
         factors : mapping of str to float
             Channel to what it is too large by.
 
@@ -107,12 +107,12 @@ class Case:
 
     @cached_property
     def usual(self) -> dict[str, Explained]:
-        """The least squares of the description as it is."""
+        """Build the least squares of the description as it is, once."""
         return self.explained()
 
     @cached_property
     def now(self) -> FloatArray:
-        """What is left of each channel, as things are."""
+        """Give what is left of each channel, as things are."""
         return self.shares(self.usual)
 
     def shares(
@@ -154,5 +154,5 @@ def gain(now: FloatArray, other: FloatArray) -> float:
 
 
 def relative(shares: FloatArray | Sequence[float]) -> float:
-    """Give the relative residual over all channels, each with the same weight."""
+    """Give the relative residual of all channels from their shares, each with the same weight."""
     return float(np.sqrt(np.mean(shares)))

@@ -63,7 +63,7 @@ class Explained:
         Parameters
         ----------
         outputs : ndarray of shape (n, n_channels)
-            Measured values.
+            Measured values of all channels.
 
         Returns
         -------
@@ -75,8 +75,10 @@ class Explained:
         for group in self.groups:
             free = [outputs[:, i] - self._own[i] @ (self._own[i].T @ outputs[:, i])
                     for i in group]
-            sizes = np.array([max(float(np.std(outputs[:, i])), 1e-300) for i in group])
-            weights = 1.0 / sizes
+            sizes = np.array([float(np.std(outputs[:, i])) for i in group])
+            told = sizes > 0.0  # what never changes has no say
+            safe = np.where(told, sizes, 1.0)
+            weights = told / safe
             for _ in range(PASSES if len(group) > 1 else 1):
                 gram = sum(w ** 2 * self._grams[i] for w, i in zip(weights, group, strict=True))
                 right = sum(w ** 2 * (self._rows[i].T @ y)
@@ -85,7 +87,7 @@ class Explained:
                 left = [y - self._rows[i] @ parameters
                         for i, y in zip(group, free, strict=True)]
                 spread = np.array([np.sqrt(np.mean(x ** 2)) for x in left])
-                weights = 1.0 / np.maximum(spread, 0.03 * sizes)
+                weights = told / np.maximum(spread, 0.03 * safe)
             for i, x in zip(group, left, strict=True):
                 found[:, i] = x
         return found
@@ -97,7 +99,7 @@ class Explained:
         Parameters
         ----------
         outputs : ndarray of shape (n, n_channels)
-            Measured values.
+            Measured values of all channels.
 
         Returns
         -------
@@ -136,7 +138,7 @@ class Explained:
         Parameters
         ----------
         channel : int
-            Whose rows.
+            Whose rows and own columns count.
         values : ndarray of shape (n,)
             Any function of time.
 
@@ -172,7 +174,7 @@ class Explained:
         channel : int
             Whose effort it is; its own columns are ``ddq, dq, sign(dq), 1``.
         output : ndarray of shape (n,)
-            Effort.
+            Measured effort of the joint.
 
         Returns
         -------

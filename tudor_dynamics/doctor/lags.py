@@ -99,7 +99,7 @@ def output_lag(case: Case, name: str, chosen: Alternative) -> Lag:
     case : Case
         Bag with its arm.
     name : {'effort', 'strain'}
-        Output.
+        Output that may be late.
     chosen : Alternative
         Rows, and what was found to be exchanged, turned or scaled before.
 

@@ -38,7 +38,7 @@ FLAT = 4
 """Samples in a row at the end of the range that make a saturation."""
 FLAT_SHARE = 0.004
 """... and the share of all samples there."""
-STANDSTILL = 1.5
+STANDSTILL = 2.0
 """Ends without motion that are longer are told of [s]."""
 
 
@@ -56,7 +56,7 @@ class Channel:
     column : int
         Column of the array.
     values : ndarray of shape (n,)
-        Samples.
+        Samples in their unit.
 
     """
 
@@ -75,7 +75,22 @@ class Channel:
 def channels(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> Iterator[Channel]:
-    """Go through positions, efforts and strains, by joint and gauge."""
+    """
+    Go through positions, efforts and strains, by joint and gauge.
+
+    Parameters
+    ----------
+    recording : Recording
+        Signals of a bag.
+    joints, gauges : tuple of str
+        Names of the columns.
+
+    Yields
+    ------
+    Channel
+        One for each column that there is.
+
+    """
     for field, names in (('q', joints), ('effort', joints), ('strain', gauges)):
         values = getattr(recording, field)
         if values is not None:
@@ -119,7 +134,11 @@ def outliers(
             'outlier', f'{item.words}: {many} far off by up to {size:.4g}, the first at '
             f'{at:.3f} s', 'repair the driver or the wiring, or leave this part out with '
             'BAG@BEGIN-END%', recording.path, (item.name,), at, size))
-    return (replace(recording, **changed) if changed else recording), findings
+    if not changed:
+        return recording, findings
+    return replace(recording, q=changed.get('q', recording.q),
+                   effort=changed.get('effort', recording.effort),
+                   strain=changed.get('strain', recording.strain)), findings
 
 
 def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[NDArray[np.intp], float]:
@@ -149,7 +168,7 @@ def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[NDArray[np.int
 
 
 def runs(x: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Give first sample and length of each run of equal values."""
+    """Give first sample and length of each run of equal values of ``x``."""
     change = np.flatnonzero(np.diff(x) != 0.0) + 1
     first = np.concatenate([[0], change])
     return first, np.diff(np.concatenate([first, [len(x)]]))
@@ -280,7 +299,7 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
     recording : Recording
         Signals of a bag.
     moves : ndarray of bool, shape (n,)
-        From `moving`.
+        Where a joint moves, from `moving`.
 
     Returns
     -------

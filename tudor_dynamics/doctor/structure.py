@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Alternatives of a description: gravity, directions, names and units, judged by what they leave."""
+"""Alternatives of a description: gravity, directions, names, units, judged by what they leave."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ class Alternative:
     shares : ndarray
         What it leaves of each channel.
     explained : dict of str to Explained
-        Its rows.
+        Its rows, by output.
     outputs : dict of str to ndarray
-        Its outputs.
+        Outputs that it would explain.
     size : float or None
         Scale of an effort.
     gravity : ndarray of shape (3,) or None

@@ -22,7 +22,7 @@ import numpy as np
 
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.signals.offline import zero_phase
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, IndexArray
 
 CUTOFF = 8.0
 """Both sides pass a zero-phase Butterworth filter of this corner frequency [Hz]."""
@@ -53,7 +53,7 @@ class Part:
     """
 
     t: FloatArray
-    keep: FloatArray
+    keep: IndexArray
     outputs: dict[str, FloatArray]
 
 
@@ -78,7 +78,7 @@ class Thinned:
     parts: tuple[Part, ...]
 
     def has(self, name: str) -> bool:
-        """Say whether there is an output, or the velocity of the driver."""
+        """Say whether an output, or the driver's velocity, of this name is there."""
         return name in self.parts[0].outputs
 
     def output(self, name: str, lag: float = 0.0) -> FloatArray:
@@ -145,7 +145,8 @@ def thin(recording: Recording) -> Thinned | None:
                 columns[name] = values[part]
         states = zero_phase(t, np.hstack(list(columns.values())), cutoff)
         factor = max(1, int(wanted / ((t[-1] - t[0]) / (len(t) - 1))))
-        keep = np.arange(*np.searchsorted(t, [t[0] + MARGIN, t[-1] - MARGIN]), factor)
+        begin, end = np.searchsorted(t, [t[0] + MARGIN, t[-1] - MARGIN])
+        keep = np.arange(int(begin), int(end), factor)
         motions.append(np.hstack([x[keep, :n_joints] for x in (states.q, states.dq, states.ddq)]))
         times.append(t[keep])
         outputs, first = {}, n_joints

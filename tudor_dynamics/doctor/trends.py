@@ -28,7 +28,9 @@ DRIFT_GAIN = 0.4
 DRIFT_SIZE = 0.15
 """Part of the channel's standard deviation that it has to drift over the recording."""
 WINDOWS = 10
-FOLLOWS, FOLLOWS_NOT = 0.7, 0.4
+KNOWN = 0.4
+"""Relative residual above which nobody knows what to expect."""
+FOLLOWS, FOLLOWS_NOT = 0.7, 0.35
 """Slopes of measured over explained output in a window."""
 
 
@@ -43,11 +45,11 @@ def trends(
     case : Case
         Bag with its arm.
     name : {'effort', 'strain'}
-        Output.
+        Output that is looked at.
     explained : Explained
-        Its rows.
+        Rows of the output.
     output : ndarray of shape (n, n_channels)
-        Measured values.
+        Measured values of its channels.
 
     Returns
     -------
@@ -64,7 +66,8 @@ def trends(
         if not case.sound[name][i]:
             continue
         y = output[:, i]
-        dead = _dies(t, y, y - left[:, i])
+        known = np.std(left[:, i]) < KNOWN * np.std(y)
+        dead = _dies(t, y, y - left[:, i]) if known else None
         if dead is not None:
             findings.append(Finding(
                 'dying', f'{_words(name)} {channel} follows the arm no more from {dead:.2f} s on',
@@ -103,7 +106,7 @@ def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | 
         if np.std(x) > 0.3 * spread:
             slopes[k] = float(x @ y) / float(x @ x)
     told = np.flatnonzero(np.isfinite(slopes))
-    if len(told) < 4 or not slopes[told[-1]] < FOLLOWS_NOT:
+    if len(told) < 4 or not np.all(np.abs(slopes[told[-2:]]) < FOLLOWS_NOT):
         return None
     well = told[slopes[told] > FOLLOWS]
     if not len(well) or np.median(slopes[told[:max(2, len(told) // 3)]]) < FOLLOWS:

@@ -51,6 +51,7 @@ def bundle_of(result: FitResult) -> ModelBundle:
         'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
                      'share': r.share} for r in result.ringing],
         'warnings': list(result.warnings),
+        'findings': [item.as_dict() for item in result.findings],
         'thresholds': fit_thresholds(
             [(item.output, item.kind, item.validation.cases) for item in result.fitted],
             result.preprocessing)}

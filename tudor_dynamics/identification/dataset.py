@@ -27,6 +27,7 @@ from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
+from tudor_dynamics.signals.timing import retimed, Timing
 from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
@@ -151,6 +152,8 @@ class BagData:
         Gapless stretches, filtered.
     payload : float or None
         Mass at the tip, where it is known [kg].
+    timing : Timing or None
+        Why even stamps took the place of those recorded, where they did.
 
     """
 
@@ -158,6 +161,7 @@ class BagData:
     recording: Recording
     stretches: tuple[Stretch, ...]
     payload: float | None = None
+    timing: Timing | None = None
 
     def has(self, output: str) -> bool:
         """Say whether the bag has an output, ``effort`` or ``strain``."""
@@ -234,7 +238,7 @@ def load(
     payload: float | None = None,
 ) -> BagData:
     """
-    Read and filter a bag.
+    Read and filter a bag; stamps that jitter on a clearly even sampling become even.
 
     Parameters
     ----------
@@ -255,11 +259,12 @@ def load(
         Bag ready for models.
 
     """
-    whole = read_recording(choice.path, arm, need_output=True, need_motion=learn)
+    read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
+    whole, timing = retimed(read)
     recording = cut(whole, choice)
     choice = replace(choice, duration=float(whole.t[-1]))
     return BagData(choice, recording, tuple(prepare(recording, preprocessing)),
-                   whole.payload if payload is None else payload)
+                   whole.payload if payload is None else payload, timing)
 
 
 def halves(

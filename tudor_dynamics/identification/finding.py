@@ -101,12 +101,12 @@ class Finding:
 
     @property
     def title(self) -> str:
-        """What it is, for people."""
+        """Say what it is, for people."""
         return KINDS[self.kind]
 
     @property
     def evidence(self) -> str:
-        """The evidence in words; empty where the sentence has it all."""
+        """Put the evidence in words; empty where the sentence has it all."""
         if self.now is None:
             return ''
         other = '' if self.otherwise is None else f', {self.otherwise:.3g} with the remedy'

@@ -24,6 +24,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
 from tudor_dynamics.identification.validation import (
@@ -147,6 +148,8 @@ class FitResult:
         What is odd about the data.
     elastic : Identified or None
         What the elastic model found out about the arm, from all training bags.
+    findings : tuple of Finding
+        What is wrong with the bags or with the description.
 
     """
 
@@ -159,6 +162,7 @@ class FitResult:
     ringing: tuple[Ringing, ...] = ()
     warnings: tuple[str, ...] = field(default=())
     elastic: Identified | None = None
+    findings: tuple[Finding, ...] = ()
 
 
 def fit_models(

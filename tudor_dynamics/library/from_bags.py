@@ -24,6 +24,7 @@ from pathlib import Path
 import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.dataset import (
@@ -192,7 +193,10 @@ def fit_bags(
     found = None if ignore_payload else payload_range(training, test)
     if found is not None:
         settings = _of_all_payloads(settings, found)
-    return fit_models(arm, training, test, holdout, preprocessing, settings, progress)
+    progress('doctor')
+    findings = examine_bags(arm, [*training, *test])
+    result = fit_models(arm, training, test, holdout, preprocessing, settings, progress)
+    return replace(result, findings=findings)
 
 
 def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
