@@ -58,7 +58,7 @@ def test_evaluate_gives_the_contract_s_json(
 ) -> None:
     """Keys as design has them; the fit that the sample bags allow."""
     found = run_json(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--json')
-    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain'}
+    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings'}
     assert found['samples'] == pytest.approx(24 * 20 - 10, abs=3)
     for output in ('effort', 'strain'):
         for kind in ('analytical', 'elm'):
