@@ -34,6 +34,7 @@ import numpy as np
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.bundling import bundle_of
+from tudor_dynamics.identification.collision_truth import find_truth
 from tudor_dynamics.identification.collisions import evaluate_collisions
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.fit import fit_models, FitSettings
@@ -150,7 +151,9 @@ def collisions(args: argparse.Namespace, arm: Arm) -> None:
             bundle = bundle_of(result)
         recordings = [(str(bag.choice), bag.recording) for bag in bags(arm, pushed)]
         for kind in ('analytical', 'elastic'):
-            for found in evaluate_collisions(bundle, recordings, MonitorSettings(kind=kind)):
+            for found in evaluate_collisions(
+                    bundle, recordings, MonitorSettings(kind=kind),
+                    [find_truth(path) for path, _ in recordings]):
                 print(f'  {"damped" if damped else "undamped"}, {kind}, {found.method}: '
                       f'{found.score}')
 

@@ -27,6 +27,7 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.identification.collision_truth import FREE
 from tudor_dynamics.identification.collisions import watch_bag
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.free_motion import fit_thresholds
@@ -246,8 +247,8 @@ def test_a_push_is_found(armed: ModelBundle, push: Recording) -> None:
     assert begin < event.stamp < end
     assert event.link == 'j2_link'
     assert said.level is Level.FREE
-    found = watch_bag(armed, {'strain': MonitorSettings(kind='elastic')}, 'push', push, ())
-    assert [e.stamp for e in found['strain'].events] == [event.stamp]
+    found = watch_bag(armed, {'strain': MonitorSettings(kind='elastic')}, 'push', push, FREE)
+    assert found['strain'].alarms.tolist() == [event.stamp]
 
 
 def test_the_observer_takes_the_ringing_over(armed: ModelBundle, push: Recording) -> None:

@@ -87,7 +87,7 @@ def bundle(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     profile[:, 0] = 6.0
     thresholds = MethodThresholds(
         arm.gauge_names, 0.01, taps, profile, (Tail(3.0, 0.5, 0.0, 0.2, 6.0, 50.0),) * (2 * n),
-        120.0, np.full(n, 1.0), np.full(2, 1.8))
+        120.0, np.full(n, 1.0), np.full(2, 1.8), np.zeros(n))
     out = tmp_path_factory.mktemp('elastic') / 'model'
     save_bundle(ModelBundle(arm, arm.spec.preprocessing, {'strain': {'elastic': model}}, {
         'thresholds': {'strain': {'elastic': thresholds_to_dict(thresholds)}}}), out)

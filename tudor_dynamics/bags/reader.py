@@ -41,6 +41,9 @@ from tudor_dynamics.typing import FloatArray
 MIN_SAMPLES = 50
 MIN_DURATION = 1.0
 """Shorter recordings do not outlast the transients of the filters [s]."""
+BOOL = 'std_msgs/msg/Bool'
+BOOL_BYTES = 5
+"""A Bool behind its encapsulation header."""
 
 
 def assemble(
@@ -300,3 +303,53 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches |
     frames = tuple(names[order][keep].tolist())
     return Wrenches(stamp[keep], values[keep, :3], values[keep, 3:], blocks[0].layout.frame_id,
                     frames)
+
+
+def read_flags(
+    path: str | Path, topic: str, clock: str = 'joint_states',
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+    """
+    Read a Bool topic, which has no stamps of its own, on the header stamps of another.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    topic : str
+        Name, with or without the leading slash.
+    clock : str
+        JointState topic: what its header stamps are apart from its log times (median), the log
+        times of the Bool are moved by.
+
+    Returns
+    -------
+    (ndarray of int64, ndarray of bool), each of shape (n,), or None
+        Times of the messages, not decreasing [ns], and what they say; None where the bag has no
+        such topic, or no message in it.
+
+    Raises
+    ------
+    BagError
+        If the bag is damaged, or the topic is of another type.
+
+    """
+    bag = open_bag(path)
+    name = resolve(topic, bag.topics, str(path))
+    if name is None or not bag.topics[name].count:
+        return None
+    if bag.topics[name].msgtype != BOOL:
+        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected {BOOL} or '
+               f'{WRENCH_STAMPED}; name another topic')
+        raise BagError(msg)
+    raw = bag.read([name])[name]
+    if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
+        msg = f'{path}: topic {name} has messages that are no {BOOL}; the bag is damaged'
+        raise BagError(msg)
+    joints = resolve(clock, bag.topics, str(path))
+    shift = 0
+    if joints is not None:
+        known = load_joint_states(bag, [joints])[joints]
+        if known.stamp.any():
+            shift = int(np.median(known.stamp - known.log_time))
+    order = np.argsort(raw.log_time, kind='stable')
+    return raw.log_time[order] + shift, np.array([data[4] != 0 for data in raw.data])[order]

@@ -24,14 +24,17 @@ from typing import Any
 import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
-from tudor_dynamics.cli.collision_figures import print_collisions
+from tudor_dynamics.bags.plan import plan_from_arm
+from tudor_dynamics.cli.collision_figures import collision_values, print_collisions
 from tudor_dynamics.cli.console import (
     finite, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.doctor.evaluation import examine_evaluation
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bundling import rounded
-from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
+from tudor_dynamics.identification.collision_truth import (
+    find_truth, FREE, table_of_pushes, Truth, truth_of_table)
+from tudor_dynamics.identification.collisions import evaluate_collisions
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.library.prediction import predict_bags, warn_of_training
@@ -80,6 +83,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
                        help='time for which a threshold must be exceeded (default: 0.01 s)')
     group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
                        help='model whose residuals are watched (default: analytical)')
+    group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
+                       help='tables of begin,end in seconds since the beginning of the bag, one '
+                            'for each bag')
+    group.add_argument('--truth', metavar='TOPIC',
+                       help='WrenchStamped or Bool that tells when the arm was touched (default: '
+                            'applied_wrench, where there is one)')
+    group.add_argument('--free', action='store_true',
+                       help='nothing touched the arm: every event is a false alarm')
     group.add_argument('--roc', metavar='FILE',
                        help='plot detection rate over false alarms (.png, .svg, .pdf)')
 
@@ -131,6 +142,13 @@ def _collisions(args: argparse.Namespace) -> int:
         msg = (f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: expected a '
                'rate above 0 per hour and a time of 0 s or more')
         raise UsageError(msg)
+    if sum((bool(args.pushes), bool(args.truth), args.free)) > 1:
+        msg = '--pushes, --truth and --free exclude each other; give one of them'
+        raise UsageError(msg)
+    if args.pushes and len(args.pushes) != len(args.bags):
+        msg = (f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give one for '
+               'each, in their order')
+        raise UsageError(msg)
     plot = picture_path(args.roc) if args.roc else None
     bundle = at_payload(load_bundle(args.model), args.payload)
     kinds = sorted({kind for models in bundle.models.values() for kind in models})
@@ -143,20 +161,21 @@ def _collisions(args: argparse.Namespace) -> int:
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
         detector=DetectorSettings(debounce=args.debounce))
     with steps(len(choices) + 1) as step:
-        data = []
-        for choice in choices:
+        data, truths = [], []
+        for place, choice in enumerate(choices):
             step(f'read {choice}')
             data.append(load(choice, bundle.arm, bundle.preprocessing))
+            truths.append(_truth(args, place, data[-1], bundle))
         seen = _seen(bundle, data)
         step('replay through the detector')
         results = evaluate_collisions(
-            bundle, [(bag.choice.path, bag.recording) for bag in data], settings)
+            bundle, [(bag.choice.path, bag.recording) for bag in data], settings, truths)
     if plot is not None:
         write_roc(results, plot)
     if args.json:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
                            **seen, 'false_alarms_allowed_per_hour': args.false_alarms,
-                           'collisions': {item.method: _collision_figures(item)
+                           'collisions': {item.method: collision_values(item)
                                           for item in results}}))
     else:
         print_collisions(results, args.false_alarms)
@@ -165,18 +184,23 @@ def _collisions(args: argparse.Namespace) -> int:
     return 0
 
 
+def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBundle) -> Truth:
+    """Find out what is known of the pushes of one bag."""
+    if args.free:
+        return FREE
+    if not args.pushes:
+        return find_truth(bag.choice.path, args.truth, plan_from_arm(bundle.arm).joint_topic)
+    begun, _ = bag.choice.span(bag.choice.duration or 0.0)
+    return truth_of_table(table_of_pushes(args.pushes[place]), bag.recording, args.pushes[place],
+                          begun)
+
+
 def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
     """Put the payload of the command line into a model, which may need one."""
     if payload is None and bundle.payload_range is not None:
         msg = 'the model is one of all payloads: say with --payload KG what the arm carries'
         raise UsageError(msg)
     return bundle.at(payload or 0.0)
-
-
-def _collision_figures(item: MethodResult) -> dict[str, Any]:
-    return {**item.score.as_dict(),
-            'largest_ratio': {bag.bag: float(bag.ratio.max(initial=0.0)) for bag in item.watched},
-            'roc': [list(point) for point in item.roc]}
 
 
 def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:

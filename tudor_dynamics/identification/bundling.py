@@ -53,7 +53,7 @@ def bundle_of(result: FitResult) -> ModelBundle:
         'warnings': list(result.warnings),
         'findings': [item.as_dict() for item in result.findings],
         'thresholds': fit_thresholds(
-            [(item.output, item.kind, item.validation.cases) for item in result.fitted],
+            [(item.output, item.kind, item.unseen) for item in result.fitted],
             result.preprocessing)}
     return ModelBundle(result.arm, result.preprocessing, models, facts)
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Truth and figures of collisions: the pushes of a bag, and how an alarm is judged by them.
+Figures of collisions: how alarms are judged by the pushes that are known.
 
 A push counts as found if an event falls between its start and shortly after its end. Its latency
 runs from the start of the force to the sample at which the detector is sure.
@@ -28,37 +28,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags import read_wrenches
+from tudor_dynamics.identification.collision_truth import Push, Truth
 from tudor_dynamics.monitoring.detector import CollisionEvent
 from tudor_dynamics.typing import FloatArray
 
-FORCE = 0.01
-"""Less is no push [N]."""
 LATE = 0.3
 """Behind the end of a push an event still counts as found [s]."""
 AFTERMATH = 2.0
 """Behind the end of a push an event is no false alarm: the arm still rings [s]."""
-MERGE = 0.1
-"""Pauses of the force that do not end a push [s]."""
-
-
-@dataclass(frozen=True)
-class Push:
-    """
-    A push that was applied on purpose.
-
-    Attributes
-    ----------
-    begin, end : int
-        Stamps of its first and last sample [ns].
-    force : float
-        Largest force [N].
-
-    """
-
-    begin: int
-    end: int
-    force: float
 
 
 @dataclass(frozen=True)
@@ -68,33 +45,72 @@ class CollisionScore:
 
     Attributes
     ----------
+    events : int
+        Events in all bags.
     pushes, found : int
         Pushes in the bags, and those found.
     detection_rate : float or None
         Their ratio; None without pushes.
     latency_median, latency_p95 : float or None
         From the start of the push to certainty, over those found [s].
-    false_alarms : int
-        Events without a push.
+    false_alarms : int or None
+        Events without a push, in bags whose pushes are known; None without such bags.
     hours : float
-        Time without a push [h].
-    false_alarms_per_hour : float
-        False alarms over hours watched [1/h].
+        Time without a push in those bags [h].
+    false_alarms_per_hour : float or None
+        False alarms over those hours [1/h].
 
     """
 
+    events: int
     pushes: int
     found: int
     detection_rate: float | None
     latency_median: float | None
     latency_p95: float | None
-    false_alarms: int
+    false_alarms: int | None
     hours: float
-    false_alarms_per_hour: float
+    false_alarms_per_hour: float | None
 
     def as_dict(self) -> dict[str, Any]:
         """Give the figures as JSON-ready dictionary."""
         return asdict(self)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """
+    One event of a bag, as a person wants to know of it.
+
+    Attributes
+    ----------
+    event : CollisionEvent
+        What was found.
+    time : float
+        From the first sample of the bag to certainty [s].
+    channel : str
+        Joint or gauge that stood furthest above its threshold.
+    ratio : float
+        Largest ratio to the collision threshold while it lasted.
+    seconds : float
+        From the first sample above the threshold to the last.
+    push : int or None
+        Place of the push that it belongs to; None where there is none, or none is known.
+
+    """
+
+    event: CollisionEvent
+    time: float
+    channel: str
+    ratio: float
+    seconds: float
+    push: int | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give it as JSON-ready dictionary."""
+        return {'time': self.time, 'stamp': self.event.stamp, 'onset': self.event.onset,
+                'link': self.event.link, 'channel': self.channel, 'ratio': self.ratio,
+                'seconds': self.seconds, 'push': self.push}
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,9 +126,9 @@ class Watched:
         Samples with a residual [ns].
     ratio : ndarray of shape (n_samples,)
         Largest ratio to the collision threshold that held for the debounce time.
-    pushes : tuple of Push
+    truth : Truth
         Pushes that there were.
-    events : tuple of CollisionEvent
+    sightings : tuple of Sighting
         What was found.
 
     """
@@ -120,37 +136,38 @@ class Watched:
     bag: str
     stamp: NDArray[np.int64]
     ratio: FloatArray
-    pushes: tuple[Push, ...]
-    events: tuple[CollisionEvent, ...]
+    truth: Truth
+    sightings: tuple[Sighting, ...]
+
+    @property
+    def alarms(self) -> NDArray[np.int64]:
+        """Stamps at which the detector was sure [ns]."""
+        return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
 
 
-def find_pushes(path: str) -> tuple[Push, ...]:
+def push_of(stamp: int, pushes: Sequence[Push], late: float = AFTERMATH) -> int | None:
     """
-    Read the pushes of a bag from its ``/applied_wrench``.
+    Find the push that an event belongs to.
 
     Parameters
     ----------
-    path : str
-        Bag that may have pushes.
+    stamp : int
+        Stamp of the event [ns].
+    pushes : sequence of Push
+        Pushes that there were.
+    late : float
+        Time behind the end of a push that still belongs to it [s].
 
     Returns
     -------
-    tuple of Push
-        In order; none where the bag has no such topic.
+    int or None
+        Place of the last push that had begun; None where it is over for longer.
 
     """
-    wrenches = read_wrenches(path)
-    if wrenches is None:
-        return ()
-    size = np.linalg.norm(wrenches.force, axis=1)
-    where = np.flatnonzero(size > FORCE)
-    if not len(where):
-        return ()
-    stamp = wrenches.stamp[where]
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(stamp) > MERGE * 1e9) + 1])
-    ends = np.concatenate([starts[1:], [len(where)]])
-    return tuple(Push(int(stamp[a]), int(stamp[b - 1]), float(size[where[a:b]].max()))
-                 for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
+    begun = [i for i, push in enumerate(pushes) if push.begin <= stamp]
+    if not begun or stamp > pushes[begun[-1]].end + round(late * 1e9):
+        return None
+    return begun[-1]
 
 
 def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
@@ -172,9 +189,11 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
     """
     latencies, pushes, false, free = [], 0, 0, 0.0
     for item, times in zip(watched, alarms, strict=True):
+        if not item.truth.known:
+            continue
         near = np.zeros(len(times), dtype=bool)
         span = float(item.stamp[-1] - item.stamp[0]) * 1e-9 if len(item.stamp) else 0.0
-        for push in item.pushes:
+        for push in item.truth.pushes:
             pushes += 1
             span -= (push.end - push.begin) * 1e-9 + AFTERMATH
             hits = times[(times >= push.begin) & (times <= push.end + round(LATE * 1e9))]
@@ -184,11 +203,13 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
         false += int(np.sum(~near))
         free += max(span, 0.0)
     hours = free / 3600.0
+    told = any(item.truth.known for item in watched)
     return CollisionScore(
+        sum(len(times) for times in alarms),
         pushes, len(latencies), len(latencies) / pushes if pushes else None,
         float(np.median(latencies)) if latencies else None,
         float(np.percentile(latencies, 95)) if latencies else None,
-        false, hours, false / hours if hours > 0 else 0.0)
+        false if told else None, hours, false / hours if told and hours > 0 else None)
 
 
 def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,10 @@ from numpy.typing import NDArray
 from tudor_dynamics.bags import Recording
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.collision_score import (
-    alarms_at, CollisionScore, find_pushes, Push, score, Watched)
+    alarms_at, CollisionScore, push_of, score, Sighting, Watched)
+from tudor_dynamics.identification.collision_truth import Truth
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.detector import CollisionEvent
+from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.state_filter import StateFilter
 from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
@@ -58,9 +59,65 @@ class MethodResult:
     roc: tuple[tuple[float, float, float], ...]
 
 
+@dataclass(slots=True)
+class _Open:
+    """An event that is not over."""
+
+    event: CollisionEvent
+    ratio: float
+    channel: str
+    last: int
+
+
+@dataclass(slots=True)
+class _Log:
+    """What one method makes of one bag, sample after sample."""
+
+    stamps: list[int] = field(default_factory=list)
+    ratios: list[float] = field(default_factory=list)
+    open: list[_Open] = field(default_factory=list)
+    closed: list[_Open] = field(default_factory=list)
+
+    def add(self, found: Found, level: Level) -> None:
+        """Take the samples that became known, and the level behind them."""
+        for _, excess in found.excesses:
+            stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
+            self.stamps.append(stamp)
+            self.ratios.append(ratio)
+            if self.open and ratio >= 1.0:
+                self.open[-1].last = stamp
+                if ratio > self.open[-1].ratio:
+                    self.open[-1].ratio = ratio
+                    self.open[-1].channel = self._channel(self.open[-1].event,
+                                                          excess.collision)
+        for event in found.events:
+            self.close()
+            channel = max(event.ratios, key=lambda name: event.ratios[name])
+            self.open = [_Open(event, event.ratios[channel], channel, event.stamp)]
+        if level is not Level.COLLISION:
+            self.close()
+
+    @staticmethod
+    def _channel(event: CollisionEvent, ratios: FloatArray) -> str:
+        return list(event.ratios)[int(np.argmax(ratios))]
+
+    def close(self) -> None:
+        """End the event that is under way."""
+        self.closed += self.open
+        self.open = []
+
+    def sightings(self, first: int, truth: Truth) -> tuple[Sighting, ...]:
+        """Give what was found, by the time since a stamp."""
+        self.close()
+        return tuple(Sighting(
+            item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
+            (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes))
+            for item in self.closed)
+
+
 def watch_bag(
     bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
-    pushes: tuple[Push, ...],
+    truth: Truth,
 ) -> dict[str, Watched]:
     """
     Replay one bag past all methods: one filter and one predictor, a detector for each.
@@ -75,7 +132,7 @@ def watch_bag(
         Path of the bag.
     recording : Recording
         Signals of the bag.
-    pushes : tuple of Push
+    truth : Truth
         Pushes that there were.
 
     Returns
@@ -91,9 +148,7 @@ def watch_bag(
         bundle, common.kind, common.observer if recording.strain is not None else 'off')
     watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
     outputs = {SOURCE[method] for method in settings}
-    stamps: dict[str, list[int]] = {method: [] for method in settings}
-    ratios: dict[str, list[float]] = {method: [] for method in settings}
-    events: dict[str, list[CollisionEvent]] = {method: [] for method in settings}
+    logs = {method: _Log() for method in settings}
     for k, stamp in enumerate(recording.stamp.tolist()):
         motion = front.step(stamp, recording.q[k],
                             None if recording.dq is None else recording.dq[k])
@@ -104,15 +159,14 @@ def watch_bag(
             values = getattr(recording, SOURCE[method])[k]
             for found in (Found() if motion is None else watch.add_motion(motion, predicted),
                           watch.add_measured(SOURCE[method], stamp, values)):
-                events[method] += found.events
-                for _, excess in found.excesses:
-                    stamps[method].append(excess.residual.motion.stamp)
-                    ratios[method].append(float(excess.collision.max()))
+                logs[method].add(found, watch.level)
+    first = int(recording.stamp[0])
     result = {}
     for method, alone in settings.items():
-        at, ratio = np.array(stamps[method], dtype=np.int64), np.array(ratios[method])
-        result[method] = Watched(name, at, _held(at, ratio, alone.detector.debounce), pushes,
-                                 tuple(events[method]))
+        log = logs[method]
+        at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
+        result[method] = Watched(name, at, _held(at, ratio, alone.detector.debounce), truth,
+                                 log.sightings(first, truth))
     return result
 
 
@@ -126,6 +180,7 @@ def evaluate_collisions(
     bundle: ModelBundle,
     bags: Sequence[tuple[str, Recording]],
     settings: MonitorSettings,
+    truths: Sequence[Truth],
 ) -> list[MethodResult]:
     """
     Evaluate every method for which there are models, thresholds and signals.
@@ -138,6 +193,8 @@ def evaluate_collisions(
         Bags, with or without pushes.
     settings : MonitorSettings
         Choices; each method is given the whole false-alarm rate.
+    truths : sequence of Truth
+        Pushes of each bag, as far as they are known.
 
     Returns
     -------
@@ -151,27 +208,30 @@ def evaluate_collisions(
 
     """
     results = []
-    truth = [tuple(push for push in find_pushes(path)
-                   if recording.stamp[0] <= push.begin and push.end <= recording.stamp[-1])
-             for path, recording in bags]
     chosen = _settings(bundle, settings, [recording for _, recording in bags])
-    seen = [watch_bag(bundle, chosen, path, recording, pushes)
-            for (path, recording), pushes in zip(bags, truth, strict=True)]
+    seen = [watch_bag(bundle, chosen, path, recording, _within(truth, recording))
+            for (path, recording), truth in zip(bags, truths, strict=True)]
     for method, alone in chosen.items():
         watched = tuple(item[method] for item in seen)
-        found = score(watched, [np.array([e.stamp for e in item.events], dtype=np.int64)
-                                for item in watched])
+        found = score(watched, [item.alarms for item in watched])
         roc = []
         for factor in np.geomspace(0.1, 10.0, 81).tolist():
             point = score(watched, [alarms_at(item, factor, alone.detector.rearm)
                                     for item in watched])
-            roc.append((factor, point.false_alarms_per_hour, point.detection_rate or 0.0))
+            roc.append((factor, point.false_alarms_per_hour or 0.0, point.detection_rate or 0.0))
         results.append(MethodResult(method, found, watched, tuple(roc)))
     if not results:
         msg = ('the model has no collision thresholds for signals that these bags have; fit it '
-               'again with at least half a minute of free motion to be judged by')
+               'again with more free motion to be judged by')
         raise UsageError(msg)
     return results
+
+
+def _within(truth: Truth, recording: Recording) -> Truth:
+    """Leave out pushes outside a recording, which may be a part of a bag."""
+    begin, end = recording.stamp[0], recording.stamp[-1]
+    return replace(truth, pushes=tuple(push for push in truth.pushes
+                                       if begin <= push.begin and push.end <= end))
 
 
 def _settings(

@@ -289,15 +289,33 @@ def halves(
 
     """
     middle = 1.0 - held_out
+    return part(bag, 0.0, middle, preprocessing), part(bag, middle, 1.0, preprocessing)
+
+
+def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpec) -> BagData:
+    """
+    Take a part of a bag by time, filtered on its own.
+
+    Parameters
+    ----------
+    bag : BagData
+        Bag that was loaded, or a part of one.
+    begin, end : float
+        Part of it, as fractions of its duration.
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+
+    Returns
+    -------
+    BagData
+        The part.
+
+    """
+    recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
     width = bag.choice.end - bag.choice.begin
-    parts = []
-    for begin, end in ((0.0, middle), (middle, 1.0)):
-        recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
-        named = replace(bag.choice, begin=bag.choice.begin + begin * width,
-                        end=bag.choice.begin + end * width)
-        parts.append(BagData(named, recording, tuple(prepare(recording, preprocessing)),
-                             bag.payload))
-    return parts[0], parts[1]
+    named = replace(bag.choice, begin=bag.choice.begin + begin * width,
+                    end=bag.choice.begin + end * width)
+    return BagData(named, recording, tuple(prepare(recording, preprocessing)), bag.payload)
 
 
 def training_blocks(

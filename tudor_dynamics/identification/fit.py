@@ -27,6 +27,7 @@ from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
+from tudor_dynamics.identification.unseen import Case, left_out, Left, unseen_cases
 from tudor_dynamics.identification.validation import (
     random_split, validate, validate_unseen, Validation)
 from tudor_dynamics.identification.verdict import judge_model, Verdict
@@ -113,6 +114,8 @@ class FittedOutput:
         Figures of the random split.
     verdict : Verdict
         May it be used.
+    unseen : tuple of (Model, BagData)
+        Motion with models that have not seen it, for thresholds.
 
     """
 
@@ -123,6 +126,7 @@ class FittedOutput:
     validation: Validation
     random: Validation | None
     verdict: Verdict
+    unseen: tuple[Case, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,11 +226,12 @@ def fit_models(
     trainers = {kind: trainer_of(kind, arm, settings, progress,
                                  None if holdout is None else holdout[0])
                 for kind in settings.kinds}
+    others = left_out(training, preprocessing)
     for output in outputs:
         for kind in settings.kinds:
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
-                arm, training, test, holdout, output, kind, settings, trainers[kind]))
+                arm, training, test, holdout, others, output, kind, settings, trainers[kind]))
     ringing: tuple[Ringing, ...] = ()
     rigid = [item for item in fitted if item.kind == 'analytical']
     if rigid:
@@ -244,6 +249,7 @@ def _fit_one(
     training: Sequence[BagData],
     test: Sequence[BagData],
     holdout: tuple[BagData, BagData] | None,
+    others: Sequence[Left],
     output: str,
     kind: str,
     settings: FitSettings,
@@ -263,4 +269,5 @@ def _fit_one(
     split = (random_split(fit_arrays, training, output)
              if settings.random_split and not model.has_memory else None)
     verdict = judge_model(model, validation, seen.score.fit)
-    return FittedOutput(output, kind, model, seen, validation, split, verdict)
+    unseen = unseen_cases(fit_bags, model, validation, others, output)
+    return FittedOutput(output, kind, model, seen, validation, split, verdict, unseen)

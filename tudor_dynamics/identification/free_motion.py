@@ -31,6 +31,10 @@ from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.learning import FreeMotion, learn_thresholds
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.signals import prepare
+from tudor_dynamics.typing import FloatArray
+
+POSES = 200
+"""Poses at which the friction of a joint is looked at."""
 
 
 def live_preprocessing(spec: PreprocessingSpec) -> PreprocessingSpec:
@@ -99,6 +103,26 @@ def free_motion(
     return records
 
 
+def stiction(cases: Sequence[tuple[Model, BagData]]) -> FloatArray:
+    """
+    Give the friction that may hold each joint while it stands, as all models have it.
+
+    Parameters
+    ----------
+    cases : sequence of (model, bag)
+        Bags with their models of the effort.
+
+    Returns
+    -------
+    ndarray of shape (n_joints,)
+        Largest over the models, in the unit of each joint's effort.
+
+    """
+    return np.asarray(np.max([
+        model.stiction(bag.recording.q[::max(1, len(bag.recording.q) // POSES)])
+        for model, bag in cases], axis=0))
+
+
 def fit_thresholds(
     unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
@@ -124,9 +148,10 @@ def fit_thresholds(
 
     def learn(
         method: str, kind: str, records: list[FreeMotion], channels: tuple[str, ...],
+        stiction: FloatArray,
     ) -> None:
         try:
-            learned = learn_thresholds(records, channels)
+            learned = learn_thresholds(records, channels, stiction)
         except FitError as err:
             reasons.append(str(err))
             return
@@ -139,9 +164,11 @@ def fit_thresholds(
         channels = cases[0][0].channels
         strain = next((other for what, of, other in unseen
                        if what == 'strain' and of == kind), ())
-        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels)
+        held = stiction(cases) if output == 'effort' else np.zeros(len(channels))
+        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels, held)
         if output == 'effort' and kind == 'analytical':
-            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels)
+            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels,
+                  held)
     if reasons:
         warnings.warn(f'no collision thresholds for some methods: {reasons[0]}', TudorWarning,
                       stacklevel=2)

@@ -20,6 +20,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
 from typing import Any, ClassVar, Protocol, TypeVar
 
+import numpy as np
+
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.signals import Stretch
@@ -28,6 +30,8 @@ from tudor_dynamics.typing import FloatArray
 Range = tuple[float, float]
 """Least and largest payload [kg]."""
 AnyModel = TypeVar('AnyModel', bound='Model')
+SLIDING = 0.05
+"""Speed at which friction has its sign, and little more than at standstill [rad/s or m/s]."""
 
 
 class Live(Protocol):
@@ -170,6 +174,27 @@ class Model(ABC):
         msg = (f'{type(self).__name__} has a memory, and samples alone have no past: use follow, '
                'with a gapless stretch')
         raise FitError(msg)
+
+    def stiction(self, q: FloatArray) -> FloatArray:
+        """
+        Say how far an effort may lie off its prediction while the joint stands.
+
+        A joint that stands keeps whatever friction it has come to rest with, which no motion
+        tells: anything up to what friction jumps by where it begins to slide either way.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_samples, n_joints)
+            Positions of the active joints [rad or m].
+
+        Returns
+        -------
+        ndarray of shape (n_channels,)
+            Half of that jump, the median over the positions, in the unit of each joint's effort;
+            zeros for an output that knows no friction.
+
+        """
+        return np.zeros(len(self.channels))
 
     def at(self, payload: float) -> Model:
         """

@@ -20,8 +20,10 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping
 from typing import Protocol, TypeVar
 
+import numpy as np
+
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.models.base import Live, Model, Range
+from tudor_dynamics.models.base import Live, Model, Range, SLIDING
 from tudor_dynamics.models.training import block_of, Blocks
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -156,6 +158,19 @@ class MemorylessModel(Model):
         if stretch.decimation.sos is None:
             return self.predict(stretch.decimation(stretch.motion))
         return super().follow_kept(stretch)
+
+    def stiction(self, q: FloatArray) -> FloatArray:
+        """Turn each joint the one way and the other, slowly; see ``Model``."""
+        n = q.shape[1]
+        if len(self.channels) != n:
+            return super().stiction(q)
+        motion = np.zeros((2, n, len(q), 3 * n))
+        motion[..., :n] = q
+        for joint in range(n):
+            motion[:, joint, :, n + joint] = np.array([SLIDING, -SLIDING])[:, None]
+        y = self.predict(motion.reshape(-1, 3 * n)).reshape(2, n, len(q), n)
+        own = np.abs(np.einsum('jkj->kj', y[0] - y[1]))
+        return np.asarray(0.5 * np.median(own, axis=0))
 
     @classmethod
     def live(

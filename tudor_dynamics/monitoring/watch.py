@@ -219,6 +219,11 @@ class Watch:
         for stage in self.stages.values():
             stage.rates = Rates(rates.collision / n, rates.contact / n)
 
+    def stiction(self, method: str, q: FloatArray) -> FloatArray:
+        """Give the friction that may hold each joint while it stands; see ``Model``."""
+        kind = 'analytical' if method == 'momentum' else self.settings.kind
+        return self.bundle.models[SOURCE[method]][kind].stiction(q)
+
     @property
     def level(self) -> Level:
         """State of the arm."""

@@ -18,10 +18,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.collision_score import LATE
+from tudor_dynamics.identification.collision_truth import find_truth
 from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
@@ -103,7 +102,8 @@ def _found(campaign: Campaign, payload: float, bundle: ModelBundle) -> dict[str,
             for path, bag in zip(pushed, read(campaign.carrying(payload), pushed), strict=True)]
     kind = next(iter(bundle.models['strain']))
     found = evaluate_collisions(bundle, bags, MonitorSettings(
-        kind=kind, rates=Rates(FALSE_ALARMS, 60.0 * FALSE_ALARMS), detector=DetectorSettings()))
+        kind=kind, rates=Rates(FALSE_ALARMS, 60.0 * FALSE_ALARMS), detector=DetectorSettings()),
+        [find_truth(path) for path, _ in bags])
     return {item.method: {
         'score': item.score.as_dict(), 'roc': [list(point) for point in item.roc],
         'pushes': _pushes(item)} for item in found}
@@ -113,8 +113,8 @@ def _pushes(item: MethodResult) -> list[dict[str, float | None]]:
     """Give force and latency of each push, as `evaluate_collisions` counts them."""
     rows: list[dict[str, float | None]] = []
     for bag in item.watched:
-        times = np.array([event.stamp for event in bag.events], dtype=np.int64)
-        for push in bag.pushes:
+        times = bag.alarms
+        for push in bag.truth.pushes:
             hits = times[(times >= push.begin) & (times <= push.end + round(LATE * 1e9))]
             rows.append({'force': push.force,
                          'latency': float(hits[0] - push.begin) * 1e-9 if len(hits) else None})

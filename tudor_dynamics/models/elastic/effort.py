@@ -16,9 +16,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.base import SLIDING
 from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.typing import FloatArray
@@ -65,3 +68,27 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
             columns.append(np.ones(len(motion)))
         rows.append(np.column_stack(columns))
     return rows
+
+
+def friction_jumps(arm: Arm, coefficients: Sequence[FloatArray]) -> FloatArray:
+    """
+    Give half of what each effort jumps by where its joint begins to slide, either way.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with its friction terms.
+    coefficients : sequence of ndarray
+        Of each joint, in the order of ``effort_columns``.
+
+    Returns
+    -------
+    ndarray of shape (n_joints,)
+        In the unit of each joint's effort.
+
+    """
+    jumps = []
+    for joint, values in zip(arm.joints, coefficients, strict=True):
+        forward, backward = friction_columns(joint, np.array([SLIDING, -SLIDING]))
+        jumps.append(0.5 * abs(float((forward - backward) @ values[2:2 + len(forward)])))
+    return np.array(jumps)

@@ -29,6 +29,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.elastic.effort import friction_jumps
 from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
 from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
 from tudor_dynamics.models.elastic.live import LiveElastic
@@ -78,6 +79,12 @@ class ElasticModel(FittedElastic, Model):
                 predicted[k] = values[self.output]
             live.measure(stretch.strain[k])
         return predicted
+
+    def stiction(self, q: FloatArray) -> FloatArray:
+        """Give what the friction terms of each joint jump by; see ``Model``."""
+        if self.output != 'effort' or self.coefficients_ is None:
+            return super().stiction(q)
+        return friction_jumps(self.arm, self.coefficients_)
 
     def at(self, payload: float) -> ElasticModel:
         """

@@ -16,14 +16,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.thresholds.learning import FreeMotion, learn_thresholds
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
+from tudor_dynamics.typing import FloatArray
 
 MAX_SAMPLES = 2_000_000
+THINNED = 100
+"""Samples of which one tells the friction of a joint."""
 
 
 class Calibration:
@@ -36,11 +41,18 @@ class Calibration:
         Method to its channels.
     seconds : float
         Motion to collect, by the stamps [s].
+    stiction : callable, optional
+        Gives for a method and positions the friction that may hold each joint while it stands;
+        none by default.
 
     """
 
-    def __init__(self, channels: dict[str, tuple[str, ...]], seconds: float) -> None:
+    def __init__(
+        self, channels: dict[str, tuple[str, ...]], seconds: float,
+        stiction: Callable[[str, FloatArray], FloatArray] | None = None,
+    ) -> None:
         self.channels = channels
+        self.stiction = stiction
         self.seconds = seconds
         self._parts: dict[str, list[list[Residual]]] = {name: [] for name in channels}
         self._collected = dict.fromkeys(channels, 0.0)
@@ -96,7 +108,11 @@ class Calibration:
                                   np.array([r.motion.row for r in part]),
                                   np.array([r.value for r in part]))
                        for part in parts if len(part) > 1]
-            learned = learn_thresholds(records, self.channels[method])
+            places = np.vstack([r.motion[::THINNED, :r.motion.shape[1] // 3] for r in records]
+                               or [np.zeros((0, 0))])
+            held = (None if self.stiction is None or not len(places)
+                    else self.stiction(method, places))
+            learned = learn_thresholds(records, self.channels[method], held)
             if not all(tail.scale > 0 for tail in learned.tails):
                 msg = f'{method}: a residual never changes; check the sensors and calibrate again'
                 raise FitError(msg)

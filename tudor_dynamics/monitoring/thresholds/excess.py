@@ -24,7 +24,8 @@ import numpy as np
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.monitoring.familiarity import Familiarity
 from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.monitoring.thresholds.features import MotionFeatures
+from tudor_dynamics.monitoring.thresholds.accumulation import advance, UNSURE
+from tudor_dynamics.monitoring.thresholds.features import held_friction, MotionFeatures
 from tudor_dynamics.monitoring.thresholds.onset import OnsetFilter
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
@@ -60,7 +61,8 @@ class Excess:
     onset : ndarray of shape (n_channels,)
         Onset statistic, in the unit of the residual.
     contact, collision : ndarray of shape (n_channels,)
-        Ratio to the threshold of each level, the larger of residual and onset; above 1 exceeds.
+        Ratio to the threshold of each level, the largest of residual, onset and accumulated
+        onset; above 1 exceeds.
     sudden : ndarray of shape (n_channels,)
         Ratio of the onset to its collision threshold; negative where it takes from the residual.
     threshold : ndarray of shape (n_channels,)
@@ -94,6 +96,7 @@ class ExcessStage:
         self._features = MotionFeatures(thresholds.n_joints)
         self._onset = OnsetFilter(thresholds.taps, thresholds.step)
         self._familiarity = Familiarity(thresholds.usual, thresholds.reach)
+        self._sums = np.zeros((2, len(thresholds.channels)))
         self._last: int | None = None
         self.rates = rates
 
@@ -135,12 +138,14 @@ class ExcessStage:
         dt = 0.0 if first or self._last is None else (stamp - self._last) * 1e-9
         if first:
             self._features = MotionFeatures(self.thresholds.n_joints)
+            self._sums[:] = 0.0
         self._last = stamp
         columns = self._features.step(stamp, residual.motion.row)
         onset = self._onset.step(stamp, residual.value, first)
         levels = np.empty((5, len(onset)))
         _compare(self.thresholds.profile, columns, residual.value, onset, self._contact,
-                 self._collision, self.widening, levels)
+                 self._collision, self.widening, self.thresholds.stiction, dt,
+                 self._sums, levels)
         self._familiarity.step(dt, columns[1:1 + self.thresholds.n_joints], levels[4])
         return Excess(residual, onset, levels[0], levels[1], levels[2], levels[3])
 
@@ -148,20 +153,32 @@ class ExcessStage:
 @compiled
 def _compare(
     profile: FloatArray, columns: FloatArray, value: FloatArray, onset: FloatArray,
-    contact: FloatArray, collision: FloatArray, widening: FloatArray, out: FloatArray,
+    contact: FloatArray, collision: FloatArray, widening: FloatArray, stiction: FloatArray,
+    dt: float, sums: FloatArray, out: FloatArray,
 ) -> None:
     """Fill ratios to contact and collision, onset's, residual's threshold, onset by profile."""
     n = len(value)
+    signed = np.empty(n)
     for i in range(n):
         usual = soon = 0.0
         for k in range(len(columns)):
             usual += profile[i, k] * columns[k]
             soon += profile[n + i, k] * columns[k]
         out[4, i] = abs(onset[i]) / soon
-        plain, sudden = abs(value[i]) / usual / widening[i], out[4, i] / widening[i]
+        # only joints have some, and each its own speed
+        held = held_friction(stiction[i], columns[1 + i]) if stiction[i] > 0.0 else 0.0
+        plain = abs(value[i]) - held
+        plain = 0.0 if plain < 0.0 else plain / usual / widening[i]  # NaN stays
+        sudden = out[4, i] / widening[i]
+        signed[i] = math.copysign(plain * usual / (usual + UNSURE * held), value[i])
         for level, ratio in enumerate((contact, collision)):
             a, b = plain / ratio[i], sudden / ratio[n + i]
             # NaN must win, as numpy has it
             out[level, i] = a if a > b or a != a else b
         out[2, i] = math.copysign(sudden / collision[n + i], onset[i] * value[i])
-        out[3, i] = usual * collision[i] * widening[i]
+        out[3, i] = usual * collision[i] * widening[i] + held
+    advance(dt, signed, collision[2 * n:], sums)
+    for i in range(n):
+        most = max(sums[0, i], sums[1, i])
+        out[0, i] = max(out[0, i], most / contact[2 * n + i])
+        out[1, i] = max(out[1, i], most / collision[2 * n + i])

@@ -59,7 +59,9 @@ def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
                   for t in thresholds.tails],
         # infinite means unknown, and is left out as in bundles that are older
         **{key: listed(values.tolist()) for key in DOMAIN
-           if np.isfinite(values := getattr(thresholds, key)).all()}}
+           if np.isfinite(values := getattr(thresholds, key)).all()},
+        **({'stiction': listed(thresholds.stiction.tolist())} if thresholds.stiction.any()
+           else {})}
 
 
 def thresholds_from_dict(
@@ -99,23 +101,27 @@ def thresholds_from_dict(
         usual, reach = (
             np.asarray(content[key], dtype=float) if key in content else np.full(size, np.inf)
             for key, size in zip(DOMAIN, (n, n_joints), strict=True))
+        stiction = np.asarray(content.get('stiction', [0.0] * n), dtype=float)
         good = (named == channels and taps.shape == (LAGS + WINDOW, n, n)
-                and profile.shape == (2 * n, 1 + 4 * n_joints) and len(tails) == 2 * n
+                and profile.shape == (2 * n, 1 + 4 * n_joints) and len(tails) in (2 * n, 3 * n)
                 and np.isfinite(taps).all() and np.isfinite(profile).all()
                 and (profile >= 0).all() and (profile[:, 0] > 0).all() and step > 0
                 and usual.shape == (n,) and reach.shape == (n_joints,)
                 and (usual > 0).all() and (reach > 0).all()
+                and stiction.shape == (n,) and np.isfinite(stiction).all()
+                and (stiction >= 0).all() and (n == n_joints or not stiction.any())
                 and all(t.scale > 0 and t.location > 0 and 0 <= t.shape <= 1 and 0 < t.share <= 1
                         and t.largest > 0 and t.count >= 1
                         for t in tails))
-    except (KeyError, TypeError, ValueError) as err:
+    except (AttributeError, KeyError, TypeError, ValueError) as err:
         msg = f'the thresholds of the model cannot be read ({err}); fit the model again'
         raise ModelError(msg) from None
     if not good:
         msg = ('the thresholds of the model do not fit its arm, or are no numbers; fit the model '
                'again')
         raise ModelError(msg)
-    return MethodThresholds(channels, step, taps, profile, tails, seconds, usual, reach)
+    return MethodThresholds(channels, step, taps, profile, tails, seconds, usual, reach,
+                            stiction)
 
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:

@@ -26,7 +26,9 @@ from scipy import optimize, sparse
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.monitoring.familiarity import levels, USUAL
-from tudor_dynamics.monitoring.thresholds.features import MotionFeatures, REVERSAL_SPEED
+from tudor_dynamics.monitoring.thresholds.accumulation import accumulate, UNSURE
+from tudor_dynamics.monitoring.thresholds.features import (
+    held_friction, MotionFeatures, REVERSAL_SPEED)
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, learn_taps, OnsetFilter, STEP, WINDOW
 from tudor_dynamics.monitoring.thresholds.thresholds import BLOCK, MethodThresholds, Tail
 from tudor_dynamics.typing import FloatArray
@@ -37,14 +39,20 @@ QUANTILE = 0.8
 """Share of the groups that stay below the profile."""
 ROWS = 1500
 """Rows of a quantile regression; more make it slow and hardly better."""
-MIN_BLOCKS = 30
+MIN_BLOCKS = 8
 """Seconds of free motion below which nothing can be said of a tail."""
 MAX_BOUND = 0.5
 """Tails that end more abruptly are an artefact of few peaks."""
 UPPER = 0.2
-"""Share of the peaks whose excess makes up the tail."""
+"""Share of the peaks whose excess makes up the tail, where there are enough."""
+FEWEST = 20
+"""Peaks that make up a tail at least, where there are no more."""
+MAX_SHARE = 0.5
+"""More of the peaks are no tail."""
 SHAPE_ERROR = 2.0 / math.sqrt(3.0)
 """Standard error of an exponential tail's shape, times the root of the number of peaks."""
+LEAST = (0.1, 0.1, 0.02)
+"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
 DOUBT = 2.0
 """Standard errors of the shape by which a bound is doubted."""
 
@@ -77,6 +85,7 @@ class FreeMotion:
 
 def learn_thresholds(
     records: Sequence[FreeMotion], channels: tuple[str, ...],
+    stiction: FloatArray | None = None,
 ) -> MethodThresholds:
     """
     Learn the thresholds of one method.
@@ -87,6 +96,9 @@ def learn_thresholds(
         Residuals of unseen free motion.
     channels : tuple of str
         Gauges or joints.
+    stiction : ndarray of shape (n_channels,), optional
+        Friction that may hold each joint while it stands, in the unit of the residual; none by
+        default.
 
     Returns
     -------
@@ -110,16 +122,20 @@ def learn_thresholds(
         msg = (f'{seconds:.1f} s of free motion are too little for thresholds; at least '
                f'{MIN_BLOCKS * BLOCK:g} s without a gap are needed')
         raise FitError(msg)
-    rows = _Rows(records, step, period)
-    halves = [_Rows([_half(r, which) for r in records], step, period) for which in (0, 1)]
+    stiction = np.zeros(len(channels)) if stiction is None else stiction
+    rows = _Rows(records, step, period, stiction)
+    halves = [_Rows([_half(r, which) for r in records], step, period, stiction)
+              for which in (0, 1)]
     # Ratios to a profile that was not learned from them: others are too small.
     laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
     ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
     usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL, axis=0)
     taps, profile = rows.law()
-    return MethodThresholds(channels, step, taps, profile,
-                            tuple(_tail(column) for column in ratios.T), seconds,
-                            np.asarray(usual), rows.reach())
+    n, alive = len(channels), rows.noise() > 0.0
+    tails = tuple(_tail(column, LEAST[place // n] if alive[place % n] else 0.0)
+                  for place, column in enumerate(ratios.T))
+    return MethodThresholds(channels, step, taps, profile, tails, seconds,
+                            np.asarray(usual), rows.reach(), stiction)
 
 
 def _half(record: FreeMotion, which: int) -> FreeMotion:
@@ -131,8 +147,10 @@ def _half(record: FreeMotion, which: int) -> FreeMotion:
 class _Rows:
     """What is learned from: residuals with the columns of their motion."""
 
-    def __init__(self, records: Sequence[FreeMotion], step: float, period: float) -> None:
-        self._records, self._step = records, step
+    def __init__(
+        self, records: Sequence[FreeMotion], step: float, period: float, stiction: FloatArray,
+    ) -> None:
+        self._records, self._step, self._stiction = records, step, stiction
         self._group = max(1, round(GROUP / period))
         self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
         self._columns = []
@@ -146,12 +164,21 @@ class _Rows:
         taps = learn_taps([(r.t, r.residual) for r in self._records], self._step)
         columns = np.vstack([_largest(c, self._group) for c in self._columns])
         peaks = np.vstack([_largest(s, self._group) for s in self._sizes(taps)])
-        return taps, np.array([_profile(columns, peaks[:, i]) for i in range(peaks.shape[1])])
+        least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
+        return taps, np.array([_profile(columns, peaks[:, i], least[i])
+                               for i in range(peaks.shape[1])])
 
     def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
-        """Give the largest ratio to a profile in each block."""
-        return np.vstack([_largest(s / (c @ profile.T), block)
-                          for c, s in zip(self._columns, self._sizes(taps), strict=True)])
+        """Give the largest ratio to a profile in each block, and the largest sums of onsets."""
+        parts, n = [], taps.shape[1]
+        for record, columns, sizes in zip(self._records, self._columns, self._sizes(taps),
+                                          strict=True):
+            usual = columns @ profile.T
+            signs = np.sign(record.residual[self._skip:])
+            scale = usual[:, :n] + UNSURE * self._held(record)[self._skip:]
+            sums = accumulate(np.diff(record.t[self._skip - 1:]), signs * sizes[:, :n] / scale)
+            parts.append(_largest(np.hstack([sizes / usual, sums]), block))
+        return np.vstack(parts)
 
     def levels(self, taps: FloatArray, profile: FloatArray) -> FloatArray:
         """Give the level of the onset statistics at each sample, as ratios to a profile."""
@@ -166,10 +193,22 @@ class _Rows:
         largest = np.max([c[:, 1:1 + joints].max(axis=0) for c in self._columns], axis=0)
         return np.asarray(np.maximum(largest, REVERSAL_SPEED))
 
+    def noise(self) -> FloatArray:
+        """Give the size of what changes from sample to sample, for each residual."""
+        return np.asarray(np.sqrt(0.5 * np.mean(np.vstack([
+            np.diff(r.residual, axis=0) for r in self._records]) ** 2, axis=0)))
+
     def _sizes(self, taps: FloatArray) -> list[FloatArray]:
         """Give the sizes of residuals and onset statistics, once the past is complete."""
-        return [np.abs(np.hstack([r.residual, OnsetFilter(taps, self._step).process(
-            r.t, r.residual)]))[self._skip:] for r in self._records]
+        return [np.hstack([np.maximum(np.abs(r.residual) - self._held(r), 0.0), np.abs(OnsetFilter(taps, self._step).process(
+            r.t, r.residual))])[self._skip:] for r in self._records]
+
+    def _held(self, record: FreeMotion) -> FloatArray:
+        """Give the friction that may hold each joint at each sample."""
+        if not self._stiction.any():
+            return np.zeros_like(record.residual)
+        n = len(self._stiction)
+        return held_friction(self._stiction, np.abs(record.motion[:, n:2 * n]))
 
 
 def _largest(x: FloatArray, count: int) -> FloatArray:
@@ -178,13 +217,14 @@ def _largest(x: FloatArray, count: int) -> FloatArray:
     return np.asarray(x[:whole].reshape(-1, count, x.shape[1]).max(axis=1))
 
 
-def _profile(columns: FloatArray, peaks: FloatArray) -> FloatArray:
+def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray:
     """Fit a quantile of the peaks by non-negative columns, as a linear program."""
     stride = -(-len(peaks) // ROWS)
     columns, peaks = columns[::stride], peaks[::stride]
     n, p = columns.shape
     largest = np.maximum(columns.max(axis=0), 1e-12)
-    unit = max(float(np.median(peaks)), 1e-300)
+    # friction that holds covers a joint at rest altogether
+    unit = float(np.median(peaks[peaks > 0.0])) if (peaks > 0.0).any() else max(least, 1e-300)
     identity = sparse.identity(n, format='csr')
     equal = sparse.hstack([sparse.csr_matrix(columns / largest), identity, -identity])
     found = optimize.linprog(
@@ -199,20 +239,23 @@ def _profile(columns: FloatArray, peaks: FloatArray) -> FloatArray:
     return np.asarray(profile)
 
 
-def _tail(peaks: FloatArray) -> Tail:
+def _tail(peaks: FloatArray, least: float) -> Tail:
     """
     Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987).
 
     A bound is believed as far as the peaks prove it: two standard errors below the estimate.
+    The scale is at least what is given: friction may cover a joint that stands, and sums may stay
+    at zero, which is no reason to be alarmed by the next touch of noise.
     """
-    location = float(np.quantile(peaks, 1.0 - UPPER))
+    share = max(UPPER, min(FEWEST / len(peaks), MAX_SHARE))
+    location = max(float(np.quantile(peaks, 1.0 - share)), 1e-6)
     above = np.sort(peaks[peaks > location] - location)
     n = len(above)
     largest = float(peaks.max())
     if n < 3 or above[-1] <= 0.0:
-        return Tail(location, 0.0, 0.0, UPPER, largest, n)
+        return Tail(location, least, 0.0, share, max(largest, location), max(n, 3))
     first = float(above.mean())
     second = 2.0 * float((np.arange(n) / (n - 1) * above).mean()) - first
     shape = first / second - 2.0 - DOUBT * SHAPE_ERROR / math.sqrt(n)
     shape = min(max(shape, 0.0), MAX_BOUND)
-    return Tail(location, first * (1.0 + shape), shape, UPPER, largest, n)
+    return Tail(location, max(first * (1.0 + shape), least), shape, share, largest, n)

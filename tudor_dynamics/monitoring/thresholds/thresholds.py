@@ -30,6 +30,9 @@ import numpy as np
 
 from tudor_dynamics.typing import FloatArray
 
+WEIGHTS = (50.0, 50.0, 1.0)
+"""Shares of a false-alarm rate: residual, onset, and accumulated onset, which tells the soft hits
+that the others tell late."""
 BLOCK = 1.0
 """Time of which the largest ratio counts: longer than the ringing's memory of one event [s]."""
 
@@ -110,13 +113,17 @@ class MethodThresholds:
         Typical size of the residuals, then of the onset statistics, in the unit of the output per
         column of `MotionFeatures`.
     tails : tuple of Tail
-        One for each row of ``profile``.
+        One for each row of ``profile``, then of the accumulated onset of each channel, if there
+        are so many; bundles that are older have none.
     seconds : float
         Duration of free motion that this was learned from [s].
     usual : ndarray of shape (n_channels,)
         Usual level of the onset statistics there, see `Familiarity`; infinite where unknown.
     reach : ndarray of shape (n_joints,)
         Largest speeds there [rad/s or m/s]; infinite where unknown.
+    stiction : ndarray of shape (n_channels,)
+        Friction that may hold each joint while it stands, in the unit of its effort: added to the
+        threshold of the residual there. Zeros for gauges.
 
     """
 
@@ -128,6 +135,7 @@ class MethodThresholds:
     seconds: float
     usual: FloatArray
     reach: FloatArray
+    stiction: FloatArray
 
     @property
     def n_joints(self) -> int:
@@ -145,12 +153,17 @@ class MethodThresholds:
 
         Returns
         -------
-        ndarray of shape (2 n_channels,)
-            Ratios to the profile.
+        ndarray of shape (3 n_channels,)
+            Ratios to the profile, for residual and onset, and sums of the accumulated onset [s];
+            infinite where they have no tail.
 
         """
-        each = per_hour / len(self.tails)
-        # Alarms rarer than once in what was seen: what was seen must not be one.
-        rare = each * self.seconds < 3600.0
-        return np.array([max(tail.ratio(each), tail.largest if rare else 0.0)
-                         for tail in self.tails])
+        n = len(self.channels)
+        weights = np.repeat(WEIGHTS, n)[:len(self.tails)]
+        found = np.full(3 * n, np.inf)
+        for place, (tail, each) in enumerate(zip(
+                self.tails, per_hour * weights / weights.sum(), strict=True)):
+            # Alarms rarer than once in what was seen: what was seen must not be one.
+            rare = each * self.seconds < 3600.0
+            found[place] = max(tail.ratio(each), tail.largest if rare else 0.0)
+        return found

@@ -263,7 +263,8 @@ class DetectNode(ModelNode):
         seconds = float(self.value('calibration_time'))
         self._calibration = Calibration(
             {m: arm.gauge_names if m == 'strain' else arm.active_joints
-             for m in self.watch.methods}, seconds)
+             for m in self.watch.methods}, seconds,
+            self.watch.stiction)
         self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
         return self._note
 
