@@ -33,7 +33,7 @@ from elastic_study import bags, record
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collision_truth import FREE, find_truth
+from tudor_dynamics.identification.collision_truth import find_truth, FREE as UNTOUCHED
 from tudor_dynamics.identification.collisions import evaluate_collisions
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.free_motion import fit_thresholds
@@ -75,7 +75,7 @@ def main():
                 settings = replace(MonitorSettings(kind=kind), rates=Rates(asked, 60.0 * asked))
                 seen = [evaluate_collisions(
                     bundle, [(str(bag.choice), bag.recording) for bag in some], settings,
-                    [FREE if some is unseen else find_truth(str(bag.choice)) for bag in some])
+                    [UNTOUCHED if some is unseen else find_truth(str(bag.choice)) for bag in some])
                         for some in (unseen, pushed)]
                 for quiet, push in zip(*seen, strict=True):
                     a, b = quiet.score, push.score

@@ -15,10 +15,11 @@
 """
 Soft hits: how late each is told, with the accumulated statistic and without; some minutes.
 
-Half-sines of several lengths are added to measured strain or effort of recorded free motion, on all
-channels of the output, as large as the usual threshold of the residual times --sizes. Thresholds
-come from other recordings, for one false alarm per hour. The recordings themselves count for false
-alarms. DATA is that of ``reference_fits.py``; the bags that come along are taken without it.
+Half-sines of several lengths are added to measured strain or effort of recorded free motion, on
+all channels of the output, as large as the usual threshold of the residual times --sizes.
+Thresholds come from other recordings, for one false alarm per hour. The recordings themselves
+count for false alarms. DATA is that of ``reference_fits.py``; without it the bags are taken that
+come along.
 
     python bench/soft_hits.py --data DATA
 """

@@ -171,6 +171,9 @@ def _collisions(args: argparse.Namespace) -> int:
         results = evaluate_collisions(
             bundle, [(bag.choice.path, bag.recording) for bag in data], settings, truths)
     if plot is not None:
+        if not any(truth.known for truth in truths):
+            msg = '--roc needs to know the pushes; give --pushes FILE.csv, --truth TOPIC or --free'
+            raise UsageError(msg)
         write_roc(results, plot)
     if args.json:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],

@@ -75,7 +75,7 @@ class Truth:
     source : str
         Where that is known from; empty where it is not.
     pushes : tuple of Push
-        In order.
+        Pushes that are known, in order.
 
     """
 

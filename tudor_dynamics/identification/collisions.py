@@ -75,7 +75,7 @@ class _Log:
 
     stamps: list[int] = field(default_factory=list)
     ratios: list[float] = field(default_factory=list)
-    open: list[_Open] = field(default_factory=list)
+    under_way: list[_Open] = field(default_factory=list)
     closed: list[_Open] = field(default_factory=list)
 
     def add(self, found: Found, level: Level) -> None:
@@ -84,16 +84,16 @@ class _Log:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
             self.stamps.append(stamp)
             self.ratios.append(ratio)
-            if self.open and ratio >= 1.0:
-                self.open[-1].last = stamp
-                if ratio > self.open[-1].ratio:
-                    self.open[-1].ratio = ratio
-                    self.open[-1].channel = self._channel(self.open[-1].event,
-                                                          excess.collision)
+            if self.under_way and ratio >= 1.0:
+                self.under_way[-1].last = stamp
+                if ratio > self.under_way[-1].ratio:
+                    self.under_way[-1].ratio = ratio
+                    self.under_way[-1].channel = self._channel(
+                        self.under_way[-1].event, excess.collision)
         for event in found.events:
             self.close()
             channel = max(event.ratios, key=lambda name: event.ratios[name])
-            self.open = [_Open(event, event.ratios[channel], channel, event.stamp)]
+            self.under_way = [_Open(event, event.ratios[channel], channel, event.stamp)]
         if level is not Level.COLLISION:
             self.close()
 
@@ -103,8 +103,8 @@ class _Log:
 
     def close(self) -> None:
         """End the event that is under way."""
-        self.closed += self.open
-        self.open = []
+        self.closed += self.under_way
+        self.under_way = []
 
     def sightings(self, first: int, truth: Truth) -> tuple[Sighting, ...]:
         """Give what was found, by the time since a stamp."""

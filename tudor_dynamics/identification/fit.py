@@ -27,7 +27,7 @@ from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
-from tudor_dynamics.identification.unseen import Case, left_out, Left, unseen_cases
+from tudor_dynamics.identification.unseen import Case, Left, left_out, unseen_cases
 from tudor_dynamics.identification.validation import (
     random_split, validate, validate_unseen, Validation)
 from tudor_dynamics.identification.verdict import judge_model, Verdict

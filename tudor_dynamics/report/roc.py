@@ -74,8 +74,8 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
         rate = [100.0 * point[2] for point in result.roc]
         line, = axes.plot(false, rate, drawstyle='steps-post', label=result.method)
         score = result.score
-        axes.plot(score.false_alarms_per_hour, 100.0 * (score.detection_rate or 0.0), marker,
-                  color=line.get_color(), markersize=9, clip_on=False)
+        axes.plot(score.false_alarms_per_hour or 0.0, 100.0 * (score.detection_rate or 0.0),
+                  marker, color=line.get_color(), markersize=9, clip_on=False)
     hours = results[0].score.hours
     axes.set_xscale('symlog', linthresh=max(1.0 / max(hours, 1e-6), 1e-3))
     axes.set_xlabel(f'false alarms per hour (from {60 * hours:.1f} min without a push)')

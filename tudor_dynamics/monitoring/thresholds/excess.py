@@ -25,8 +25,9 @@ from tudor_dynamics.compiled import compiled
 from tudor_dynamics.monitoring.familiarity import Familiarity
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.thresholds.accumulation import advance, UNSURE
-from tudor_dynamics.monitoring.thresholds.features import held_friction, MotionFeatures
+from tudor_dynamics.monitoring.thresholds.features import MotionFeatures
 from tudor_dynamics.monitoring.thresholds.onset import OnsetFilter
+from tudor_dynamics.monitoring.thresholds.stiction import advance_held, held_friction
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
 
@@ -96,7 +97,9 @@ class ExcessStage:
         self._features = MotionFeatures(thresholds.n_joints)
         self._onset = OnsetFilter(thresholds.taps, thresholds.step)
         self._familiarity = Familiarity(thresholds.usual, thresholds.reach)
-        self._sums = np.zeros((2, len(thresholds.channels)))
+        n = len(thresholds.channels)
+        self._sums, self._friction = np.zeros((2, n)), np.zeros(n)
+        self._none, self._free = np.zeros(n), np.empty(n)
         self._last: int | None = None
         self.rates = rates
 
@@ -141,10 +144,14 @@ class ExcessStage:
             self._sums[:] = 0.0
         self._last = stamp
         columns = self._features.step(stamp, residual.motion.row)
-        onset = self._onset.step(stamp, residual.value, first)
+        n, stiction = len(self._friction), self.thresholds.stiction
+        # only joints have some, and each its own speed
+        held = held_friction(stiction, columns[1:1 + n]) if stiction.any() else self._none
+        advance_held(dt, residual.value, held, self._friction, self._free)
+        onset = self._onset.step(stamp, self._free, first)
         levels = np.empty((5, len(onset)))
         _compare(self.thresholds.profile, columns, residual.value, onset, self._contact,
-                 self._collision, self.widening, self.thresholds.stiction, dt,
+                 self._collision, self.widening, held, dt,
                  self._sums, levels)
         self._familiarity.step(dt, columns[1:1 + self.thresholds.n_joints], levels[4])
         return Excess(residual, onset, levels[0], levels[1], levels[2], levels[3])
@@ -153,7 +160,7 @@ class ExcessStage:
 @compiled
 def _compare(
     profile: FloatArray, columns: FloatArray, value: FloatArray, onset: FloatArray,
-    contact: FloatArray, collision: FloatArray, widening: FloatArray, stiction: FloatArray,
+    contact: FloatArray, collision: FloatArray, widening: FloatArray, held: FloatArray,
     dt: float, sums: FloatArray, out: FloatArray,
 ) -> None:
     """Fill ratios to contact and collision, onset's, residual's threshold, onset by profile."""
@@ -165,18 +172,16 @@ def _compare(
             usual += profile[i, k] * columns[k]
             soon += profile[n + i, k] * columns[k]
         out[4, i] = abs(onset[i]) / soon
-        # only joints have some, and each its own speed
-        held = held_friction(stiction[i], columns[1 + i]) if stiction[i] > 0.0 else 0.0
-        plain = abs(value[i]) - held
+        plain = abs(value[i]) - held[i]
         plain = 0.0 if plain < 0.0 else plain / usual / widening[i]  # NaN stays
         sudden = out[4, i] / widening[i]
-        signed[i] = math.copysign(plain * usual / (usual + UNSURE * held), value[i])
+        signed[i] = math.copysign(plain * usual / (usual + UNSURE * held[i]), value[i])
         for level, ratio in enumerate((contact, collision)):
             a, b = plain / ratio[i], sudden / ratio[n + i]
             # NaN must win, as numpy has it
             out[level, i] = a if a > b or a != a else b
         out[2, i] = math.copysign(sudden / collision[n + i], onset[i] * value[i])
-        out[3, i] = usual * collision[i] * widening[i] + held
+        out[3, i] = usual * collision[i] * widening[i] + held[i]
     advance(dt, signed, collision[2 * n:], sums)
     for i in range(n):
         most = max(sums[0, i], sums[1, i])

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +32,6 @@ RINGING = 0.5
 """Time constant with which an acceleration is forgotten: links ring on behind it [s]."""
 STANDING = 2.0 * REVERSAL_SPEED
 """Slower joints may stick; friction has its sign from there on [rad/s or m/s]."""
-AnyFloat = TypeVar('AnyFloat', float, FloatArray)
 NEVER = -2**62
 """A stamp before all others [ns]."""
 
@@ -105,24 +103,3 @@ def _evaluate(
         columns[1 + n + i] = ddq
         columns[1 + 2 * n + i] = lately[i]
         columns[1 + 3 * n + i] = 1.0 if stamp - reversed_at[i] <= REVERSAL_WINDOW * 1e9 else 0.0
-
-
-@compiled
-def held_friction(stiction: AnyFloat, speed: AnyFloat) -> AnyFloat:
-    """
-    Give the friction that may hold a joint at a speed.
-
-    Parameters
-    ----------
-    stiction : float or ndarray
-        Largest friction of a joint that stands, in the unit of its effort.
-    speed : float or ndarray
-        Size of the joint's speed [rad/s or m/s].
-
-    Returns
-    -------
-    float or ndarray
-        Friction of which the motion does not tell, in the same unit.
-
-    """
-    return stiction * np.maximum(0.0, 1.0 - speed / STANDING)

@@ -27,9 +27,9 @@ from scipy import optimize, sparse
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.monitoring.familiarity import levels, USUAL
 from tudor_dynamics.monitoring.thresholds.accumulation import accumulate, UNSURE
-from tudor_dynamics.monitoring.thresholds.features import (
-    held_friction, MotionFeatures, REVERSAL_SPEED)
+from tudor_dynamics.monitoring.thresholds.features import MotionFeatures, REVERSAL_SPEED
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, learn_taps, OnsetFilter, STEP, WINDOW
+from tudor_dynamics.monitoring.thresholds.stiction import held_friction, released
 from tudor_dynamics.monitoring.thresholds.thresholds import BLOCK, MethodThresholds, Tail
 from tudor_dynamics.typing import FloatArray
 
@@ -150,7 +150,12 @@ class _Rows:
     def __init__(
         self, records: Sequence[FreeMotion], step: float, period: float, stiction: FloatArray,
     ) -> None:
-        self._records, self._step, self._stiction = records, step, stiction
+        self._records, self._step = records, step
+        self._held = [held_friction(stiction, np.abs(r.motion[:, n:2 * n]))
+                      if stiction.any() else np.zeros_like(r.residual)
+                      for r in records for n in (len(stiction),)]
+        self._free = [released(r.t, r.residual, held)
+                      for r, held in zip(records, self._held, strict=True)]
         self._group = max(1, round(GROUP / period))
         self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
         self._columns = []
@@ -161,7 +166,8 @@ class _Rows:
 
     def law(self) -> tuple[FloatArray, FloatArray]:
         """Learn taps and profile."""
-        taps = learn_taps([(r.t, r.residual) for r in self._records], self._step)
+        taps = learn_taps([(r.t, x) for r, x in zip(self._records, self._free, strict=True)],
+                          self._step)
         columns = np.vstack([_largest(c, self._group) for c in self._columns])
         peaks = np.vstack([_largest(s, self._group) for s in self._sizes(taps)])
         least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
@@ -171,11 +177,11 @@ class _Rows:
     def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
         """Give the largest ratio to a profile in each block, and the largest sums of onsets."""
         parts, n = [], taps.shape[1]
-        for record, columns, sizes in zip(self._records, self._columns, self._sizes(taps),
-                                          strict=True):
+        for record, held, columns, sizes in zip(
+                self._records, self._held, self._columns, self._sizes(taps), strict=True):
             usual = columns @ profile.T
             signs = np.sign(record.residual[self._skip:])
-            scale = usual[:, :n] + UNSURE * self._held(record)[self._skip:]
+            scale = usual[:, :n] + UNSURE * held[self._skip:]
             sums = accumulate(np.diff(record.t[self._skip - 1:]), signs * sizes[:, :n] / scale)
             parts.append(_largest(np.hstack([sizes / usual, sums]), block))
         return np.vstack(parts)
@@ -200,15 +206,9 @@ class _Rows:
 
     def _sizes(self, taps: FloatArray) -> list[FloatArray]:
         """Give the sizes of residuals and onset statistics, once the past is complete."""
-        return [np.hstack([np.maximum(np.abs(r.residual) - self._held(r), 0.0), np.abs(OnsetFilter(taps, self._step).process(
-            r.t, r.residual))])[self._skip:] for r in self._records]
-
-    def _held(self, record: FreeMotion) -> FloatArray:
-        """Give the friction that may hold each joint at each sample."""
-        if not self._stiction.any():
-            return np.zeros_like(record.residual)
-        n = len(self._stiction)
-        return held_friction(self._stiction, np.abs(record.motion[:, n:2 * n]))
+        return [np.hstack([np.maximum(np.abs(r.residual) - held, 0.0), np.abs(
+            OnsetFilter(taps, self._step).process(r.t, x))])[self._skip:]
+            for r, held, x in zip(self._records, self._held, self._free, strict=True)]
 
 
 def _largest(x: FloatArray, count: int) -> FloatArray:

@@ -23,7 +23,7 @@ the user allows, a number in false alarms per hour, and never a multiple of sigm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -141,6 +141,25 @@ class MethodThresholds:
     def n_joints(self) -> int:
         """Give the number of active joints of the arm."""
         return (self.profile.shape[1] - 1) // 4
+
+    def doubt(self, per_hour: float) -> float:
+        """
+        Say how much wider thresholds are than those of as much motion as one could wish for.
+
+        Parameters
+        ----------
+        per_hour : float
+            False alarms per hour of free motion, all channels together.
+
+        Returns
+        -------
+        float
+            Largest factor among the residuals; near 1 where minutes were learned from.
+
+        """
+        sure = replace(self, tails=tuple(replace(tail, count=1e9) for tail in self.tails))
+        n = len(self.channels)
+        return float(np.max(self.ratios(per_hour)[:n] / sure.ratios(per_hour)[:n]))
 
     def ratios(self, per_hour: float) -> FloatArray:
         """
