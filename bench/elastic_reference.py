@@ -60,7 +60,7 @@ def pushes(bags, out):
     for kind in ('analytical', 'elastic'):
         for bag in ('arm_200g_pushes', 'arm_200g_free_4'):
             said = tudor('evaluate', '--model', out, bags / bag, '--collisions', '--kind', kind,
-                         '--json')
+                         '--json', *(['--free'] if 'free' in bag else []))
             for method, score in said['collisions'].items():
                 late = ['-' if value is None else f'{1000 * value:.0f} ms' for value in
                         (score['latency_median'], score['latency_p95'])]
