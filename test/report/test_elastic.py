@@ -35,9 +35,10 @@ from tudor_dynamics.identification.elastic.ringdowns import Ringdown
 from tudor_dynamics.identification.elastic.starts import FACTORS
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.models.elastic.arm import driven_arm
-from tudor_dynamics.models.elastic.fitted import physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.report.elastic import (
-    in_words, MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary)
+    MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary)
 from tudor_dynamics.report.modes import levels, mode_figure
 from tudor_dynamics.report.page import render
 from tudor_dynamics.signals import prepare
@@ -175,24 +176,6 @@ def test_resting_arm_has_neither_map_nor_ringdowns(monkeypatch: pytest.MonkeyPat
     html = render(replace(result, training=(still[0],), test=(still[1],)))
     assert 'None: the bags have no stretch of 1.2 s or more' in words(html)
     assert 'Frequency and damping over the pose' not in words(html)
-
-
-@pytest.mark.parametrize(('name', 'text'), [
-    ('lumped(j2,1)', 'mass on the link behind j2'),
-    ('lumped(j2,3)', 'mass on the link behind j2, the 3.'),
-    ('play(a(b))', 'backlash of the gear of a(b), half of it'),
-    ('beta', 'structural damping of the links, per stiffness'),
-    ('payload', 'payload at the tip')])
-def test_parameters_in_words(name: str, text: str) -> None:
-    """A reader gets words, whatever the joint is called."""
-    assert in_words(name) == text
-
-
-def test_every_parameter_has_words() -> None:
-    """All that a driven arm can be told has a name in words and a unit."""
-    arm = two_blades()
-    for name in driven_arm(arm, {}).parameters:
-        assert in_words(name) and physical_unit(arm, name)
 
 
 def ring(amplitude: float, held: Vibration | None = None) -> Ringdown:

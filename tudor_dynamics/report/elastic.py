@@ -30,6 +30,7 @@ from tudor_dynamics.identification.elastic.trainer import RUN_IN
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.models.elastic.arm import driven_arm, INNER_STEP
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.data import joint_axes
 from tudor_dynamics.report.elastic_rows import (
@@ -39,19 +40,6 @@ from tudor_dynamics.report.modes import mode_figure, ringdown_figure
 MOST_ROWS = 24
 """Ring-downs in the table; the figure has all."""
 NOT_SHOWN = 'not shown by these bags'
-
-WORDS = {
-    'bending': 'bending stiffness of the link behind {}',
-    'density': 'mass per length of the link behind {}',
-    'lumped': 'mass on the link behind {}',
-    'payload': 'payload at the tip',
-    'gear': 'stiffness of the gear of {}',
-    'play': 'backlash of the gear of {}, half of it',
-    'edge': 'part of the backlash of {} over which the teeth come to bear',
-    'tight': 'damping of the gear of {}, teeth in touch',
-    'loose': 'damping of the gear of {}, inside the backlash',
-    'alpha': 'structural damping of the links, per mass',
-    'beta': 'structural damping of the links, per stiffness'}
 
 
 def elastic_section(result: FitResult) -> ElasticSection | None:
@@ -90,29 +78,6 @@ def elastic_section(result: FitResult) -> ElasticSection | None:
         len(ringdowns), ring_rows(ringdowns, units),
         ringdown_figure(ringdowns) if ringdowns else None, summary(ringdowns), LEAST_SECONDS,
         start_rows(found.starts), found.fit, found.runs, settings_text())
-
-
-def in_words(name: str) -> str:
-    """
-    Name a physical parameter in words.
-
-    Parameters
-    ----------
-    name : str
-        Name, see ``DrivenArm.parameters``.
-
-    Returns
-    -------
-    str
-        The same for a reader.
-
-    """
-    kind, _, rest = name.partition('(')
-    inner = rest[:-1]
-    if kind == 'lumped':
-        joint, _, number = inner.rpartition(',')
-        return WORDS[kind].format(joint) + ('' if number == '1' else f', the {number}.')
-    return WORDS[kind].format(inner)
 
 
 def _parameter(parameter: PhysicalParameter, described: float) -> ParameterRow:

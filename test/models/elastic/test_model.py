@@ -24,7 +24,7 @@ import pytest
 
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.fitted import physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.live import LiveElastic
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.friction import friction_columns
@@ -181,16 +181,3 @@ def test_impossible_observers() -> None:
     dead.coefficients_ = (np.array([0.0, 1.0]), np.array([50.0, 0.0]))
     with pytest.raises(ModelError, match='gain 0'):
         LiveElastic({'strain': dead}, 'ringing')
-
-
-def test_units() -> None:
-    """Every parameter of an arm has a unit; gears of prismatic joints count in N and m."""
-    names = DrivenArm(ARM).parameters
-    assert {physical_unit(ARM, name) for name in names} == {
-        'N m^2', 'kg/m', 'kg', 'N m/rad', 'rad', 'N m s/rad', '1', '1/s', 's'}
-    slider = blade_arm(gauges=[], joints=[
-        {'name': 'j1', 'type': 'prismatic', 'effort': {'unit': 'N'}}, {'name': 'j2'}])
-    assert physical_unit(slider, 'gear(j1)') == 'N/m'
-    assert physical_unit(slider, 'play(j1)') == 'm'
-    assert physical_unit(slider, 'tight(j1)') == 'N s/m'
-    assert physical_unit(slider, 'gear(j2)') == 'N m/rad'

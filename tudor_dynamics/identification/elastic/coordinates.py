@@ -27,10 +27,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.typing import FloatArray
-
-STIFFNESSES = ('bending(', 'gear(')
-MASSES = ('density(', 'lumped(', 'payload')
 
 
 class Straight:
@@ -48,9 +46,7 @@ class Straight:
 
     def __init__(self, names: Sequence[str], center: FloatArray) -> None:
         self.center = center
-        self._sign = np.array([
-            -1.0 if name.startswith(STIFFNESSES) else 1.0 if name.startswith(MASSES) else 0.0
-            for name in names])
+        self._sign = np.array([float(kind_of(name).adds) for name in names])
         self._plain = self._sign == 0.0
 
     def of(self, x: FloatArray) -> FloatArray:

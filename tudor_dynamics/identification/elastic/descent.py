@@ -25,6 +25,7 @@ from scipy import optimize
 from tudor_dynamics.identification.elastic.coordinates import Straight
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.result import reweight
+from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.typing import FloatArray
 
 GAIN = 0.3
@@ -92,8 +93,10 @@ def improve(
 
     start = problem.extended(x)
     free = np.full(len(start) - n, np.inf)
-    bounds = np.sort([np.concatenate([
-        straight.of(problem.center + sign * FARTHEST * problem.width), sign * free])
+    with np.errstate(divide='ignore'):  # 0 has the logarithm -inf: no bound
+        low, high = np.log([kind_of(name).bounds for name in problem.names]).T
+    bounds = np.sort([np.concatenate([straight.of(np.clip(
+        problem.center + sign * FARTHEST * problem.width, low, high)), sign * free])
         for sign in (-1.0, 1.0)], axis=0)
     found = optimize.least_squares(
         lambda u: problem.residual(of(u)), np.concatenate([straight.of(start[:n]), start[n:]]),

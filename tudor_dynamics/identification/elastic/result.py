@@ -23,7 +23,8 @@ import numpy as np
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic.problem import Problem, robust_scale
-from tudor_dynamics.models.elastic.fitted import physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
 
 HUBER = 2.0

@@ -34,14 +34,10 @@ from tudor_dynamics.identification.elastic.record import Knowledge, Record
 from tudor_dynamics.identification.elastic.result import Identified, result_of
 from tudor_dynamics.identification.elastic.starts import COARSE, compare_starts
 from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP
+from tudor_dynamics.models.elastic.parameters import kind_of
 
 Progress = Callable[[str], None]
 
-WIDTHS = {'bending': 0.5, 'density': 0.1, 'lumped': 0.5, 'payload': 1.5, 'gear': 1.0,
-          'play': 1.0, 'edge': 0.5, 'tight': 1.5, 'loose': 2.0, 'beta': 1.5}
-"""How well one knows a parameter from drawings and data sheets: std of its logarithm."""
-LEAST = {'payload': 0.05, 'play': 0.002, 'tight': 0.1, 'loose': 0.1, 'beta': 3e-4}
-"""Starting values where the description says nothing or zero, in SI units."""
 ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
 FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
@@ -71,13 +67,10 @@ def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
     start: dict[str, float] = {}
     width: dict[str, float] = {}
     for name, value in DrivenArm(arm).parameters.items():
-        kind = name.partition('(')[0]
-        if kind not in WIDTHS or (kind == 'payload' and not payload):
-            continue
-        start[name] = value if value > 0.0 else LEAST.get(kind, 0.0)
-        width[name] = WIDTHS[kind]
-        if start[name] <= 0.0:
-            del start[name], width[name]
+        kind = kind_of(name)
+        value = value if value > 0.0 else kind.least
+        if kind.width is not None and value > 0.0 and (name != 'payload' or payload):
+            start[name], width[name] = value, kind.width
     return Knowledge(start, width)
 
 

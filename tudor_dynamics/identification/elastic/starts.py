@@ -34,6 +34,7 @@ from tudor_dynamics.identification.elastic.descent import improve
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import fit_percent
+from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.typing import FloatArray
 
 FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
@@ -76,8 +77,7 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
 
 
 def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
-    return np.array([i for i, name in enumerate(names)
-                     if name.startswith(('bending(', 'gear('))], dtype=np.intp)
+    return np.array([i for i, name in enumerate(names) if kind_of(name).adds < 0], dtype=np.intp)
 
 
 def compare_starts(
@@ -131,8 +131,7 @@ def compare_starts(
     peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:])
                            & np.isfinite(values))
     peaks = peaks[np.argsort(-values[peaks])][:STARTS]
-    some = tuple(name for name in names
-                 if name.startswith(('bending(', 'gear(', 'tight(', 'loose(', 'beta', 'payload')))
+    some = tuple(name for name in names if kind_of(name).early)
     index = np.array([names.index(name) for name in some], dtype=np.intp)
     best: tuple[float, FloatArray] | None = None
     starts: list[tuple[float, float]] = []

@@ -32,12 +32,14 @@ from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.gear import SPRING_FLOATS
 from tudor_dynamics.models.elastic.observer import Linearised, tangents, white_force
-from tudor_dynamics.models.elastic.parameters import change, Physics
+from tudor_dynamics.models.elastic.parameters import apply, change, described
+from tudor_dynamics.models.elastic.physics import Physics
 from tudor_dynamics.models.elastic.setup import (
     moment_rows, moving_coordinates, place_gauges, reduced_mechanism, spring_coordinates)
-from tudor_dynamics.models.elastic.statics import MATRICES, VECTORS, Z
+from tudor_dynamics.models.elastic.statics import DAMPING, MATRICES, STIFFNESS, VECTORS, Z
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.loads import LOADS
+from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.typing import FloatArray
 
 INNER_STEP = 2.5e-3
@@ -80,11 +82,7 @@ class DrivenArm:
     Attributes
     ----------
     parameters : dict of str to float
-        Physical parameters by name: ``bending(link)`` [N m^2], ``density(link)`` [kg/m],
-        ``lumped(link,k)`` [kg], ``gear(joint)`` [N m/rad], ``play(joint)`` half of the backlash
-        [rad], ``edge(joint)`` part of it over which the teeth come to bear, ``tight(joint)`` and
-        ``loose(joint)``, damping of the gear where they do and inside the play [N m s/rad],
-        ``alpha``, ``beta``, damping by mass [1/s] and by stiffness [s], ``payload`` [kg].
+        Physical parameters by name, such as ``gear(joint2)``, see ``parameters.PHYSICAL``.
     contact : ndarray of shape (3,)
         Force at the tip as the observer has it, base frame [N].
 
@@ -119,8 +117,8 @@ class DrivenArm:
         self._moving, self._reaction = np.zeros((bodies, at.MOVING)), np.zeros((bodies, 6))
         self._inertias = np.zeros((bodies + 1, 10))
         self._loads = np.zeros((len(arm.gauges), LOADS))
-        self._physics = Physics(arm, mechanism)
-        self.parameters = self._physics.described()
+        self._physics = Physics(arm, mechanism, self._springs)
+        self.parameters = described(self._physics)
         self.set_parameters({})
 
     @property
@@ -140,11 +138,14 @@ class DrivenArm:
         Raises
         ------
         SimulationError
-            If a name is unknown or a value not finite or negative.
+            If a name is unknown or a value not finite or out of its bounds.
 
         """
         change(self.parameters, changes, self.arm.name)
-        self._physics.apply(self.parameters, self._springs, self._matrices)
+        apply(self._physics, self.parameters)
+        stiffness_matrix(self.mechanism.body_int, self.mechanism.body_float,
+                         self.mechanism.coordinate, self._matrices[STIFFNESS],
+                         self._matrices[DAMPING])
         self._gauge_gain[:, 1] = -self._gauge_gain[:, 0] * self._gauges.damping(self.parameters)
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:

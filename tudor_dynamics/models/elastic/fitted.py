@@ -62,30 +62,6 @@ class PhysicalParameter:
     shown: bool = False
 
 
-UNITS = {'bending': 'N m^2', 'density': 'kg/m', 'lumped': 'kg', 'payload': 'kg',
-         'gear': 'N m/rad', 'play': 'rad', 'edge': '1', 'tight': 'N m s/rad',
-         'loose': 'N m s/rad', 'alpha': '1/s', 'beta': 's'}
-
-
-def physical_unit(arm: Arm, name: str) -> str:
-    """
-    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its joints.
-    name : str
-        Name of the parameter, such as ``gear(joint2)``.
-
-    """
-    kind, _, rest = name.partition('(')
-    unit = UNITS[kind]
-    if kind in ('gear', 'play', 'tight', 'loose') and arm.is_prismatic(rest.rstrip(')')):
-        return {'gear': 'N/m', 'play': 'm'}.get(kind, 'N s/m')
-    return unit
-
-
 class FittedElastic:
     """
     Parameters of an elastic arm, and coefficients of its strain or effort.

@@ -24,7 +24,8 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.elastic.arm import driven_arm
-from tudor_dynamics.models.elastic.fitted import FittedElastic, physical_unit, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
+from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_of, plausible
 from tudor_dynamics.models.units import output_units
 

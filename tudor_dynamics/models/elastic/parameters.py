@@ -12,25 +12,218 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Physical parameters of a driven arm: what a description says of them, and where they go."""
+"""
+Physical parameters of a driven arm: one table of all that model, search and report know of them.
+
+A new parameter is one entry of ``PHYSICAL``. Names are those of the entries, with the owner behind
+them: ``bending(joint2)``, ``lumped(joint2,1)``, ``beta``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 import math
+from typing import Literal, NamedTuple
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.models.elastic.statics import DAMPING, STIFFNESS
+from tudor_dynamics.models.elastic import gear as at_gear
+from tudor_dynamics.models.elastic.physics import Owner, Physics
 from tudor_dynamics.simulation.mechanics import layout as at
-from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
-from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
-from tudor_dynamics.typing import FloatArray
 
 EDGE = 0.1
 """The edge of a play is rounded over this part of it, where nothing better is known."""
 RIGID_GEAR = 30.0
 """A gear of unknown stiffness is this often as stiff as the link behind it."""
+
+
+@dataclass(frozen=True)
+class ParameterKind:
+    """
+    A kind of physical parameter.
+
+    Attributes
+    ----------
+    of : {'link', 'part', 'tip', 'joint', 'arm'}
+        What has one of its own, see ``Physics.owners``.
+    unit : str
+        Unit of the value.
+    words : str
+        What the report calls it, with {} for the joint.
+    described : callable
+        Value that the description gives, by owner.
+    act : callable
+        Writes the value of an owner into the tables; kinds act in the order of the table.
+    width : float or None
+        How well one knows it from drawings and data sheets: standard deviation of its logarithm.
+        None where it is not searched.
+    least : float
+        Starting value where the description says nothing or zero; at 0 it is not searched then.
+    adds : {1, -1, 0}
+        Where strain shows a sum sharply and its shares weakly: the values add up (masses), their
+        inverses do (stiffnesses), or neither.
+    early : bool
+        Whether it is searched already where starts are compared.
+    unit_along : str
+        Unit for a prismatic joint; '' where it is the same.
+    bounds : (float, float)
+        Smallest and largest possible value.
+
+    """
+
+    of: Owner
+    unit: str
+    words: str
+    described: Callable[[Physics, str], float]
+    act: Callable[[Physics, str, float], None]
+    width: float | None = None
+    least: float = 0.0
+    adds: Literal[1, -1, 0] = 0
+    early: bool = False
+    unit_along: str = ''
+    bounds: tuple[float, float] = (0.0, math.inf)
+
+
+class Spring(NamedTuple):
+    """Stiffness and damping of a gear as described; None where it is rigid."""
+
+    stiffness: float | None
+    damping: float
+
+
+def _spring(physics: Physics, joint: str) -> Spring:
+    """Take the gear of the motor, or else the spring of the joint."""
+    spec = physics.arm.spec
+    motor = next((motor for motor in spec.motors if motor.joint == joint), None)
+    link = next((link for link in spec.links if link.joint == joint), None)
+    if link is not None and link.joint_stiffness is not None and (
+            motor is None or motor.stiffness is None):
+        return Spring(link.joint_stiffness, link.joint_damping)
+    return Spring(None, 0.0) if motor is None else Spring(motor.stiffness, motor.damping)
+
+
+def _play(physics: Physics, joint: str) -> float:
+    return next((0.5 * motor.backlash for motor in physics.arm.spec.motors
+                 if motor.joint == joint), 0.0)
+
+
+def _bend(physics: Physics, joint: str, value: float) -> None:
+    physics.scale_beam(joint, [at.EIY, at.EIZ, at.GJ],
+                       value / physics.mechanism.beams[joint].EIz)
+
+
+def _fill(physics: Physics, joint: str, value: float) -> None:
+    physics.scale_beam(joint, [at.DENSITY, at.POLAR],
+                       value / physics.mechanism.beams[joint].density)
+
+
+def _in_beams(column: int) -> Callable[[Physics, str, float], None]:
+    def act(physics: Physics, _: str, value: float) -> None:
+        for joint in physics.mechanism.beams:
+            physics.beam(joint)[column] = value
+    return act
+
+
+def _in_gear(column: int) -> Callable[[Physics, str, float], None]:
+    def act(physics: Physics, joint: str, value: float) -> None:
+        physics.spring(joint)[column] = value
+    return act
+
+
+def _round(physics: Physics, joint: str, value: float) -> None:
+    row = physics.spring(joint)
+    row[at_gear.ROUND] = max(value * row[at_gear.PLAY], 1e-9)
+
+
+PHYSICAL: dict[str, ParameterKind] = {
+    'bending': ParameterKind(
+        'link', 'N m^2', 'bending stiffness of the link behind {}',
+        lambda physics, joint: physics.mechanism.beams[joint].EIz, _bend,
+        width=0.5, adds=-1, early=True),
+    'density': ParameterKind(
+        'link', 'kg/m', 'mass per length of the link behind {}',
+        lambda physics, joint: physics.mechanism.beams[joint].density, _fill,
+        width=0.1, adds=1),
+    'lumped': ParameterKind(
+        'part', 'kg', 'mass on the link behind {}',
+        lambda physics, part: physics.parts[part].mass, Physics.weigh,
+        width=0.5, adds=1),
+    'payload': ParameterKind(
+        'tip', 'kg', 'payload at the tip',
+        lambda physics, tip: physics.parts[tip].mass, Physics.weigh,
+        width=1.5, least=0.05, adds=1, early=True),
+    'gear': ParameterKind(
+        'joint', 'N m/rad', 'stiffness of the gear of {}',
+        lambda physics, joint: (_spring(physics, joint).stiffness
+                                or RIGID_GEAR * physics.stiffest),
+        _in_gear(at_gear.STIFF), width=1.0, adds=-1, early=True, unit_along='N/m'),
+    'play': ParameterKind(
+        'joint', 'rad', 'backlash of the gear of {}, half of it', _play,
+        _in_gear(at_gear.PLAY), width=1.0, least=0.002, unit_along='m'),
+    'edge': ParameterKind(
+        'joint', '1', 'part of the backlash of {} over which the teeth come to bear',
+        lambda physics, joint: EDGE, _round, width=0.5),
+    'tight': ParameterKind(
+        'joint', 'N m s/rad', 'damping of the gear of {}, teeth in touch',
+        lambda physics, joint: _spring(physics, joint).damping,
+        _in_gear(at_gear.TIGHT), width=1.5, least=0.1, early=True, unit_along='N s/m'),
+    'loose': ParameterKind(
+        'joint', 'N m s/rad', 'damping of the gear of {}, inside the backlash',
+        lambda physics, joint: _spring(physics, joint).damping,
+        _in_gear(at_gear.LOOSE), width=2.0, least=0.1, early=True, unit_along='N s/m'),
+    'alpha': ParameterKind(
+        'arm', '1/s', 'structural damping of the links, per mass',
+        lambda physics, arm: physics.arm.spec.simulation.rayleigh.alpha, _in_beams(at.ALPHA)),
+    'beta': ParameterKind(
+        'arm', 's', 'structural damping of the links, per stiffness',
+        lambda physics, arm: physics.arm.spec.simulation.rayleigh.beta, _in_beams(at.BETA),
+        width=1.5, least=3e-4, early=True)}
+
+
+def kind_of(name: str) -> ParameterKind:
+    """Give the kind of a parameter by its name, such as ``gear(joint2)``."""
+    return PHYSICAL[name.partition('(')[0]]
+
+
+def _owner(name: str) -> str:
+    return name.partition('(')[2][:-1]
+
+
+def described(physics: Physics) -> dict[str, float]:
+    """
+    Give the parameters as far as the description knows them.
+
+    Parameters
+    ----------
+    physics : Physics
+        The arm as it was built.
+
+    Returns
+    -------
+    dict of str to float
+        Name to value, in SI units.
+
+    """
+    return {f'{name}({owner})' if owner else name: kind.described(physics, owner)
+            for of, owners in physics.owners.items() for owner in owners
+            for name, kind in PHYSICAL.items() if kind.of == of}
+
+
+def apply(physics: Physics, values: Mapping[str, float]) -> None:
+    """
+    Write parameters into the tables of the arm.
+
+    Parameters
+    ----------
+    physics : Physics
+        Tables of the arm.
+    values : mapping of str to float
+        All parameters, in the order of ``described``, in SI units.
+
+    """
+    for name, value in values.items():
+        kind_of(name).act(physics, _owner(name), value)
 
 
 def change(values: dict[str, float], changes: Mapping[str, float], name_of_arm: str) -> None:
@@ -49,124 +242,49 @@ def change(values: dict[str, float], changes: Mapping[str, float], name_of_arm: 
     Raises
     ------
     SimulationError
-        If a name is unknown or a value not finite or negative.
+        If a name is unknown or a value not finite or out of its bounds.
 
     """
     for name, value in changes.items():
         if name not in values:
             msg = f'{name_of_arm} has no parameter {name!r}; it has {", ".join(values)}'
             raise SimulationError(msg)
-        if not (math.isfinite(value) and value >= 0.0):
-            msg = f'parameter {name} of {name_of_arm}: {value}, expected 0 or more'
+        low, high = kind_of(name).bounds
+        if not (math.isfinite(value) and low <= value <= high):
+            upto = 'or more' if math.isinf(high) else f'to {high:g}'
+            msg = f'parameter {name} of {name_of_arm}: {value}, expected {low:g} {upto}'
             raise SimulationError(msg)
         values[name] = float(value)
 
 
-class Physics:
+def physical_unit(arm: Arm, name: str) -> str:
     """
-    Where the physical parameters of an arm stand in its mechanism.
+    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
 
     Parameters
     ----------
     arm : Arm
-        Arm as described.
-    mechanism : Mechanism
-        Mechanism of the reduced arm, as it was built.
+        Arm with its joints.
+    name : str
+        Name of the parameter, such as ``gear(joint2)``.
 
     """
+    kind = kind_of(name)
+    along = kind.unit_along and arm.is_prismatic(_owner(name))
+    return kind.unit_along if along else kind.unit
 
-    def __init__(self, arm: Arm, mechanism: Mechanism) -> None:
-        self._arm, self._mechanism = arm, mechanism
-        self._payload_body = len(mechanism.body_int) - 1
-        self._payload_inertia = mechanism.body_float[
-            self._payload_body, at.INERTIA:at.INERTIA + 6].copy()
-        self._payload_mass = float(mechanism.body_float[self._payload_body, at.MASS])
-        self._leaning = {link.joint for link in arm.spec.links
-                         if link.flexible is not None and link.flexible.stretch}
-        self._first_floats = {joint: mechanism.body_float[mechanism.body_of[joint]].copy()
-                              for joint in mechanism.beams}
-        self._nominal = {joint: (beam.EIz, beam.density)
-                         for joint, beam in mechanism.beams.items()}
-        self._lumped: dict[str, tuple[int, float, FloatArray]] = {}
-        carried = {body: joint for joint, body in mechanism.body_of.items()}
-        for body in range(len(mechanism.body_int) - 1):
-            joint = carried.get(int(mechanism.body_int[body, at.PARENT]))
-            mass = float(mechanism.body_float[body, at.MASS])
-            if body in carried or joint is None or mass <= 0.0:
-                continue
-            count = sum(name.startswith(f'lumped({joint},') for name in self._lumped)
-            inertia = mechanism.body_float[body, at.INERTIA:at.INERTIA + 6].copy()
-            self._lumped[f'lumped({joint},{count + 1})'] = body, mass, inertia
 
-    def described(self) -> dict[str, float]:
-        """Give the parameters as far as the description knows them, see ``DrivenArm``."""
-        arm = self._arm
-        values: dict[str, float] = {}
-        stiffest = 0.0
-        for joint, beam in self._mechanism.beams.items():
-            values[f'bending({joint})'] = beam.EIz
-            values[f'density({joint})'] = beam.density
-            length = float(self._first_floats[joint][at.LENGTH])
-            stiffest = max(stiffest, 3.0 * beam.EIz / length)
-        for name, (_, mass, _) in self._lumped.items():
-            values[name] = mass
-        values['payload'] = self._payload_mass
-        motors = {motor.joint: motor for motor in arm.spec.motors}
-        links = {link.joint: link for link in arm.spec.links}
-        for joint in arm.active_joints:
-            motor, link = motors.get(joint), links.get(joint)
-            stiffness = motor.stiffness if motor is not None else None
-            damping = motor.damping if motor is not None else 0.0
-            if stiffness is None and link is not None and link.joint_stiffness is not None:
-                stiffness, damping = link.joint_stiffness, link.joint_damping
-            values[f'gear({joint})'] = stiffness or RIGID_GEAR * stiffest
-            values[f'play({joint})'] = 0.5 * motor.backlash if motor is not None else 0.0
-            values[f'edge({joint})'] = EDGE
-            values[f'tight({joint})'] = values[f'loose({joint})'] = damping
-        rayleigh = arm.spec.simulation.rayleigh
-        values['alpha'], values['beta'] = rayleigh.alpha, rayleigh.beta
-        return values
+def in_words(name: str) -> str:
+    """
+    Name a physical parameter for a reader.
 
-    def apply(
-        self, values: Mapping[str, float], springs: FloatArray, matrices: FloatArray,
-    ) -> None:
-        """
-        Write parameters into the mechanism and its gears.
+    Parameters
+    ----------
+    name : str
+        Name of the parameter, such as ``lumped(joint2,1)``.
 
-        Parameters
-        ----------
-        values : mapping of str to float
-            All parameters by name, in SI units.
-        springs : ndarray of shape (n_joints, SPRING_FLOATS)
-            Table of the gears, overwritten.
-        matrices : ndarray of shape (MATRICES, n, n)
-            Stiffness and damping of the links, overwritten.
-
-        """
-        mechanism = self._mechanism
-        for joint in mechanism.beams:
-            body, first = mechanism.body_of[joint], self._first_floats[joint]
-            floats = mechanism.body_float[body]
-            scale = values[f'bending({joint})'] / self._nominal[joint][0]
-            floats[[at.EIY, at.EIZ, at.GJ]] = scale * first[[at.EIY, at.EIZ, at.GJ]]
-            lighter = values[f'density({joint})'] / self._nominal[joint][1]
-            floats[[at.DENSITY, at.POLAR]] = lighter * first[[at.DENSITY, at.POLAR]]
-            floats[at.ALPHA], floats[at.BETA] = values['alpha'], values['beta']
-            floats[at.EA] = 0.0  # beams keep their length: the kernel sees to it
-            # below zero: linear beams, which nothing draws in
-            floats[at.STRETCH] = 0.0 if joint in self._leaning else -1.0
-        for name, (body, mass, inertia) in self._lumped.items():
-            floats = mechanism.body_float[body]
-            floats[at.MASS] = values[name]
-            floats[at.INERTIA:at.INERTIA + 6] = inertia * (values[name] / mass)
-        floats = mechanism.body_float[self._payload_body]
-        floats[at.MASS] = values['payload']
-        if self._payload_mass > 0.0:
-            floats[at.INERTIA:at.INERTIA + 6] = self._payload_inertia * (
-                values['payload'] / self._payload_mass)
-        for row, joint in zip(springs, self._arm.active_joints, strict=True):
-            play = values[f'play({joint})']
-            row[:] = (values[f'gear({joint})'], play, max(values[f'edge({joint})'] * play, 1e-9),
-                      values[f'tight({joint})'], values[f'loose({joint})'])
-        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                         matrices[STIFFNESS], matrices[DAMPING])
+    """
+    kind, joint, number = kind_of(name), _owner(name), '1'
+    if kind.of == 'part':
+        joint, _, number = joint.rpartition(',')
+    return kind.words.format(joint) + ('' if number == '1' else f', the {number}.')
