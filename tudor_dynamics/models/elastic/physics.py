@@ -38,7 +38,7 @@ class Part:
     body : int
         Body of the mechanism.
     mass : float
-        Mass [kg].
+        Mass of the part [kg].
     inertia : ndarray of shape (6,)
         Inertia about its centre [kg m^2].
 
@@ -102,7 +102,7 @@ class Physics:
         return Part(body, float(floats[at.MASS]), floats[at.INERTIA:at.INERTIA + 6].copy())
 
     def beam(self, joint: str) -> FloatArray:
-        """Give the row of a beam in the mechanism's table; a view."""
+        """Give the row of the beam behind a joint in the mechanism's table; a view."""
         return self.mechanism.body_float[self.mechanism.body_of[joint]]
 
     def scale_beam(self, joint: str, columns: list[int], factor: float) -> None:
@@ -140,7 +140,7 @@ class Physics:
             floats[at.INERTIA:at.INERTIA + 6] = part.inertia * (mass / part.mass)
 
     def spring(self, joint: str) -> FloatArray:
-        """Give the row of a gear in the table of gears; a view."""
+        """Give the row of the gear of a joint in the table of gears; a view."""
         return self.springs[self.arm.active_joints.index(joint)]
 
     @property
