@@ -32,6 +32,8 @@ PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
 MARK = b'\n@compiled\n'
 """What a file with inner loops contains."""
+NUMBERS = 'layout.py'
+"""File with nothing but numbers that inner loops use."""
 
 KEPT = 'tudor_dynamics-'
 """How directories with compiled functions begin."""
@@ -39,7 +41,7 @@ KEPT = 'tudor_dynamics-'
 
 def kernel_files() -> dict[Path, bytes]:
     """
-    Read the files whose functions are compiled.
+    Read the files whose functions, or numbers, are compiled.
 
     Returns
     -------
@@ -48,7 +50,8 @@ def kernel_files() -> dict[Path, bytes]:
 
     """
     contents = {file: file.read_bytes() for file in sorted(PACKAGE.rglob('*.py'))}
-    return {file: content for file, content in contents.items() if MARK in content}
+    return {file: content for file, content in contents.items()
+            if MARK in content or file.name == NUMBERS}
 
 
 def kept_in() -> Path:

@@ -30,14 +30,15 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.elastic import kernel, observer
-from tudor_dynamics.models.elastic.gear import SPRING_FLOATS
+from tudor_dynamics.models.elastic.gear import Gears, SPRING_FLOATS
+from tudor_dynamics.models.elastic.kernel import Driven, Drives, Gauges
 from tudor_dynamics.models.elastic.observer import Linearised, tangents, white_force
 from tudor_dynamics.models.elastic.parameters import apply, change, described
 from tudor_dynamics.models.elastic.physics import Physics
 from tudor_dynamics.models.elastic.setup import (
     moment_rows, moving_coordinates, place_gauges, reduced_mechanism, spring_coordinates)
-from tudor_dynamics.models.elastic.statics import DAMPING, MATRICES, STIFFNESS, VECTORS, Z
-from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.models.elastic.statics import (
+    DAMPING, Equations, MATRICES, STIFFNESS, VECTORS, Z)
 from tudor_dynamics.simulation.mechanics.loads import LOADS
 from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.typing import FloatArray
@@ -48,6 +49,8 @@ SAMPLE = 0.01
 """Sample time that deviations of measurements belong to [s]."""
 CONTACT_BANDWIDTH = 30.0
 """Rate at which the estimated force at the tip follows [1/s]."""
+NO_GAINS = np.zeros((1, 3, 0, 0))
+"""Of an arm that follows positions alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,34 +100,30 @@ class DrivenArm:
         self.arm, self.inner = arm, inner
         mechanism = self.mechanism = reduced_mechanism(arm)
         gauges = self._gauges = place_gauges(mechanism, arm)
-        self._gauge_body, self._gauge_axis = gauges.body, gauges.axis
-        self._gauge_place = gauges.place
-        self._gauge_gain = np.column_stack([gauges.sign, np.zeros(len(gauges.sign))])
-        self._spring_at = spring_coordinates(mechanism, arm)
-        self._free = moving_coordinates(mechanism, gauges, self._spring_at)
-        joints = self._spring_at.size
-        self._springs = np.zeros((joints, SPRING_FLOATS))
-        n, m, bodies = mechanism.size, self.size, len(mechanism.body_int)
-        self._vectors = np.zeros((VECTORS, n))
+        place = spring_coordinates(mechanism, arm)
+        free = moving_coordinates(mechanism, gauges, place)
+        n, m, joints = mechanism.size, free.size, place.size
+        self._driven = Driven(
+            Equations(np.zeros((VECTORS, n)), np.zeros((MATRICES, n, n)), np.zeros((m, m)),
+                      np.zeros(m), free),
+            Gears(np.zeros((joints, SPRING_FLOATS)), place, np.zeros(joints), np.zeros(joints)),
+            Drives(np.zeros((3, joints)), np.zeros((joints, 3))),
+            mechanism.chain(), mechanism.composite(),
+            Gauges(gauges.body, gauges.place, gauges.axis,
+                   np.column_stack([gauges.sign, np.zeros(len(gauges.sign))]),
+                   np.zeros((len(gauges.body), LOADS))))
+        self._arrays = tuple(array for table in self._driven for array in table)
+        self._vectors = self._driven.equations.vectors
         self._vectors[Z] = mechanism.initial
-        self._matrices = np.zeros((MATRICES, n, n))
-        self._factor, self._delta = np.zeros((m, m)), np.zeros(m)
-        self._path, self._past = np.zeros((joints, 3)), np.zeros((3, joints))
-        self._aim, self._aim_rate = np.zeros(joints), np.zeros(joints)
-        self._base, self._wrench = -mechanism.gravity, np.zeros((mechanism.points, 6))
         self._loaded, self.contact = False, np.zeros(observer.FORCES)
-        self._columns, self._owner = np.zeros((n, 6)), np.zeros(n, dtype=np.int64)
-        self._moving, self._reaction = np.zeros((bodies, at.MOVING)), np.zeros((bodies, 6))
-        self._inertias = np.zeros((bodies + 1, 10))
-        self._loads = np.zeros((len(arm.gauges), LOADS))
-        self._physics = Physics(arm, mechanism, self._springs)
+        self._physics = Physics(arm, mechanism, self._driven.gears.springs)
         self.parameters = described(self._physics)
         self.set_parameters({})
 
     @property
     def size(self) -> int:
         """Give the number of coordinates that move."""
-        return int(self._free.size)
+        return int(self._driven.equations.free.size)
 
     def set_parameters(self, changes: Mapping[str, float]) -> None:
         """
@@ -143,10 +142,11 @@ class DrivenArm:
         """
         change(self.parameters, changes, self.arm.name)
         apply(self._physics, self.parameters)
-        stiffness_matrix(self.mechanism.body_int, self.mechanism.body_float,
-                         self.mechanism.coordinate, self._matrices[STIFFNESS],
-                         self._matrices[DAMPING])
-        self._gauge_gain[:, 1] = -self._gauge_gain[:, 0] * self._gauges.damping(self.parameters)
+        mechanism, matrices = self.mechanism, self._driven.equations.matrices
+        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
+                         matrices[STIFFNESS], matrices[DAMPING])
+        gain = self._driven.gauges.gain
+        gain[:, 1] = -gain[:, 0] * self._gauges.damping(self.parameters)
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:
         """
@@ -170,16 +170,17 @@ class DrivenArm:
             If no equilibrium is found where it begins, or the state grows without bounds.
 
         """
-        n, gauges = len(q), len(self._gauge_body)
-        moment, torque = np.zeros((n, gauges)), np.zeros((n, self._spring_at.size))
+        return self._follow(q, dt, np.zeros((len(q), 0)), NO_GAINS)
+
+    def _follow(
+        self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
+    ) -> Response:
+        n = len(q)
+        moment = np.zeros((n, len(self._gauges.body)))
+        torque = np.zeros((n, len(self.arm.active_joints)))
         done = kernel.follow(
-            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self._vectors,
-            self._matrices, self._factor, self._delta, self._free, self._past, self._path,
-            self._aim, self._aim_rate, self._springs, self._spring_at, self._base, self._wrench,
-            self._loaded, self._columns, self._owner, self._inertias, self.mechanism.body_int,
-            self.mechanism.body_float, self.mechanism.coordinate, self._moving, self._reaction,
-            self._gauge_body, self._gauge_place, self._gauge_axis, self._gauge_gain, self._loads,
-            moment, torque)
+            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self._loaded,
+            np.ascontiguousarray(measured), gains, moment, torque, *self._arrays)
         if done < n:
             msg = (f'{self.arm.name}: the elastic model '
                    + (f'finds no equilibrium at q = {np.round(q[done], 3).tolist()}'
@@ -210,10 +211,8 @@ class DrivenArm:
         """
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
-        tangents(self._vectors, self._free, self._aim, self._aim_rate, self._springs,
-                 self._spring_at, self._base, self._wrench, self._loaded,
-                 self.mechanism.body_int, self.mechanism.body_float, self.mechanism.coordinate,
-                 self._moving, self._reaction, result)
+        driven = self._driven
+        tangents(driven.equations, driven.gears, driven.chain, self._loaded, result)
         return Linearised(*result[::-1])
 
     def start_observer(
@@ -241,10 +240,11 @@ class DrivenArm:
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
         self._covariance, self._small = np.zeros((n, n)), np.zeros((3, m, m))
         self._pushed = np.zeros((m, observer.FORCES))
-        self._shown = moment_rows(self.mechanism, self._gauges, self._free)
+        self._shown = moment_rows(self.mechanism, self._gauges, self._driven.equations.free)
         self.contact[:] = 0.0
         self._use_contact()
-        self.follow(np.tile(self._vectors[Z, self._spring_at], (2, 1)), np.array([0.0, 1e-3]))
+        self.follow(np.tile(self._vectors[Z, self._driven.gears.place], (2, 1)),
+                    np.array([0.0, 1e-3]))
         self._linearise()
         self._noise = SAMPLE * white_force(
             Linearised(*self._small), self._pushed, self._shown / self._deviation[:, None],
@@ -280,22 +280,16 @@ class DrivenArm:
                                   self._noise, self._walk)
         good = good and observer.correct(
             self._covariance, self._shown, self._deviation**2 * (SAMPLE / dt), innovation, mass,
-            damping, stiffness, self._vectors, self._free, self.contact)
+            damping, stiffness, self._vectors, self._driven.equations.free, self.contact)
         self._use_contact()
         return bool(good)
 
     def _linearise(self) -> None:
-        mechanism = self.mechanism
-        observer.reduce_matrices(self._vectors, self._matrices, self._free, self._aim,
-                                 self._springs, self._spring_at, *self._small)
-        observer.tip_directions(
-            self._vectors, self._free, mechanism.tip, self._aim, self._aim_rate, self._springs,
-            self._spring_at, self._base, self._wrench, self._loaded, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, self._moving, self._reaction,
-            self._pushed)
+        observer.linearise(self._loaded, self.mechanism.tip, *self._small, self._pushed,
+                           *self._arrays)
 
     def _use_contact(self) -> None:
-        self._wrench[self.mechanism.tip, :3] = self.contact
+        self._driven.chain.wrench[self.mechanism.tip, :3] = self.contact
         self._loaded = bool(np.any(self.contact != 0.0))
 
 

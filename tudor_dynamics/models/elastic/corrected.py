@@ -27,7 +27,6 @@ import numpy as np
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response, SAMPLE
-from tudor_dynamics.models.elastic.corrected_kernel import follow_corrected
 from tudor_dynamics.typing import FloatArray
 
 
@@ -123,18 +122,4 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
-        n = len(q)
-        moment, torque = np.zeros((n, measured.shape[1])), np.zeros((n, self._spring_at.size))
-        done = follow_corrected(
-            np.ascontiguousarray(measured), gains, np.ascontiguousarray(q),
-            np.ascontiguousarray(dt), self.inner, self._vectors,
-            self._matrices, self._factor, self._delta, self._free, self._past, self._path,
-            self._aim, self._aim_rate, self._springs, self._spring_at, self._base, self._wrench,
-            self._loaded, self._columns, self._owner, self._inertias, self.mechanism.body_int,
-            self.mechanism.body_float, self.mechanism.coordinate, self._moving, self._reaction,
-            self._gauge_body, self._gauge_place, self._gauge_axis, self._gauge_gain, self._loads,
-            moment, torque)
-        if done < n:
-            msg = (f'{self.arm.name}: the corrected model diverges after {done} of {n} samples')
-            raise SimulationError(msg)
-        return Response(moment, torque)
+        return self._follow(q, dt, measured, gains)

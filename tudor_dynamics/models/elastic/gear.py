@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""An elastic gear with play, its edges rounded so that the torque is smooth, compiled."""
+"""Elastic gears with play, its edges rounded so that the torque is smooth, compiled."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
@@ -28,6 +29,27 @@ ROUND = 2  # over which the edge of the play is rounded [rad]
 TIGHT = 3  # damping where the teeth touch [N m s/rad]
 LOOSE = 4  # damping inside the play [N m s/rad]
 SPRING_FLOATS = 5
+
+
+class Gears(NamedTuple):
+    """
+    Gears of the driven joints.
+
+    Attributes
+    ----------
+    springs : ndarray of shape (n_springs, SPRING_FLOATS)
+        Stiffness, play and damping of each.
+    place : ndarray of int, shape (n_springs,)
+        Coordinate of each.
+    aim, aim_rate : ndarray of shape (n_springs,)
+        Position and speed of the drives.
+
+    """
+
+    springs: NDArray
+    place: NDArray
+    aim: NDArray
+    aim_rate: NDArray
 
 
 @compiled

@@ -24,59 +24,116 @@ the result a smooth function of the parameters, which are identified by differen
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.gear import gear, Gears
 from tudor_dynamics.models.elastic.shortening import lean_mass
 from tudor_dynamics.models.elastic.statics import (
-    ACC, DDZ, DZ, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
+    ACC, DDZ, DZ, Equations, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
+from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import solve
 from tudor_dynamics.simulation.mechanics.loads import section_loads
-from tudor_dynamics.simulation.mechanics.mass import mass_matrix
+from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
+from tudor_dynamics.small_arrays import unowned
 
 CORRECTIONS = 2
 RHO = 0.8  # of the integrator: waves that no sample shows die out
 
 
+class Drives(NamedTuple):
+    """
+    How the drives move, as far as samples tell.
+
+    Attributes
+    ----------
+    past : ndarray of shape (3, n_springs)
+        Positions of the two samples before, and the time between them.
+    path : ndarray of shape (n_springs, 3)
+        Position of each drive as a polynomial of the time since the last sample, constant first.
+
+    """
+
+    past: NDArray
+    path: NDArray
+
+
+class Gauges(NamedTuple):
+    """
+    Gauges on the links.
+
+    Attributes
+    ----------
+    body, place, axis : ndarray of shape (n_gauges,)
+        Body, distance along its beam [m], and component of the moment that bends the gauge.
+    gain : ndarray of shape (n_gauges, 2)
+        Factors of the moment, and of the rate of curvature, which takes its damping off again.
+    loads : ndarray of shape (n_gauges, LOADS)
+        Working memory for the loads at the gauges.
+
+    """
+
+    body: NDArray
+    place: NDArray
+    axis: NDArray
+    gain: NDArray
+    loads: NDArray
+
+
+class Driven(NamedTuple):
+    """
+    An arm that follows positions.
+
+    Attributes
+    ----------
+    equations : Equations
+        State, matrices and working memory.
+    gears : Gears
+        Gears of the driven joints.
+    drives : Drives
+        How the other ends of the gears move.
+    chain : Chain
+        Mechanism.
+    composite : Composite
+        Working memory of the mass matrix.
+    gauges : Gauges
+        Gauges that are read.
+
+    """
+
+    equations: Equations
+    gears: Gears
+    drives: Drives
+    chain: Chain
+    composite: Composite
+    gauges: Gauges
+
+
 @compiled
-def advance(
-    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
-    path: NDArray, aim: NDArray, aim_rate: NDArray, dt: float, steps: int, springs: NDArray,
-    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, columns: NDArray,
-    owner: NDArray, inertias: NDArray, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray, reaction: NDArray,
-) -> bool:
+def driven_of(arrays: tuple[NDArray, ...]) -> Driven:
+    """Put the arrays of an arm into their tables; tuples of tuples are slow to hand over."""
+    bare = unowned(arrays)
+    return Driven(Equations(*bare[:5]), Gears(*bare[5:9]), Drives(*bare[9:11]),
+                  Chain(*bare[11:18]), Composite(*bare[18:21]), Gauges(*bare[21:26]))
+
+
+@compiled
+def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
     """
     Advance from one sample to the next.
 
     Parameters
     ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State of all coordinates, overwritten.
-    matrices : ndarray of shape (MATRICES, n, n)
-        Stiffness and damping, and room for the mass matrix.
-    factor, delta : ndarray of shape (m, m) and (m,)
-        Working memory of the factorisation.
-    free : ndarray of int, shape (m,)
-        Coordinates that move.
-    path : ndarray of shape (n_springs, 3)
-        Position of each drive as a polynomial of the time since the last sample, constant first.
-    aim, aim_rate : ndarray of shape (n_springs,)
-        Position and speed of the drives at the end.
+    driven : Driven
+        Arm with the path of its drives; its state is overwritten.
     dt : float
         Time between the samples [s].
     steps : int
         Steps to take.
-    springs : ndarray of shape (n_springs, SPRING_FLOATS)
-        Stiffness, damping and play of each gear.
-    spring_at : ndarray of int, shape (n_springs,)
-        Coordinate of each gear.
-    base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
-        As in ``inverse_dynamics``.
-    columns, owner, inertias
-        As in ``mass_matrix``.
+    loaded : bool
+        Whether a force acts from outside.
 
     Returns
     -------
@@ -84,6 +141,9 @@ def advance(
         False where the state is no longer finite.
 
     """
+    equations, gears, chain = driven.equations, driven.gears, driven.chain
+    vectors, free, delta = equations.vectors, equations.free, equations.delta
+    path, aim, aim_rate = driven.drives.path, gears.aim, gears.aim_rate
     m = free.shape[0]
     h = dt / steps
     alpha_m, alpha_f = (2.0 * RHO - 1.0) / (RHO + 1.0), RHO / (RHO + 1.0)
@@ -95,7 +155,7 @@ def advance(
     old_ddz, old_acc, force = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[FORCE]
     for step in range(steps):
         tau = (step + 1) * h
-        for s in range(springs.shape[0]):
+        for s in range(aim.shape[0]):
             aim[s] = path[s, 0] + tau * (path[s, 1] + tau * path[s, 2])
             aim_rate[s] = path[s, 1] + 2.0 * tau * path[s, 2]
         for a in range(m):
@@ -106,18 +166,15 @@ def advance(
             z[i] += h * (dz[i] + h * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
             dz[i] += h * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
         for correction in range(CORRECTIONS):
-            residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-                     body_float, coordinate, moving, reaction)
+            residual(vectors, gears, chain, loaded)
             if step == 0 and correction == 0:
-                mass_matrix(z, body_int, body_float, coordinate, moving, columns, owner,
-                            inertias, matrices[MASS])
-                lean_mass(z, body_int, body_float, matrices[MASS])
-            if not factorise(vectors, matrices, factor, free, speed_gain, place_gain, aim,
-                             springs, spring_at):
+                mass_matrix(z, chain, driven.composite, equations.matrices[MASS])
+                lean_mass(z, chain.body_int, chain.body_float, equations.matrices[MASS])
+            if not factorise(equations, gears, speed_gain, place_gain):
                 return False
             for a in range(m):
                 delta[a] = -force[free[a]]
-            solve(factor, delta)
+            solve(equations.factor, delta)
             for a in range(m):
                 i = free[a]
                 ddz[i] += delta[a]
@@ -131,44 +188,33 @@ def advance(
 
 
 @compiled
-def sense(
-    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
-    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray, reaction: NDArray, gauge_body: NDArray,
-    gauge_place: NDArray, gauge_axis: NDArray, gauge_gain: NDArray, loads: NDArray,
-    moment: NDArray, torque: NDArray,
-) -> None:
+def sense(driven: Driven, loaded: bool, moment: NDArray, torque: NDArray) -> None:
     """
     Read the gauges and the gears.
 
     Parameters
     ----------
-    vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded
-        As in ``advance``.
-    body_int, body_float, coordinate, moving, reaction
-        As in ``advance``.
-    gauge_body, gauge_place, gauge_axis : ndarray of shape (n_gauges,)
-        Body, distance along its beam [m], and component of the moment that bends the gauge.
-    gauge_gain : ndarray of shape (n_gauges, 2)
-        Factors of the moment, and of the rate of curvature, which takes its damping off again.
-    loads : ndarray of shape (n_gauges, LOADS)
-        Working memory for the loads at the gauges.
+    driven : Driven
+        Arm in its present state.
+    loaded : bool
+        Whether a force acts from outside.
     moment : ndarray of shape (n_gauges,)
         Result: moment that bends each gauge [N m].
     torque : ndarray of shape (n_springs,)
         Result: torque through each gear on the links [N m or N].
 
     """
-    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-             body_float, coordinate, moving, reaction)
-    section_loads(vectors[Z], vectors[DZ], vectors[DDZ], wrench, body_int, body_float, moving,
-                  gauge_body, gauge_place, loads)
+    vectors, gears, gauges = driven.equations.vectors, driven.gears, driven.gauges
+    residual(vectors, gears, driven.chain, loaded)
+    section_loads(vectors[Z], vectors[DZ], vectors[DDZ], driven.chain, gauges.body, gauges.place,
+                  gauges.loads)
     for g in range(moment.shape[0]):
-        moment[g] = (gauge_gain[g, 0] * loads[g, 3 + gauge_axis[g]]
-                     + gauge_gain[g, 1] * loads[g, 6 + gauge_axis[g]])
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        torque[s] = -gear(springs[s], vectors[Z, i] - aim[s], vectors[DZ, i] - aim_rate[s])[0]
+        moment[g] = (gauges.gain[g, 0] * gauges.loads[g, 3 + gauges.axis[g]]
+                     + gauges.gain[g, 1] * gauges.loads[g, 6 + gauges.axis[g]])
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        torque[s] = -gear(gears.springs[s], vectors[Z, i] - gears.aim[s],
+                          vectors[DZ, i] - gears.aim_rate[s])[0]
 
 
 @compiled
@@ -185,52 +231,46 @@ def parabola(
 
 
 @compiled
-def begin(
-    q: NDArray, vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray,
-    free: NDArray, past: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray,
-    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
-    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
-) -> bool:
+def begin(driven: Driven, q: NDArray, loaded: bool) -> bool:
     """Rest where the drives stand; arguments as in ``follow``, ``q`` of one sample."""
-    for s in range(springs.shape[0]):
-        aim[s], aim_rate[s] = q[s], 0.0
+    gears, past = driven.gears, driven.drives.past
+    for s in range(q.shape[0]):
+        gears.aim[s], gears.aim_rate[s] = q[s], 0.0
         past[0, s] = past[1, s] = q[s]
     past[2, 0] = 0.0
-    return settle(vectors, matrices, factor, delta, free, aim, aim_rate, springs, spring_at, base,
-                  wrench, loaded, body_int, body_float, coordinate, moving, reaction)
+    return settle(driven.equations, gears, driven.chain, loaded)
 
 
 @compiled
-def move(
-    q: NDArray, dt: float, inner: float, vectors: NDArray, matrices: NDArray, factor: NDArray,
-    delta: NDArray, free: NDArray, past: NDArray, path: NDArray, aim: NDArray,
-    aim_rate: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray, wrench: NDArray,
-    loaded: bool, columns: NDArray, owner: NDArray, inertias: NDArray, body_int: NDArray,
-    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
-) -> bool:
+def move(driven: Driven, q: NDArray, dt: float, inner: float, loaded: bool) -> bool:
     """Go to the next sample; arguments as in ``follow``, ``q`` and ``dt`` of one sample."""
-    for s in range(springs.shape[0]):
-        parabola(past[0, s], past[1, s], q[s], past[2, 0], dt, path[s])
+    past = driven.drives.past
+    for s in range(q.shape[0]):
+        parabola(past[0, s], past[1, s], q[s], past[2, 0], dt, driven.drives.path[s])
         past[0, s], past[1, s] = past[1, s], q[s]
     past[2, 0] = dt
-    steps = max(1, int(math.ceil(dt / inner - 1e-6)))
-    return advance(vectors, matrices, factor, delta, free, path, aim, aim_rate, dt, steps,
-                   springs, spring_at, base, wrench, loaded, columns, owner, inertias, body_int,
-                   body_float, coordinate, moving, reaction)
+    return advance(driven, dt, max(1, int(math.ceil(dt / inner - 1e-6))), loaded)
+
+
+@compiled
+def draw(equations: Equations, gains: NDArray, unexpected: float, gauge: int) -> None:
+    """Change the state by what one gauge reads and nobody predicted, see ``follow``."""
+    vectors, free = equations.vectors, equations.free
+    for a in range(free.shape[0]):
+        i = free[a]
+        vectors[Z, i] += gains[0, a, gauge] * unexpected
+        vectors[DZ, i] += gains[1, a, gauge] * unexpected
+        vectors[DDZ, i] += gains[2, a, gauge] * unexpected
+        vectors[ACC, i] += gains[2, a, gauge] * unexpected
 
 
 @compiled
 def follow(
-    q: NDArray, dt: NDArray, inner: float, vectors: NDArray, matrices: NDArray, factor: NDArray,
-    delta: NDArray, free: NDArray, past: NDArray, path: NDArray, aim: NDArray,
-    aim_rate: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray, wrench: NDArray,
-    loaded: bool, columns: NDArray, owner: NDArray, inertias: NDArray, body_int: NDArray,
-    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
-    gauge_body: NDArray, gauge_place: NDArray, gauge_axis: NDArray, gauge_gain: NDArray,
-    loads: NDArray, moment: NDArray, torque: NDArray,
+    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
+    moment: NDArray, torque: NDArray, *arrays: NDArray,
 ) -> int:
     """
-    Follow a stretch of samples.
+    Follow a stretch of samples, corrected behind each by given gains.
 
     Parameters
     ----------
@@ -240,18 +280,18 @@ def follow(
         Time since the sample before [s]; 0 begins anew, from rest.
     inner : float
         Longest step [s].
-    past : ndarray of shape (3, n_springs)
-        Positions of the two samples before, and the time between them.
+    loaded : bool
+        Whether a force acts from outside.
+    measured : ndarray of shape (n_samples, n_gauges) or (n_samples, 0)
+        Moments that the gauges show [N m]; none to follow positions alone.
+    gains : ndarray of shape (n_samples, 3, m, n_gauges)
+        What a moment that was not predicted changes in coordinates, rates and accelerations.
     moment : ndarray of shape (n_samples, n_gauges)
         Result as in ``sense``.
     torque : ndarray of shape (n_samples, n_springs)
         Result as in ``sense``.
-    vectors, matrices, factor, delta, free, path, aim, aim_rate, springs, spring_at, base
-        As in ``advance``.
-    wrench, loaded, columns, owner, inertias, body_int, body_float, coordinate, moving, reaction
-        As in ``advance``.
-    gauge_body, gauge_place, gauge_axis, gauge_gain, loads
-        As in ``sense``.
+    *arrays : ndarray
+        Arm, see ``driven_of``; its state goes on from call to call.
 
     Returns
     -------
@@ -259,18 +299,15 @@ def follow(
         Samples done; fewer than given where the state is no longer finite.
 
     """
+    driven = driven_of(arrays)
     for k in range(q.shape[0]):
         if dt[k] <= 0.0:
-            good = begin(q[k], vectors, matrices, factor, delta, free, past, aim, aim_rate,
-                         springs, spring_at, base, wrench, loaded, body_int, body_float,
-                         coordinate, moving, reaction)
+            good = begin(driven, q[k], loaded)
         else:
-            good = move(q[k], dt[k], inner, vectors, matrices, factor, delta, free, past, path,
-                        aim, aim_rate, springs, spring_at, base, wrench, loaded, columns, owner,
-                        inertias, body_int, body_float, coordinate, moving, reaction)
+            good = move(driven, q[k], dt[k], inner, loaded)
         if not good:
             return k
-        sense(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-              body_float, coordinate, moving, reaction, gauge_body, gauge_place, gauge_axis,
-              gauge_gain, loads, moment[k], torque[k])
+        sense(driven, loaded, moment[k], torque[k])
+        for g in range(measured.shape[1]):
+            draw(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
     return q.shape[0]

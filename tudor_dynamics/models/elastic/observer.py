@@ -31,9 +31,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.gear import gear, Gears
+from tudor_dynamics.models.elastic.kernel import driven_of
 from tudor_dynamics.models.elastic.statics import (
-    ACC, DAMPING, DDZ, DZ, FORCE, MASS, residual, STIFFNESS, Z)
+    ACC, DAMPING, DDZ, DZ, Equations, FORCE, MASS, residual, STIFFNESS, Z)
+from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import cholesky, solve
 from tudor_dynamics.typing import FloatArray
 
@@ -43,22 +45,18 @@ SMALL, CHOLESKY, PUSHED = range(3)
 
 @compiled
 def tip_directions(
-    vectors: NDArray, free: NDArray, tip: int, aim: NDArray, aim_rate: NDArray, springs: NDArray,
-    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
-    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray,
-    pushed: NDArray,
+    equations: Equations, gears: Gears, chain: Chain, loaded: bool, tip: int, pushed: NDArray,
 ) -> None:
     """Write the generalised forces of a unit force at the tip, shape (m, FORCES)."""
+    vectors, free, wrench = equations.vectors, equations.free, chain.wrench
     force = vectors[FORCE]
-    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-             body_float, coordinate, moving, reaction)
+    residual(vectors, gears, chain, loaded)
     for a in range(free.shape[0]):
         for j in range(FORCES):
             pushed[a, j] = force[free[a]]
     for j in range(FORCES):
         wrench[tip, j] += 1.0
-        residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, True, body_int,
-                 body_float, coordinate, moving, reaction)
+        residual(vectors, gears, chain, True)
         wrench[tip, j] -= 1.0
         for a in range(free.shape[0]):
             pushed[a, j] -= force[free[a]]
@@ -66,8 +64,7 @@ def tip_directions(
 
 @compiled
 def reduce_matrices(
-    vectors: NDArray, matrices: NDArray, free: NDArray, aim: NDArray, springs: NDArray,
-    spring_at: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray,
+    equations: Equations, gears: Gears, mass: NDArray, damping: NDArray, stiffness: NDArray,
 ) -> None:
     """
     Copy mass, damping and stiffness of the free coordinates, gears as they stand.
@@ -75,19 +72,32 @@ def reduce_matrices(
     They are those of ``residual`` without what weight adds to the stiffness: that changes the
     first frequency by less than a tenth, which a covariance does not show.
     """
+    matrices, free = equations.matrices, equations.free
     for a in range(free.shape[0]):
         for c in range(free.shape[0]):
             i, j = free[a], free[c]
             mass[a, c] = matrices[MASS, i, j]
             damping[a, c] = matrices[DAMPING, i, j]
             stiffness[a, c] = matrices[STIFFNESS, i, j]
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        _, slope, rate_slope = gear(
+            gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
         for a in range(free.shape[0]):
             if free[a] == i:
                 stiffness[a, a] += slope
                 damping[a, a] += rate_slope
+
+
+@compiled
+def linearise(
+    loaded: bool, tip: int, mass: NDArray, damping: NDArray, stiffness: NDArray,
+    pushed: NDArray, *arrays: NDArray,
+) -> None:
+    """Do ``reduce_matrices`` and ``tip_directions``, with the arrays of ``driven_of``."""
+    driven = driven_of(arrays)
+    reduce_matrices(driven.equations, driven.gears, mass, damping, stiffness)
+    tip_directions(driven.equations, driven.gears, driven.chain, loaded, tip, pushed)
 
 
 @compiled
@@ -284,27 +294,26 @@ def white_force(
 
 @compiled
 def tangents(
-    vectors: NDArray, free: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray,
-    spring_at: NDArray, base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray,
-    body_float: NDArray, coordinate: NDArray, moving: NDArray, reaction: NDArray, result: NDArray,
+    equations: Equations, gears: Gears, chain: Chain, loaded: bool, result: NDArray,
 ) -> None:
     """
     Differentiate the missing forces by coordinates, rates and accelerations, from rest.
 
     Parameters
     ----------
-    vectors : ndarray of shape (VECTORS, n)
+    equations : Equations
         State at rest; the same afterwards.
-    free : ndarray of int, shape (m,)
-        Coordinates that move.
-    aim, aim_rate, springs, spring_at, base, wrench, loaded
-        As in ``kernel.advance``.
-    body_int, body_float, coordinate, moving, reaction
-        As in ``kernel.advance``.
+    gears : Gears
+        Gears with drives that stand still.
+    chain : Chain
+        Mechanism.
+    loaded : bool
+        Whether a force acts from outside.
     result : ndarray of shape (3, m, m)
         Result: stiffness, damping, mass.
 
     """
+    vectors, free = equations.vectors, equations.free
     force = vectors[FORCE]
     for kind in range(3):
         # linear in the accelerations: there a large nudge is as exact, and rounds less
@@ -315,11 +324,9 @@ def tangents(
             for side in range(2):
                 sign = 1.0 - 2.0 * side
                 row[free[c]] = here + sign * nudge
-                residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded,
-                         body_int, body_float, coordinate, moving, reaction)
+                residual(vectors, gears, chain, loaded)
                 for a in range(free.shape[0]):
                     result[kind, a, c] += sign * force[free[a]] / (2.0 * nudge)
             row[free[c]] = here
     # what follows from the coordinates that move is still that of the last nudge
-    residual(vectors, aim, aim_rate, springs, spring_at, base, wrench, loaded, body_int,
-             body_float, coordinate, moving, reaction)
+    residual(vectors, gears, chain, loaded)

@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.gear import gear, Gears
 from tudor_dynamics.models.elastic.shortening import add_lean, shorten
+from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import cholesky, solve
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 
@@ -32,29 +34,48 @@ MASS, STIFFNESS, DAMPING = range(3)
 MATRICES = 3
 
 
+class Equations(NamedTuple):
+    """
+    State of a driven arm, and what its equations are solved with.
+
+    Attributes
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State of all coordinates.
+    matrices : ndarray of shape (MATRICES, n, n)
+        Stiffness and damping, and room for the mass matrix.
+    factor, delta : ndarray of shape (m, m) and (m,)
+        Working memory of the factorisation.
+    free : ndarray of int, shape (m,)
+        Coordinates that move.
+
+    """
+
+    vectors: NDArray
+    matrices: NDArray
+    factor: NDArray
+    delta: NDArray
+    free: NDArray
+
+
 @compiled
-def residual(
-    vectors: NDArray, aim: NDArray, aim_rate: NDArray, springs: NDArray, spring_at: NDArray,
-    base: NDArray, wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray, reaction: NDArray,
-) -> None:
+def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None:
     """Write into FORCE what is missing for the present motion to be a true one."""
     z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
-    shorten(z, dz, vectors[DDZ], body_int, body_float)
-    inverse_dynamics(z, dz, vectors[DDZ], base, wrench, loaded, 1.0, body_int, body_float,
-                     coordinate, moving, reaction, force)
-    add_lean(z, body_int, body_float, force)
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        force[i] += gear(springs[s], z[i] - aim[s], dz[i] - aim_rate[s])[0]
+    shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
+    inverse_dynamics(z, dz, vectors[DDZ], chain, loaded, 1.0, force)
+    add_lean(z, chain.body_int, chain.body_float, force)
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        force[i] += gear(gears.springs[s], z[i] - gears.aim[s], dz[i] - gears.aim_rate[s])[0]
 
 
 @compiled
 def factorise(
-    vectors: NDArray, matrices: NDArray, factor: NDArray, free: NDArray, speed_gain: float,
-    place_gain: float, aim: NDArray, springs: NDArray, spring_at: NDArray,
+    equations: Equations, gears: Gears, speed_gain: float, place_gain: float,
 ) -> bool:
     """Factorise M + speed_gain C + place_gain K over the free coordinates."""
+    matrices, factor, free = equations.matrices, equations.factor, equations.free
     mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
     for a in range(free.shape[0]):
         i = free[a]
@@ -63,9 +84,10 @@ def factorise(
             factor[a, c] = (speed_gain * damping[i, j] + place_gain * stiffness[i, j])
             if speed_gain > 0.0:
                 factor[a, c] += mass[i, j]
-    for s in range(springs.shape[0]):
-        i = spring_at[s]
-        _, slope, rate_slope = gear(springs[s], vectors[Z, i] - aim[s], 0.0)
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        _, slope, rate_slope = gear(
+            gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
         for a in range(free.shape[0]):
             if free[a] == i:
                 factor[a, a] += speed_gain * rate_slope + place_gain * slope
@@ -73,27 +95,20 @@ def factorise(
 
 
 @compiled
-def settle(
-    vectors: NDArray, matrices: NDArray, factor: NDArray, delta: NDArray, free: NDArray,
-    aim: NDArray, still: NDArray, springs: NDArray, spring_at: NDArray, base: NDArray,
-    wrench: NDArray, loaded: bool, body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-    moving: NDArray, reaction: NDArray,
-) -> bool:
+def settle(equations: Equations, gears: Gears, chain: Chain, loaded: bool) -> bool:
     """
     Bend gears and links as they rest where the drives stand.
 
     Parameters
     ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State of all coordinates, overwritten.
-    matrices, factor, delta
-        Working memory, with the stiffness in ``matrices``.
-    free : ndarray of int, shape (m,)
-        Coordinates that move.
-    aim, still : ndarray of shape (n_springs,)
-        Position of the drives, and zeros.
-    springs, spring_at, base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
-        As in ``advance``.
+    equations : Equations
+        State, overwritten, and working memory, with the stiffness.
+    gears : Gears
+        Gears, with drives that stand still.
+    chain : Chain
+        Mechanism.
+    loaded : bool
+        Whether a force acts from outside.
 
     Returns
     -------
@@ -101,16 +116,17 @@ def settle(
         False where no equilibrium was found.
 
     """
+    vectors, factor, delta, free = (
+        equations.vectors, equations.factor, equations.delta, equations.free)
     for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
         vectors[row, :] = 0.0
     for a in range(free.shape[0]):
         vectors[Z, free[a]] = 0.0
-    for s in range(springs.shape[0]):
-        vectors[Z, spring_at[s]] = aim[s]
-    residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int, body_float,
-             coordinate, moving, reaction)
+    for s in range(gears.place.shape[0]):
+        vectors[Z, gears.place[s]] = gears.aim[s]
+    residual(vectors, gears, chain, loaded)
     for _ in range(200):
-        if not factorise(vectors, matrices, factor, free, 0.0, 1.0, aim, springs, spring_at):
+        if not factorise(equations, gears, 0.0, 1.0):
             return False
         for a in range(free.shape[0]):
             delta[a] = -vectors[FORCE, free[a]]
@@ -127,8 +143,7 @@ def settle(
             for a in range(free.shape[0]):
                 vectors[Z, free[a]] += (step - done) * delta[a]
             done = step
-            residual(vectors, aim, still, springs, spring_at, base, wrench, loaded, body_int,
-                     body_float, coordinate, moving, reaction)
+            residual(vectors, gears, chain, loaded)
             uphill = 0.0
             for a in range(free.shape[0]):
                 uphill += delta[a] * vectors[FORCE, free[a]]

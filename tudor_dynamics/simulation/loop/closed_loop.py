@@ -110,7 +110,7 @@ class ClosedLoop:
         self.damper = Damper(settings, self.dt)
         n, count, gauges = len(index), len(settings), len(arm.gauges)
         self._plant = DrivenPlant(self.plant.tables, index, np.zeros((mechanism.points, 6)),
-                                  np.zeros(mechanism.size))
+                                  np.zeros(mechanism.size), push_table([], mechanism))
         self._sensors = SensorTables(
             self._drive, np.zeros((n, dr.STATES)),
             np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
@@ -125,7 +125,6 @@ class ClosedLoop:
             np.array([arm.active_joints.index(s.joint) for s in settings], dtype=np.int64),
             np.array([arm.gauge_names.index(s.gauge) for s in settings], dtype=np.int64),
             np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
-        self._pushes = push_table([], mechanism)
         self._acting = self._loaded = False
         self._done = 0
         self.reset(self._described())
@@ -202,7 +201,7 @@ class ClosedLoop:
 
     def set_pushes(self, pushes: Sequence[Push]) -> None:
         """Give the pushes by their times since the last ``reset``."""
-        self._pushes = push_table(pushes, self.plant.mechanism)
+        self._plant = self._plant._replace(pushes=push_table(pushes, self.plant.mechanism))
 
     def set_force(self, force: ArrayLike, point: int | None = None) -> None:
         """
@@ -298,8 +297,8 @@ class ClosedLoop:
         out = np.empty((rows, 6 * joints + gauges))
         noise = self._random.standard_normal((steps, joints + gauges))
         count, status, self._acting = run_loop(
-            self._plant, self._sensors, self._control, self._pushes, q_ref, dq_ref, noise,
-            begun, self.dt, every, self._acting, self._loaded, out)
+            self._plant, self._sensors, self._control, q_ref, dq_ref, noise, begun, self.dt,
+            every, self._acting, self._loaded, out)
         self._done += count
         self.plant.taken(self._done, status)
         first = -(-begun // every)

@@ -32,18 +32,20 @@ from tudor_dynamics.control.envelope_law import CUT, envelope_law, SATURATING
 from tudor_dynamics.simulation.loop import drive as dr, sensors as sn
 from tudor_dynamics.simulation.loop.pushes import put_pushes
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
+from tudor_dynamics.simulation.mechanics.loads import section_loads
 from tudor_dynamics.simulation.plant import integrator as gen
-from tudor_dynamics.simulation.plant.outputs import section_loads
-from tudor_dynamics.simulation.plant.tables import PlantTables
+from tudor_dynamics.simulation.plant.integrator import PlantTables
+from tudor_dynamics.small_arrays import unowned
 
 
 class DrivenPlant(NamedTuple):
-    """Tables of a plant, coordinates of the driven joints, forces from outside that stay."""
+    """Tables of a plant, coordinates of the driven joints, forces that stay and pushes."""
 
     tables: PlantTables
     driven: NDArray
     external: NDArray
     force: NDArray
+    pushes: NDArray
 
 
 class SensorTables(NamedTuple):
@@ -89,14 +91,10 @@ def sense(
     plant: DrivenPlant, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
 ) -> None:
     """Read all sensors at the present state."""
-    body = plant.tables
-    v = body.vectors
-    inverse_dynamics(
-        v[gen.Z], v[gen.DZ], v[gen.DDZ], body.base, body.wrench, loaded, 1.0, body.body_int,
-        body.body_float, body.coordinate, body.moving, body.reaction, plant.force)
-    section_loads(
-        v[gen.Z], v[gen.DZ], v[gen.DDZ], body.wrench, body.body_int, body.body_float,
-        body.moving, sensors.bodies, sensors.places, sensors.loads)
+    v, chain = plant.tables.vectors, plant.tables.chain
+    inverse_dynamics(v[gen.Z], v[gen.DZ], v[gen.DDZ], chain, loaded, 1.0, plant.force)
+    section_loads(v[gen.Z], v[gen.DZ], v[gen.DDZ], chain, sensors.bodies, sensors.places,
+                  sensors.loads)
     joints = plant.driven.shape[0]
     for j in range(joints):
         row = sensors.sensor[j]
@@ -144,26 +142,20 @@ def control(
 
 @compiled
 def advance(
-    plant: DrivenPlant, sensors: SensorTables, pushes: NDArray, t: float, dt: float,
-    loaded: bool,
+    plant: DrivenPlant, sensors: SensorTables, t: float, dt: float, loaded: bool,
 ) -> tuple[int, bool]:
     """Advance the links to the time t; give the status and whether forces act there."""
     body = plant.tables
-    for row in range(body.wrench.shape[0]):
+    for row in range(body.chain.wrench.shape[0]):
         for i in range(6):
-            body.wrench[row, i] = plant.external[row, i]
-    acting = put_pushes(
-        pushes, t, body.body_int, body.body_float, body.moving, body.wrench) or loaded
+            body.chain.wrench[row, i] = plant.external[row, i]
+    acting = put_pushes(plant.pushes, t, body.chain) or loaded
     v = body.vectors
     for j in range(plant.driven.shape[0]):
         i = plant.driven[j]
         body.torque[i] = dr.gear_push(
             sensors.drive[j], sensors.drive_state[j], dt, v[gen.Z, i], v[gen.DZ, i])
-    status = gen.step(
-        body.vectors, body.matrices, body.settings, body.prescribed, body.torque,
-        body.motion, body.base, body.wrench, acting, body.columns, body.owner,
-        body.inertias, body.moving, body.reaction, body.body_int, body.body_float,
-        body.coordinate)
+    status = gen.step(body, acting)
     for j in range(plant.driven.shape[0]):
         i = plant.driven[j]
         row = sensors.drive[j]
@@ -174,7 +166,7 @@ def advance(
 
 @compiled
 def run_loop(
-    plant: DrivenPlant, sensors: SensorTables, tables: ControlTables, pushes: NDArray,
+    plant: DrivenPlant, sensors: SensorTables, tables: ControlTables,
     q_ref: NDArray, dq_ref: NDArray, noise: NDArray, done: int, dt: float, every: int,
     acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
@@ -185,8 +177,6 @@ def run_loop(
     ----------
     plant, sensors, tables : named tuples
         The arm, advanced in place.
-    pushes : ndarray of shape (n_pushes, PUSH)
-        Forces over time.
     q_ref, dq_ref : ndarray of shape (n_steps, n_joints)
         Reference at the start of each step.
     noise : ndarray of shape (n_steps, n_joints + n_gauges)
@@ -208,6 +198,7 @@ def run_loop(
         Steps that were done, status of the last one, whether forces act.
 
     """
+    plant, sensors, tables = unowned((plant, sensors, tables))
     joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
     record = 0
     for k in range(q_ref.shape[0]):
@@ -224,8 +215,7 @@ def run_loop(
                 row[3 * joints + g] = sensors.strain[g]
             record += 1
         control(sensors, tables, dt, q_ref[k], dq_ref[k])
-        status, acting = advance(
-            plant, sensors, pushes, (done + k + 1) * dt, dt, loaded)
+        status, acting = advance(plant, sensors, (done + k + 1) * dt, dt, loaded)
         if status != gen.OK:
             return k, status, acting
     return q_ref.shape[0], gen.OK, acting

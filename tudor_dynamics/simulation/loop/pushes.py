@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.simulation.mechanics.chain import Chain
+from tudor_dynamics.simulation.mechanics.loads import shape
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
-from tudor_dynamics.simulation.plant.outputs import shape
 from tudor_dynamics.typing import FloatArray
 
 # Columns of a table of pushes.
@@ -78,10 +79,7 @@ def push_share(row: NDArray, t: float) -> float:
 
 
 @compiled
-def put_pushes(
-    table: NDArray, t: float, body_int: NDArray, body_float: NDArray, moving: NDArray,
-    wrench: NDArray,
-) -> bool:
+def put_pushes(table: NDArray, t: float, chain: Chain) -> bool:
     """
     Add the pushes at a time to the forces on nodes; a place between nodes loads both neighbours.
 
@@ -91,10 +89,8 @@ def put_pushes(
         Pushes, one a row.
     t : float
         Time now [s].
-    body_int, body_float, moving : ndarray
-        Mechanism after a forward pass.
-    wrench : ndarray of shape (points, 6)
-        Force and moment on each point, added to [N, N m].
+    chain : Chain
+        Mechanism after a forward pass; its wrenches are added to.
 
     Returns
     -------
@@ -102,6 +98,8 @@ def put_pushes(
         Whether any push acts.
 
     """
+    body_int, body_float = chain.body_int, chain.body_float
+    moving, wrench = chain.moving, chain.wrench
     acting = False
     for i in range(table.shape[0]):
         row = table[i]

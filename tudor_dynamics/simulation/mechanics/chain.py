@@ -12,9 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Forward pass: placement, velocity and acceleration of each body from the coordinates."""
+"""Forward pass: placement, velocity and acceleration of each body; backward pass of forces."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
@@ -26,6 +28,34 @@ from tudor_dynamics.simulation.mechanics.vector import (
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 ZERO = (0.0, 0.0, 0.0)
+
+
+class Chain(NamedTuple):
+    """
+    Tables of a mechanism, what acts on it from outside, and what its motion amounts to.
+
+    Attributes
+    ----------
+    body_int, body_float, coordinate : ndarray
+        Mechanism, see ``layout``.
+    base : ndarray of shape (3,)
+        Acceleration of the base less gravity, in the base frame [m/s^2].
+    wrench : ndarray of shape (points, 6)
+        Force [N] and moment [N m] on each node, in the base frame.
+    moving : ndarray of shape (bodies, MOVING)
+        Motion of each body, and the forces on it; overwritten.
+    reaction : ndarray of shape (bodies, 6)
+        Force and moment about each joint that the carrier exerts, in its axes; overwritten.
+
+    """
+
+    body_int: NDArray
+    body_float: NDArray
+    coordinate: NDArray
+    base: NDArray
+    wrench: NDArray
+    moving: NDArray
+    reaction: NDArray
 
 
 @compiled
@@ -55,10 +85,7 @@ def put_rotation(row: NDArray, k: int, a: Rotation) -> None:
 
 
 @compiled
-def forward(
-    z: NDArray, dz: NDArray, ddz: NDArray, base: NDArray,
-    body_int: NDArray, body_float: NDArray, moving: NDArray, damped: float,
-) -> None:
+def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) -> None:
     """
     Follow the chain outwards: each body stands on the displaced node of the one before.
 
@@ -69,23 +96,20 @@ def forward(
     ----------
     z, dz, ddz : ndarray of shape (n,)
         Coordinates and their rates.
-    base : ndarray of shape (3,)
-        Acceleration of the base less gravity, in the base frame [m/s^2].
-    body_int, body_float : ndarray
-        Mechanism, see ``layout``.
-    moving : ndarray of shape (bodies, MOVING)
-        Motion of each body: the result.
+    chain : Chain
+        Mechanism; the motion of its bodies is the result.
     damped : float
         1 to carry Rayleigh's damping by mass, u'' + alpha u' in the place of u'', on to what a
         node carries; 0 for true accelerations.
 
     """
+    body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for b in range(body_int.shape[0]):
         ints, floats, here = body_int[b], body_float[b], moving[b]
         parent, node = ints[at.PARENT], ints[at.NODE]
         turned, jacobian, node_at = IDENTITY, IDENTITY, ZERO
         world, origin, velocity, omega, angular = IDENTITY, ZERO, ZERO, ZERO, ZERO
-        acceleration = vector_at(base, 0)
+        acceleration = vector_at(chain.base, 0)
         if parent >= 0:
             carrier = moving[parent]
             world = rotation_at(carrier, at.WORLD)
@@ -157,26 +181,19 @@ def forward(
 
 
 @compiled
-def backward(
-    z: NDArray, body_int: NDArray, moving: NDArray, force: NDArray, reaction: NDArray,
-) -> None:
+def backward(chain: Chain, force: NDArray) -> None:
     """
     Follow the chain inwards: hand each body's force and moment to joint, node and carrier.
 
     Parameters
     ----------
-    z : ndarray of shape (n,)
-        Coordinates of joints and nodes [rad, m].
-    body_int : ndarray
-        Mechanism, see ``layout``.
-    moving : ndarray of shape (bodies, MOVING)
-        After the forward pass, with each body's own FORCE and MOMENT.
+    chain : Chain
+        After the forward pass, with each body's own FORCE and MOMENT; reactions are the result.
     force : ndarray of shape (n,)
         Generalised force, added to.
-    reaction : ndarray of shape (bodies, 6)
-        Force and moment about the joint that the carrier exerts, in the carrier's axes.
 
     """
+    body_int, moving, reaction = chain.body_int, chain.moving, chain.reaction
     for b in range(body_int.shape[0] - 1, -1, -1):
         ints, here = body_int[b], moving[b]
         frame = rotation_at(here, at.TO_PARENT)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
-from tudor_dynamics.simulation.mechanics.chain import forward, rotation_at, vector_at
+from tudor_dynamics.simulation.mechanics.chain import Chain, forward, rotation_at, vector_at
 from tudor_dynamics.simulation.mechanics.equations import (
     along, hermite_mass, hermite_slope, hermite_stiffness, inner, node_values)
 from tudor_dynamics.simulation.mechanics.mass import own_rigid, times_inertia, unit
@@ -30,8 +30,7 @@ from tudor_dynamics.simulation.mechanics.vector import add, dot, times, turn
 
 @compiled
 def energy(
-    z: NDArray, dz: NDArray, gravity: NDArray, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray, moving: NDArray,
+    z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain,
 ) -> tuple[float, float, float]:
     """
     Give kinetic, elastic and gravitational energy [J].
@@ -42,10 +41,8 @@ def energy(
         Coordinates and their rates.
     gravity : ndarray of shape (3,)
         In the base frame [m/s^2].
-    body_int, body_float, coordinate : ndarray
-        Mechanism, see ``layout``.
-    moving : ndarray of shape (bodies, MOVING)
-        After a forward pass at ``z``, ``dz``.
+    chain : Chain
+        Mechanism after a forward pass at ``z``, ``dz``.
 
     Returns
     -------
@@ -53,13 +50,14 @@ def energy(
         Kinetic, elastic, gravitational.
 
     """
+    body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate
     kinetic, elastic, weight = 0.0, 0.0, 0.0
     for i in range(z.shape[0]):
         kinetic += 0.5 * coordinate[i, at.HUB] * dz[i] * dz[i]
         elastic += 0.5 * coordinate[i, at.STIFFNESS] * z[i] * z[i]
     own = np.zeros(10)
     for b in range(body_int.shape[0]):
-        ints, floats, here = body_int[b], body_float[b], moving[b]
+        ints, floats, here = body_int[b], body_float[b], chain.moving[b]
         world, origin = rotation_at(here, at.WORLD), vector_at(here, at.ORIGIN)
         v, w = vector_at(here, at.VELOCITY), vector_at(here, at.OMEGA)
         if ints[at.FLEXIBLE] == 0:
@@ -111,9 +109,6 @@ def energy(
 
 
 @compiled
-def refresh(
-    z: NDArray, dz: NDArray, ddz: NDArray, base: NDArray, body_int: NDArray, body_float: NDArray,
-    moving: NDArray,
-) -> None:
+def refresh(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain) -> None:
     """Run the forward pass alone, see ``chain.forward``."""
-    forward(z, dz, ddz, base, body_int, body_float, moving, 0.0)
+    forward(z, dz, ddz, chain, 0.0)

@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.chain import (
-    backward, forward, put_vector, rotation_at, vector_at)
+    backward, Chain, forward, put_vector, rotation_at, vector_at)
 from tudor_dynamics.simulation.mechanics.vector import (
     add, cross, left_jacobian, Rotation, sub, times, turn_back, Vector)
 
@@ -247,9 +247,8 @@ def outer_forces(
 
 @compiled
 def inverse_dynamics(
-    z: NDArray, dz: NDArray, ddz: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
-    elastic: float, body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-    moving: NDArray, reaction: NDArray, force: NDArray,
+    z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, loaded: bool, elastic: float,
+    force: NDArray,
 ) -> None:
     """
     Give the generalised force that a motion needs: zero at elastic rows of a true motion.
@@ -258,28 +257,23 @@ def inverse_dynamics(
     ----------
     z, dz, ddz : ndarray of shape (n,)
         Coordinates and their rates.
-    base : ndarray of shape (3,)
-        Acceleration of the base less gravity [m/s^2].
-    wrench : ndarray of shape (points, 6)
-        Force [N] and moment [N m] on each node, in the base frame.
+    chain : Chain
+        Mechanism; motion of its bodies and reactions of its joints are results.
     loaded : bool
         Whether any wrench is not zero.
     elastic : float
         1, or 0 to leave stiffness out.
-    body_int, body_float, coordinate : ndarray
-        Mechanism, see ``layout``.
-    moving, reaction : ndarray
-        Working memory and joint reactions.
     force : ndarray of shape (n,)
         Result: the torque of each joint, the imbalance of each elastic coordinate.
 
     """
-    forward(z, dz, ddz, base, body_int, body_float, moving, 1.0)
+    forward(z, dz, ddz, chain, 1.0)
+    body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate
     for i in range(z.shape[0]):
         force[i] = (coordinate[i, at.HUB] * ddz[i] + coordinate[i, at.DAMPING] * dz[i]
                     + elastic * coordinate[i, at.STIFFNESS] * z[i])
     for b in range(body_int.shape[0]):
-        ints, here = body_int[b], moving[b]
+        ints, here = body_int[b], chain.moving[b]
         for i in range(6):
             here[at.FORCE + i] = 0.0
         if ints[at.FLEXIBLE] == 1:
@@ -287,5 +281,5 @@ def inverse_dynamics(
         else:
             rigid_forces(body_float[b], here)
         if loaded:
-            outer_forces(z, ints, body_float[b], wrench, here, force)
-    backward(z, body_int, moving, force, reaction)
+            outer_forces(z, ints, body_float[b], chain.wrench, here, force)
+    backward(chain, force)

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
-from tudor_dynamics.simulation.mechanics.chain import put_vector, rotation_at, vector_at
-from tudor_dynamics.simulation.mechanics.equations import along, blend, node_values, rate_matrix
+from tudor_dynamics.simulation.mechanics.chain import Chain, put_vector, rotation_at, vector_at
+from tudor_dynamics.simulation.mechanics.equations import (
+    along, blend, inverse_dynamics, node_values, rate_matrix)
 from tudor_dynamics.simulation.mechanics.vector import (
     add, cross, exponential, sub, times, turn, turn_back)
 
@@ -46,11 +47,11 @@ def at_place(c: tuple, h: tuple) -> float:
 
 @compiled
 def nodal_motion(
-    z: NDArray, dz: NDArray, ddz: NDArray, gravity: NDArray, body_int: NDArray,
-    body_float: NDArray, moving: NDArray, place: NDArray, velocity: NDArray,
-    acceleration: NDArray,
+    z: NDArray, dz: NDArray, ddz: NDArray, gravity: NDArray, chain: Chain, place: NDArray,
+    velocity: NDArray, acceleration: NDArray,
 ) -> None:
     """Give the motion of all points in the base frame, after a forward pass."""
+    body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for b in range(body_int.shape[0]):
         ints, here = body_int[b], moving[b]
         world, origin = rotation_at(here, at.WORLD), vector_at(here, at.ORIGIN)
@@ -72,27 +73,29 @@ def nodal_motion(
 
 @compiled
 def joint_reactions(
-    body_int: NDArray, moving: NDArray, reaction: NDArray, bodies: NDArray, result: NDArray,
+    z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, loaded: bool, force: NDArray,
+    bodies: NDArray, result: NDArray,
 ) -> None:
     """
-    Turn what each joint carries into the base frame, after ``inverse_dynamics``.
+    Do ``inverse_dynamics``, and give what each joint carries in the base frame.
 
     Parameters
     ----------
-    body_int, moving, reaction
-        As in ``inverse_dynamics``.
+    z, dz, ddz, chain, loaded, force
+        As in ``inverse_dynamics``, with stiffness.
     bodies : ndarray of int, shape (n_joints,)
         Body behind each joint.
     result : ndarray of shape (n_joints, 6)
         Force [N] and moment about the joint [N m] that the inboard side exerts.
 
     """
+    inverse_dynamics(z, dz, ddz, chain, loaded, 1.0, force)
     for number in range(bodies.shape[0]):
         b = bodies[number]
-        push, moment = vector_at(reaction[b], 0), vector_at(reaction[b], 3)
-        parent = body_int[b, at.PARENT]
+        push, moment = vector_at(chain.reaction[b], 0), vector_at(chain.reaction[b], 3)
+        parent = chain.body_int[b, at.PARENT]
         if parent >= 0:
-            world = rotation_at(moving[parent], at.WORLD)
+            world = rotation_at(chain.moving[parent], at.WORLD)
             push, moment = turn(world, push), turn(world, moment)
         put_vector(result[number], 0, push)
         put_vector(result[number], 3, moment)
@@ -100,8 +103,8 @@ def joint_reactions(
 
 @compiled
 def section_loads(
-    z: NDArray, dz: NDArray, ddz: NDArray, wrench: NDArray, body_int: NDArray,
-    body_float: NDArray, moving: NDArray, bodies: NDArray, places: NDArray, loads: NDArray,
+    z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, bodies: NDArray, places: NDArray,
+    loads: NDArray,
 ) -> None:
     """
     Give the internal loads at sections from the balance of all that lies outboard.
@@ -111,7 +114,7 @@ def section_loads(
 
     Parameters
     ----------
-    z, dz, ddz, wrench, body_int, body_float, moving
+    z, dz, ddz, chain
         As in ``inverse_dynamics``.
     bodies, places : ndarray of shape (n_sections,)
         Body of each section, and its distance from the start of the beam [m].
@@ -120,6 +123,7 @@ def section_loads(
         turned section (x along the beam, y up the section), then rates of twist and curvature.
 
     """
+    body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for s in range(bodies.shape[0]):
         b = bodies[s]
         ints, floats, here = body_int[b], body_float[b], moving[b]
@@ -178,7 +182,7 @@ def section_loads(
                 loads[s, 8] = b0 * (dy[0] - dy[2]) + b1 * dy[1] + b3 * dy[3]
         frame = rotation_at(here, at.WORLD)
         for node in range(cut + 1, count + 1):
-            row = wrench[ints[at.POINT] + node]
+            row = chain.wrench[ints[at.POINT] + node]
             k = first + 6 * (node - 1)
             f = turn_back(frame, vector_at(row, 0))
             place = (node * length + z[k], z[k + 1], z[k + 2])

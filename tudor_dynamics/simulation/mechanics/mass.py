@@ -16,13 +16,35 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
-from tudor_dynamics.simulation.mechanics.chain import put_vector, rotation_at, vector_at
+from tudor_dynamics.simulation.mechanics.chain import Chain, put_vector, rotation_at, vector_at
 from tudor_dynamics.simulation.mechanics.equations import along, hermite_mass, inner, node_values
 from tudor_dynamics.simulation.mechanics.vector import add, cross, dot, sub, times, turn, Vector
+
+
+class Composite(NamedTuple):
+    """
+    Working memory of the mass matrix.
+
+    Attributes
+    ----------
+    columns : ndarray of shape (n, 6)
+        Force and moment of a unit acceleration of each coordinate.
+    owner : ndarray of int, shape (n,)
+        Body in whose frame a column stands.
+    inertias : ndarray of shape (bodies + 1, 10)
+        Inertia of each composite body.
+
+    """
+
+    columns: NDArray
+    owner: NDArray
+    inertias: NDArray
 
 
 @compiled
@@ -169,10 +191,7 @@ def shifted_inertia(inertia: NDArray, place: Vector, target: NDArray) -> None:
 
 
 @compiled
-def mass_matrix(
-    z: NDArray, body_int: NDArray, body_float: NDArray, coordinate: NDArray, moving: NDArray,
-    columns: NDArray, owner: NDArray, inertias: NDArray, matrix: NDArray,
-) -> None:
+def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray) -> None:
     """
     Give the mass matrix by composite bodies, from the tips inwards.
 
@@ -180,20 +199,16 @@ def mass_matrix(
     ----------
     z : ndarray of shape (n,)
         Coordinates of joints and nodes [rad, m].
-    body_int, body_float, coordinate : ndarray
-        Mechanism, see ``layout``.
-    moving : ndarray of shape (bodies, MOVING)
-        After a forward pass at ``z``.
-    columns : ndarray of shape (n, 6)
-        Working memory: force and moment of a unit acceleration of each coordinate.
-    owner : ndarray of int, shape (n,)
-        Working memory: body in whose frame a column stands.
-    inertias : ndarray of shape (bodies + 1, 10)
-        Working memory: inertia of each composite body.
+    chain : Chain
+        Mechanism after a forward pass at ``z``.
+    composite : Composite
+        Working memory.
     matrix : ndarray of shape (n, n)
         Mass matrix: the result.
 
     """
+    body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
+    columns, owner, inertias = composite.columns, composite.owner, composite.inertias
     n, bodies = z.shape[0], body_int.shape[0]
     matrix[:] = 0.0
     columns[:] = 0.0
@@ -201,7 +216,7 @@ def mass_matrix(
     owner[:] = -2
     turned = inertias[bodies]
     for i in range(n):
-        matrix[i, i] = coordinate[i, at.HUB]
+        matrix[i, i] = chain.coordinate[i, at.HUB]
     for b in range(bodies - 1, -1, -1):
         ints, floats, here = body_int[b], body_float[b], moving[b]
         if ints[at.FLEXIBLE] == 1:

@@ -27,6 +27,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.assembly import Builder
+from tudor_dynamics.simulation.mechanics.chain import Chain
+from tudor_dynamics.simulation.mechanics.mass import Composite
 from tudor_dynamics.simulation.mechanics.section import BeamProperties
 from tudor_dynamics.typing import FloatArray, IntArray
 
@@ -98,6 +100,18 @@ class Mechanism:
         rows = [row[at.FIRST] + 6 * node + np.arange(3, 6) for row in self.body_int
                 if row[at.FLEXIBLE] for node in range(int(row[at.ELEMENTS]))]
         return np.array(rows, dtype=np.int64).reshape(-1, 3)
+
+    def chain(self) -> Chain:
+        """Make the tables for compiled code: those of the mechanism are shared, others new."""
+        bodies = len(self.body_int)
+        return Chain(self.body_int, self.body_float, self.coordinate, -self.gravity,
+                     np.zeros((self.points, 6)), np.zeros((bodies, at.MOVING)),
+                     np.zeros((bodies, 6)))
+
+    def composite(self) -> Composite:
+        """Make working memory for the mass matrix."""
+        return Composite(np.zeros((self.size, 6)), np.zeros(self.size, dtype=np.int64),
+                         np.zeros((len(self.body_int) + 1, 10)))
 
     @property
     def coordinate_names(self) -> list[str]:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.chain import (
-    put_rotation, put_vector, rotation_at, vector_at)
+    Chain, put_rotation, put_vector, rotation_at, vector_at)
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.mechanics.vector import (
     add, exponential, left_jacobian, product, sub, turn, turn_back)
@@ -36,11 +36,11 @@ TIP = 'tip'
 
 @compiled
 def feel(
-    z: NDArray, dz: NDArray, gravity: NDArray, body_int: NDArray, moving: NDArray,
-    bodies: NDArray, nodes: NDArray, acceleration: NDArray, axes: NDArray, turning: NDArray,
-    force: NDArray,
+    z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain, bodies: NDArray, nodes: NDArray,
+    acceleration: NDArray, axes: NDArray, turning: NDArray, force: NDArray,
 ) -> None:
     """Give axes, angular velocity and specific force of nodes, after ``nodal_motion``."""
+    body_int, moving = chain.body_int, chain.moving
     for s in range(bodies.shape[0]):
         here = moving[bodies[s]]
         frame, omega = rotation_at(here, at.WORLD), vector_at(here, at.OMEGA)
@@ -133,7 +133,7 @@ class InertialSensors:
 
         """
         felt = self._felt
-        feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.mechanism.body_int,
-             plant.tables.moving, self._bodies, self._nodes, acceleration,
-             felt.axes.reshape(len(self.names), 9), felt.angular_velocity, felt.specific_force)
+        feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
+             self._bodies, self._nodes, acceleration, felt.axes.reshape(len(self.names), 9),
+             felt.angular_velocity, felt.specific_force)
         return felt

@@ -24,15 +24,18 @@ keeps its factorised matrix over as many steps as it converges well with it.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.simulation.mechanics import layout as at
+from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import cholesky, factor_norm, solve
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
-from tudor_dynamics.simulation.mechanics.mass import mass_matrix
+from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
 from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
+from tudor_dynamics.small_arrays import unowned
 
 # Rows of the array of vectors.
 Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC, BEFORE = range(11)
@@ -49,6 +52,61 @@ MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
 MAX_ITERATIONS = 40
 
 
+class PlantTables(NamedTuple):
+    """
+    State of a plant, its matrices, what drives it, and its mechanism.
+
+    The arrays are changed in place and are never others for the life of a plant.
+
+    Attributes
+    ----------
+    vectors : ndarray of shape (VECTORS, n)
+        State, and what a step begins with.
+    matrices : ndarray of shape (MATRICES, n, n)
+        Stiffness and damping, and working memory.
+    settings : ndarray of shape (SETTINGS,)
+        Step [s], rho, tolerance, and what one step tells the next.
+    prescribed : ndarray of bool, shape (n,)
+        Coordinates whose motion is given.
+    torque : ndarray of shape (n,)
+        Generalised force at the end of the step [N m or N].
+    motion : ndarray of shape (3, n)
+        Position, velocity, acceleration of prescribed coordinates at the end of the step.
+    chain : Chain
+        Mechanism.
+    composite : Composite
+        Working memory of the mass matrix.
+
+    """
+
+    vectors: NDArray
+    matrices: NDArray
+    settings: NDArray
+    prescribed: NDArray
+    torque: NDArray
+    motion: NDArray
+    chain: Chain
+    composite: Composite
+
+
+class Joints(NamedTuple):
+    """
+    Where joints stand in a plant, and what they do.
+
+    Attributes
+    ----------
+    q_index, bodies : ndarray of int, shape (n_joints,)
+        Coordinate of each joint and the body behind it.
+    state : ndarray of shape (4, n_joints)
+        Position, velocity, acceleration and effort of each; overwritten.
+
+    """
+
+    q_index: NDArray
+    bodies: NDArray
+    state: NDArray
+
+
 @compiled
 def _free_elastic(z: NDArray, body_int: NDArray) -> bool:
     """Whether all elastic rotations are small enough to mean anything."""
@@ -62,16 +120,13 @@ def _free_elastic(z: NDArray, body_int: NDArray) -> bool:
 
 
 @compiled
-def build_factor(
-    vectors: NDArray, matrices: NDArray, prescribed: NDArray, speed_gain: float,
-    place_gain: float, columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-) -> bool:
+def build_factor(plant: PlantTables, speed_gain: float, place_gain: float) -> bool:
     """Factorise M + speed_gain C + place_gain K; prescribed coordinates are cut out."""
+    z, matrices, prescribed = plant.vectors[Z], plant.matrices, plant.prescribed
+    body_int, body_float = plant.chain.body_int, plant.chain.body_float
     n = prescribed.shape[0]
     mass, factor = matrices[MASS], matrices[FACTOR]
-    mass_matrix(vectors[Z], body_int, body_float, coordinate, moving, columns, owner, inertias,
-                mass)
+    mass_matrix(z, plant.chain, plant.composite, mass)
     stiffness, damping = matrices[STIFFNESS], matrices[DAMPING]
     for i in range(n):
         for j in range(i + 1):
@@ -82,7 +137,7 @@ def build_factor(
                                 + place_gain * stiffness[i, j])
     if place_gain > 0.0:
         # Rows of prescribed coordinates are joints: no elastic row is touched that is cut out.
-        add_stretch(vectors[Z], body_int, body_float, place_gain, speed_gain, factor)
+        add_stretch(z, body_int, body_float, place_gain, speed_gain, factor)
     for b in range(body_int.shape[0]):
         alpha = body_float[b, at.ALPHA]
         if body_int[b, at.FLEXIBLE] == 1 and alpha > 0.0:
@@ -95,45 +150,37 @@ def build_factor(
 
 
 @compiled
-def report(
-    vectors: NDArray, prescribed: NDArray, torque: NDArray, q_index: NDArray, bodies: NDArray,
-    reaction: NDArray, moving: NDArray, body_int: NDArray, coordinate: NDArray, joints: NDArray,
-) -> None:
+def report(plant: PlantTables, joints: Joints) -> None:
     """
-    Write position, velocity, acceleration and effort of the joints into four rows.
+    Write what the joints do; the effort is the reaction where the motion is given.
 
     Parameters
     ----------
-    vectors, prescribed, torque, reaction, moving, body_int, coordinate
-        As in ``step``.
-    q_index, bodies : ndarray of int, shape (n_joints,)
-        Coordinate of each joint and the body behind it.
-    joints : ndarray of shape (4, n_joints)
-        Result; the effort is the reaction where the motion is given.
+    plant : PlantTables
+        Plant after a step.
+    joints : Joints
+        Joints; their state is the result.
 
     """
-    for number in range(q_index.shape[0]):
-        q, b = q_index[number], bodies[number]
+    vectors, chain, state = plant.vectors, plant.chain, joints.state
+    for number in range(joints.q_index.shape[0]):
+        q, b = joints.q_index[number], joints.bodies[number]
         speed, rise = vectors[DZ, q], vectors[DDZ, q]
-        joints[0, number], joints[1, number], joints[2, number] = vectors[Z, q], speed, rise
-        effort = torque[q]
-        if prescribed[q]:
-            start = 0 if body_int[b, at.JOINT] == at.PRISMATIC else 3
-            effort = coordinate[q, at.HUB] * rise + coordinate[q, at.DAMPING] * speed
+        state[0, number], state[1, number], state[2, number] = vectors[Z, q], speed, rise
+        effort = plant.torque[q]
+        if plant.prescribed[q]:
+            start = 0 if chain.body_int[b, at.JOINT] == at.PRISMATIC else 3
+            effort = chain.coordinate[q, at.HUB] * rise + chain.coordinate[q, at.DAMPING] * speed
             for i in range(3):
-                effort += reaction[b, start + i] * moving[b, at.AXIS_AT + i]
-        joints[3, number] = effort
+                effort += chain.reaction[b, start + i] * chain.moving[b, at.AXIS_AT + i]
+        state[3, number] = effort
 
 
 @compiled
-def _attempt(
-    guess: float, vectors: NDArray, matrices: NDArray, settings: NDArray,
-    prescribed: NDArray, torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray,
-    loaded: bool,
-    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-) -> int:
+def _attempt(guess: float, plant: PlantTables, loaded: bool) -> int:
     """Predict the end of the step and iterate; ``step`` has kept the old state."""
+    vectors, matrices, settings = plant.vectors, plant.matrices, plant.settings
+    prescribed, torque, motion = plant.prescribed, plant.torque, plant.motion
     n = prescribed.shape[0]
     dt, rho = settings[STEP], settings[RHO]
     alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
@@ -157,11 +204,9 @@ def _attempt(
     status, size, last, fresh = NOT_CONVERGED, 0.0, 0.0, False
     contraction, since = settings[CONTRACTION], 0
     for iteration in range(MAX_ITERATIONS):
-        inverse_dynamics(z, dz, ddz, base, wrench, loaded, 1.0, body_int, body_float,
-                         coordinate, moving, reaction, force)
+        inverse_dynamics(z, dz, ddz, plant.chain, loaded, 1.0, force)
         if settings[FACTORED] == 0.0:
-            if not build_factor(vectors, matrices, prescribed, speed_gain, place_gain, columns,
-                                owner, inertias, moving, body_int, body_float, coordinate):
+            if not build_factor(plant, speed_gain, place_gain):
                 status = SINGULAR if iteration == 0 else NOT_CONVERGED
                 break
             settings[FACTORED], fresh, since = 1.0, True, 0
@@ -209,33 +254,16 @@ def _attempt(
 
 
 @compiled
-def step(
-    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
-    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
-    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray,
-) -> int:
+def step(plant: PlantTables, loaded: bool) -> int:
     """
     Advance one step.
 
     Parameters
     ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State, overwritten; put back where the step fails.
-    matrices : ndarray of shape (MATRICES, n, n)
-        Stiffness and damping, and working memory.
-    settings : ndarray of shape (SETTINGS,)
-        Step [s], rho, tolerance, and what one step tells the next.
-    prescribed : ndarray of bool, shape (n,)
-        Coordinates whose motion is given.
-    torque : ndarray of shape (n,)
-        Generalised force at the end of the step [N m or N].
-    motion : ndarray of shape (3, n)
-        Position, velocity, acceleration of prescribed coordinates at the end of the step.
-    base, wrench, loaded, body_int, body_float, coordinate, moving, reaction
-        As in ``inverse_dynamics``.
-    columns, owner, inertias : ndarray
-        As in ``mass_matrix``.
+    plant : PlantTables
+        Plant, overwritten; its state is put back where the step fails.
+    loaded : bool
+        Whether forces act from outside.
 
     Returns
     -------
@@ -243,7 +271,8 @@ def step(
         OK, or what went wrong.
 
     """
-    n = prescribed.shape[0]
+    vectors, torque, motion = plant.vectors, plant.torque, plant.motion
+    n = torque.shape[0]
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
     old_ddz, old_acc, before = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[BEFORE]
@@ -254,59 +283,45 @@ def step(
     for i in range(n):
         before[i] = old_ddz[i]
         old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
-    status = _attempt(
-        1.0, vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
-        columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
+    status = _attempt(1.0, plant, loaded)
     if status != OK:
         # After a blow the line leads astray: once more from rest, with a matrix of its own.
-        settings[FACTORED] = 0.0
-        status = _attempt(
-            0.0, vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
-            columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
-    if status == OK and not _free_elastic(z, body_int):
+        plant.settings[FACTORED] = 0.0
+        status = _attempt(0.0, plant, loaded)
+    if status == OK and not _free_elastic(z, plant.chain.body_int):
         status = TOO_BENT
     if status != OK:
         for i in range(n):
             z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
             old_ddz[i] = before[i]
-        settings[FACTORED] = 0.0
+        plant.settings[FACTORED] = 0.0
     return status
 
 
 @compiled
-def step_and_report(
-    vectors: NDArray, matrices: NDArray, settings: NDArray, prescribed: NDArray,
-    torque: NDArray, motion: NDArray, base: NDArray, wrench: NDArray, loaded: bool,
-    columns: NDArray, owner: NDArray, inertias: NDArray, moving: NDArray, reaction: NDArray,
-    body_int: NDArray, body_float: NDArray, coordinate: NDArray, q_index: NDArray,
-    bodies: NDArray, joints: NDArray,
-) -> int:
-    """Do ``step`` and then ``report``, in one call from Python."""
-    status = step(vectors, matrices, settings, prescribed, torque, motion, base, wrench, loaded,
-                  columns, owner, inertias, moving, reaction, body_int, body_float, coordinate)
+def step_and_report(loaded: bool, *arrays: NDArray) -> int:
+    """Do ``step`` and ``report`` with all arrays of ``Plant``; tuples are slow to hand over."""
+    bare = unowned(arrays)
+    plant = PlantTables(bare[0], bare[1], bare[2], bare[3], bare[4], bare[5],
+                        Chain(*bare[6:13]), Composite(*bare[13:16]))
+    status = step(plant, loaded)
     if status == OK:
-        report(vectors, prescribed, torque, q_index, bodies, reaction, moving, body_int,
-               coordinate, joints)
+        report(plant, Joints(*bare[16:19]))
     return status
 
 
 @compiled
-def accelerations(
-    vectors: NDArray, matrices: NDArray, prescribed: NDArray, torque: NDArray, base: NDArray,
-    wrench: NDArray, loaded: bool, columns: NDArray, owner: NDArray, inertias: NDArray,
-    moving: NDArray, reaction: NDArray, body_int: NDArray, body_float: NDArray,
-    coordinate: NDArray,
-) -> bool:
+def accelerations(plant: PlantTables, loaded: bool) -> bool:
     """
     Solve the equations for the accelerations at a given state.
 
     Parameters
     ----------
-    vectors, matrices, prescribed, torque, base, wrench, loaded
-        As in ``step``; rows Z and DZ are given, DDZ of prescribed coordinates too. The result is
-        in row DDZ. Destroys the factors of the step.
-    columns, owner, inertias, moving, reaction, body_int, body_float, coordinate
-        As in ``step``.
+    plant : PlantTables
+        Rows Z and DZ are given, DDZ of prescribed coordinates too. The result is in row DDZ.
+        Destroys the factors of the step.
+    loaded : bool
+        Whether forces act from outside.
 
     Returns
     -------
@@ -314,19 +329,18 @@ def accelerations(
         False where the mass matrix is singular.
 
     """
+    vectors, prescribed = plant.vectors, plant.prescribed
     n = prescribed.shape[0]
     ddz, force = vectors[DDZ], vectors[FORCE]
     for i in range(n):
         if not prescribed[i]:
             ddz[i] = 0.0
-    inverse_dynamics(vectors[Z], vectors[DZ], ddz, base, wrench, loaded, 1.0, body_int,
-                     body_float, coordinate, moving, reaction, force)
-    if not build_factor(vectors, matrices, prescribed, 0.0, 0.0, columns, owner, inertias,
-                        moving, body_int, body_float, coordinate):
+    inverse_dynamics(vectors[Z], vectors[DZ], ddz, plant.chain, loaded, 1.0, force)
+    if not build_factor(plant, 0.0, 0.0):
         return False
     for i in range(n):
-        force[i] = 0.0 if prescribed[i] else torque[i] - force[i]
-    solve(matrices[FACTOR], force)
+        force[i] = 0.0 if prescribed[i] else plant.torque[i] - force[i]
+    solve(plant.matrices[FACTOR], force)
     for i in range(n):
         ddz[i] += force[i]
     return True

@@ -25,15 +25,12 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.energy import refresh
-from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 from tudor_dynamics.simulation.mechanics.gauge_place import place_gauge
 from tudor_dynamics.simulation.mechanics.loads import (
-    joint_reactions, LOADS, nodal_motion, section_loads, shape)
+    joint_reactions, LOADS, nodal_motion, section_loads)
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.typing import FloatArray
-
-__all__ = ['middle_sections', 'Observation', 'Probe', 'Section', 'section_loads', 'shape']
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +141,11 @@ class Probe:
         self.loads = np.zeros((len(places), LOADS))
         self._points = np.zeros((3, mechanism.points, 3))
         self._force = np.zeros(mechanism.size)
-        gauges = self.loads[self._count:]
-        self._gauge_loads = gauges
+        self._gauge_loads = self.loads[self._count:]
+        # plain numbers: those of numpy take longer than the mechanics
+        self._gauge_gains = [
+            (per_moment, per_rate, int(axis), math.copysign(1.0, per_moment))
+            for per_moment, per_rate, axis in self.gains.tolist()]
         position, velocity, acceleration = self._points
         self.observation = Observation(
             position, velocity, acceleration, self.loads[:self._count, :3],
@@ -155,25 +155,17 @@ class Probe:
     def observe(self) -> Observation:
         """Look at the present state of the plant."""
         plant = self.plant
-        mechanism, tables = plant.mechanism, plant.tables
-        z, dz, ddz = plant.coordinates, plant.rates, plant.second_rates
-        inverse_dynamics(
-            z, dz, ddz, tables.base, tables.wrench, plant.loaded, 1.0, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, tables.moving, tables.reaction,
-            self._force)
-        section_loads(z, dz, ddz, tables.wrench, mechanism.body_int, mechanism.body_float,
-                      tables.moving, self.bodies, self.places, self.loads)
-        joint_reactions(mechanism.body_int, tables.moving, tables.reaction, plant.bodies,
-                        self.observation.reaction)
-        refresh(z, dz, ddz, tables.base, mechanism.body_int, mechanism.body_float, tables.moving)
-        nodal_motion(z, dz, ddz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
-                     tables.moving, *self._points)
-        for number in range(len(self.gauge_names)):
-            row, (per_moment, per_rate, column) = self._gauge_loads[number], self.gains[number]
-            axis = int(column)
-            self.observation.strain[number] = per_moment * row[3 + axis] + per_rate * row[6 + axis]
-            self.observation.gauge_moment[number] = (
-                math.copysign(1.0, per_moment) * row[3 + axis])
+        z, dz, ddz = plant.tables.vectors[:3]
+        chain, seen = plant.tables.chain, self.observation
+        joint_reactions(z, dz, ddz, chain, plant.loaded, self._force, plant.bodies, seen.reaction)
+        section_loads(z, dz, ddz, chain, self.bodies, self.places, self.loads)
+        refresh(z, dz, ddz, chain)
+        nodal_motion(z, dz, ddz, plant.mechanism.gravity, chain, *self._points)
+        for number, (per_moment, per_rate, axis, sign) in enumerate(self._gauge_gains):
+            row = self._gauge_loads[number]
+            moment = row[3 + axis]
+            seen.strain[number] = per_moment * moment + per_rate * row[6 + axis]
+            seen.gauge_moment[number] = sign * moment
         return self.observation
 
     def _gauge(self, arm: Arm, number: int) -> tuple[str, float]:

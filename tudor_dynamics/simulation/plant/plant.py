@@ -87,8 +87,9 @@ class Plant:
         self._q = mechanism.q_index
         self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
-        self._joints = np.zeros((4, self._q.size))
-        self.state = PlantState(0.0, *self._joints)  # rows are views
+        self._joints = gen.Joints(self._q, self.bodies, np.zeros((4, self._q.size)))
+        self._flat = (*self.tables[:6], *self.tables.chain, *self.tables.composite, *self._joints)
+        self.state = PlantState(0.0, *self._joints.state)  # rows are views
         self.dt = dt
         self.reset()
         check_step(mechanism, self.stiffness, self.mass_matrix(), dt)
@@ -122,7 +123,7 @@ class Plant:
         """
         self.tables.vectors[:] = 0.0
         self.tables.torque[:] = 0.0
-        self.tables.wrench[:] = 0.0
+        self.tables.chain.wrench[:] = 0.0
         self.loaded = False
         self.tables.vectors[gen.Z] = self.mechanism.initial
         if q is not None:
@@ -151,7 +152,7 @@ class Plant:
         mechanism = self.mechanism
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          self.tables.matrices[gen.STIFFNESS], self.tables.matrices[gen.DAMPING])
-        self.tables.base[:] = -mechanism.gravity
+        self.tables.chain.base[:] = -mechanism.gravity
         self.tables.settings[gen.FACTORED] = 0.0
 
     def drive(self, joint: str, kind: Drive) -> None:
@@ -212,21 +213,17 @@ class Plant:
             If an input is not finite or the run diverges; the state is that before the step.
 
         """
-        mechanism, tables = self.mechanism, self.tables
+        tables = self.tables
         if torque is not None:
             self._put(tables.torque, torque, 'torque')
         if external_force is not None:
             self._set_force(np.asarray(external_force, dtype=float))
         elif self.loaded:
-            tables.wrench[:] = 0.0
+            tables.chain.wrench[:] = 0.0
             self.loaded = False
         if motion is not None:
             self._set_motion(motion)
-        status = gen.step_and_report(
-            tables.vectors, tables.matrices, tables.settings, tables.prescribed, tables.torque,
-            tables.motion, tables.base, tables.wrench, self.loaded, tables.columns, tables.owner,
-            tables.inertias, tables.moving, tables.reaction, mechanism.body_int,
-            mechanism.body_float, mechanism.coordinate, self._q, self.bodies, self._joints)
+        status = gen.step_and_report(self.loaded, *self._flat)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1
@@ -315,12 +312,10 @@ class Plant:
 
     def energy(self) -> Energy:
         """Give the energy of the present state [J]."""
-        mechanism, tables = self.mechanism, self.tables
+        tables = self.tables
         z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
-        refresh(z, dz, tables.vectors[gen.DDZ], tables.base, mechanism.body_int,
-                mechanism.body_float, tables.moving)
-        return Energy(*energy(z, dz, mechanism.gravity, mechanism.body_int, mechanism.body_float,
-                              mechanism.coordinate, tables.moving))
+        refresh(z, dz, tables.vectors[gen.DDZ], tables.chain)
+        return Energy(*energy(z, dz, self.mechanism.gravity, tables.chain))
 
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
@@ -329,13 +324,10 @@ class Plant:
 
     def mass_matrix(self) -> FloatArray:
         """Give the mass matrix over all coordinates at the present state."""
-        mechanism, tables = self.mechanism, self.tables
-        result = np.empty((mechanism.size, mechanism.size))
-        z = tables.vectors[gen.Z]
-        refresh(z, z * 0.0, z * 0.0, tables.base, mechanism.body_int, mechanism.body_float,
-                tables.moving)
-        mass_matrix(z, mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                    tables.moving, tables.columns, tables.owner, tables.inertias, result)
+        z, chain = self.tables.vectors[gen.Z], self.tables.chain
+        result = np.empty((z.size, z.size))
+        refresh(z, z * 0.0, z * 0.0, chain)
+        mass_matrix(z, chain, self.tables.composite, result)
         return result
 
     def imbalance(
@@ -357,12 +349,8 @@ class Plant:
             Joint efforts, and what is missing at elastic coordinates.
 
         """
-        mechanism, tables = self.mechanism, self.tables
-        result = np.empty(mechanism.size)
-        inverse_dynamics(
-            z, dz, ddz, tables.base, tables.wrench, self.loaded, float(elastic),
-            mechanism.body_int, mechanism.body_float, mechanism.coordinate, tables.moving,
-            tables.reaction, result)
+        result = np.empty(self.mechanism.size)
+        inverse_dynamics(z, dz, ddz, self.tables.chain, self.loaded, float(elastic), result)
         return result
 
     def solve_accelerations(
@@ -400,13 +388,9 @@ class Plant:
         return result
 
     def _start_accelerations(self) -> None:
-        mechanism, tables = self.mechanism, self.tables
+        tables = self.tables
         tables.vectors[gen.DDZ, tables.prescribed] = tables.motion[2, tables.prescribed]
-        regular = gen.accelerations(
-            tables.vectors, tables.matrices, tables.prescribed, tables.torque, tables.base,
-            tables.wrench, self.loaded, tables.columns, tables.owner, tables.inertias,
-            tables.moving, tables.reaction, mechanism.body_int, mechanism.body_float,
-            mechanism.coordinate)
+        regular = gen.accelerations(tables, self.loaded)
         tables.settings[gen.FACTORED] = 0.0
         if not regular:
             self._fail(gen.SINGULAR)
@@ -421,16 +405,17 @@ class Plant:
             raise SimulationError(msg) from None
 
     def _set_force(self, force: FloatArray) -> None:
-        if force.shape == self.tables.wrench.shape:
-            self.tables.wrench[:] = force
+        wrench = self.tables.chain.wrench
+        if force.shape == wrench.shape:
+            wrench[:] = force
         elif force.shape in ((3,), (6,)):
-            self.tables.wrench[:] = 0.0
-            self.tables.wrench[self.mechanism.tip, :force.size] = force
+            wrench[:] = 0.0
+            wrench[self.mechanism.tip, :force.size] = force
         else:
             msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
-                   f'or {self.tables.wrench.shape} for all points')
+                   f'or {wrench.shape} for all points')
             raise SimulationError(msg)
-        if not np.isfinite(self.tables.wrench).all():
+        if not np.isfinite(wrench).all():
             self._fail(gen.BAD_INPUT)
         self.loaded = True
 
@@ -442,11 +427,8 @@ class Plant:
                     self.tables.motion[row, self._q[number]] = given[number]
 
     def _read_state(self) -> None:
-        mechanism, tables = self.mechanism, self.tables
         self.state.t = self._t0 + self._time_steps * self.dt
-        gen.report(tables.vectors, tables.prescribed, tables.torque, self._q, self.bodies,
-                   tables.reaction, tables.moving, mechanism.body_int, mechanism.coordinate,
-                   self._joints)
+        gen.report(self.tables, self._joints)
 
     def _fail(self, status: int) -> NoReturn:
         loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
