@@ -95,7 +95,7 @@ class Driven(NamedTuple):
     drives : Drives
         How the other ends of the gears move.
     chain : Chain
-        Mechanism.
+        Tables of the mechanism.
     composite : Composite
         Working memory of the mass matrix.
     gauges : Gauges

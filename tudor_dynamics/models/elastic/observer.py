@@ -306,7 +306,7 @@ def tangents(
     gears : Gears
         Gears with drives that stand still.
     chain : Chain
-        Mechanism.
+        Tables of the mechanism.
     loaded : bool
         Whether a force acts from outside.
     result : ndarray of shape (3, m, m)

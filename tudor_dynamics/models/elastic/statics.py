@@ -106,7 +106,7 @@ def settle(equations: Equations, gears: Gears, chain: Chain, loaded: bool) -> bo
     gears : Gears
         Gears, with drives that stand still.
     chain : Chain
-        Mechanism.
+        Tables of the mechanism.
     loaded : bool
         Whether a force acts from outside.
 

@@ -202,7 +202,7 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
     chain : Chain
         Mechanism after a forward pass at ``z``.
     composite : Composite
-        Working memory.
+        Working memory of composite bodies.
     matrix : ndarray of shape (n, n)
         Mass matrix: the result.
 

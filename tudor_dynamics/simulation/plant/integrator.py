@@ -73,7 +73,7 @@ class PlantTables(NamedTuple):
     motion : ndarray of shape (3, n)
         Position, velocity, acceleration of prescribed coordinates at the end of the step.
     chain : Chain
-        Mechanism.
+        Tables of the mechanism.
     composite : Composite
         Working memory of the mass matrix.
 
