@@ -139,7 +139,7 @@ def test_frequency_of_an_upright_mast(angle: float, weight: int) -> None:
     """
     driven = mast(**{'density(j1)': 1e-9})
     if not weight:
-        driven._base[:] = 0.0
+        driven.tables.chain.base[:] = 0.0
     rate, n = 400.0, 1600
     q = np.full((n, 1), angle)
     q[5:] += 1e-3

@@ -54,23 +54,20 @@ def stretching(arm: Arm, stretch: bool) -> Arm:
 
 def differences(driven: DrivenArm) -> tuple[FloatArray, ...]:
     """Differentiate what is missing for a true motion: stiffness, damping, mass."""
-    mechanism, rest = driven.mechanism, driven._vectors.copy()
-    found = []
+    tables, vectors = driven.tables, driven.tables.equations.vectors
+    rest, free, found = vectors.copy(), tables.equations.free, []
     for row, nudge in ((Z, 1e-5), (DZ, 1e-3), (DDZ, 1.0)):
         columns = []
-        for i in driven._free:
+        for i in free:
             sides = []
             for step in (nudge, -nudge):
-                driven._vectors[:] = rest
-                driven._vectors[row, i] += step
-                residual(driven._vectors, driven._aim, driven._aim_rate, driven._springs,
-                         driven._spring_at, driven._base, driven._wrench, driven._loaded,
-                         mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                         driven._moving, driven._reaction)
-                sides.append(driven._vectors[FORCE, driven._free])
+                vectors[:] = rest
+                vectors[row, i] += step
+                residual(vectors, tables.gears, tables.chain, driven._loaded)
+                sides.append(vectors[FORCE, free])
             columns.append((sides[0] - sides[1]) / (2.0 * nudge))
         found.append(np.column_stack(columns))
-    driven._vectors[:] = rest
+    vectors[:] = rest
     return tuple(found)
 
 
@@ -91,7 +88,7 @@ def test_derivatives_of_the_balance(name: str, stretch: bool) -> None:
     for payload in (0.0, 0.4):
         driven.set_parameters({'payload': payload})
         for pose in POSES:
-            small = driven.linearised(pose[:len(driven._spring_at)])
+            small = driven.linearised(pose[:len(driven.tables.gears.place)])
             stiffness, damping, mass = differences(driven)
             for found, expected in ((small.stiffness, stiffness), (small.damping, damping),
                                     (small.mass, mass)):
@@ -124,10 +121,11 @@ def test_linearising_changes_nothing(stretch: bool) -> None:
     driven = DrivenArm(stretching(load_arm(CONFIG / 'tudor.yaml'), stretch))
     pose = np.array([0.6, 0.5])
     driven.follow(pose[None], np.zeros(1))
-    rest = driven._vectors.copy()
+    rest = driven.tables.equations.vectors.copy()
     driven.linearised(pose)
     # to rounding: compiled on different days, the same sum may round differently
-    np.testing.assert_allclose(driven._vectors[:FORCE], rest[:FORCE], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(driven.tables.equations.vectors[:FORCE], rest[:FORCE],
+                               rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize('q', [(0.0, 0.0), (0.6, 0.5), (1.5, -1.2)])

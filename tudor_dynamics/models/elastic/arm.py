@@ -86,6 +86,8 @@ class DrivenArm:
     ----------
     parameters : dict of str to float
         Physical parameters by name, such as ``gear(joint2)``, see ``parameters.PHYSICAL``.
+    tables : Driven
+        Arrays of the arm, for compiled functions that advance or look at it.
     contact : ndarray of shape (3,)
         Force at the tip as the observer has it, base frame [N].
 
@@ -103,7 +105,7 @@ class DrivenArm:
         place = spring_coordinates(mechanism, arm)
         free = moving_coordinates(mechanism, gauges, place)
         n, m, joints = mechanism.size, free.size, place.size
-        self._driven = Driven(
+        self.tables = Driven(
             Equations(np.zeros((VECTORS, n)), np.zeros((MATRICES, n, n)), np.zeros((m, m)),
                       np.zeros(m), free),
             Gears(np.zeros((joints, SPRING_FLOATS)), place, np.zeros(joints), np.zeros(joints)),
@@ -112,18 +114,18 @@ class DrivenArm:
             Gauges(gauges.body, gauges.place, gauges.axis,
                    np.column_stack([gauges.sign, np.zeros(len(gauges.sign))]),
                    np.zeros((len(gauges.body), LOADS))))
-        self._arrays = tuple(array for table in self._driven for array in table)
-        self._vectors = self._driven.equations.vectors
+        self._arrays = tuple(array for table in self.tables for array in table)
+        self._vectors = self.tables.equations.vectors
         self._vectors[Z] = mechanism.initial
         self._loaded, self.contact = False, np.zeros(observer.FORCES)
-        self._physics = Physics(arm, mechanism, self._driven.gears.springs)
+        self._physics = Physics(arm, mechanism, self.tables.gears.springs)
         self.parameters = described(self._physics)
         self.set_parameters({})
 
     @property
     def size(self) -> int:
         """Give the number of coordinates that move."""
-        return int(self._driven.equations.free.size)
+        return int(self.tables.equations.free.size)
 
     def set_parameters(self, changes: Mapping[str, float]) -> None:
         """
@@ -142,10 +144,10 @@ class DrivenArm:
         """
         change(self.parameters, changes, self.arm.name)
         apply(self._physics, self.parameters)
-        mechanism, matrices = self.mechanism, self._driven.equations.matrices
+        mechanism, matrices = self.mechanism, self.tables.equations.matrices
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          matrices[STIFFNESS], matrices[DAMPING])
-        gain = self._driven.gauges.gain
+        gain = self.tables.gauges.gain
         gain[:, 1] = -gain[:, 0] * self._gauges.damping(self.parameters)
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:
@@ -211,8 +213,8 @@ class DrivenArm:
         """
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
-        driven = self._driven
-        tangents(driven.equations, driven.gears, driven.chain, self._loaded, result)
+        tables = self.tables
+        tangents(tables.equations, tables.gears, tables.chain, self._loaded, result)
         return Linearised(*result[::-1])
 
     def start_observer(
@@ -240,10 +242,10 @@ class DrivenArm:
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
         self._covariance, self._small = np.zeros((n, n)), np.zeros((3, m, m))
         self._pushed = np.zeros((m, observer.FORCES))
-        self._shown = moment_rows(self.mechanism, self._gauges, self._driven.equations.free)
+        self._shown = moment_rows(self.mechanism, self._gauges, self.tables.equations.free)
         self.contact[:] = 0.0
         self._use_contact()
-        self.follow(np.tile(self._vectors[Z, self._driven.gears.place], (2, 1)),
+        self.follow(np.tile(self._vectors[Z, self.tables.gears.place], (2, 1)),
                     np.array([0.0, 1e-3]))
         self._linearise()
         self._noise = SAMPLE * white_force(
@@ -280,7 +282,7 @@ class DrivenArm:
                                   self._noise, self._walk)
         good = good and observer.correct(
             self._covariance, self._shown, self._deviation**2 * (SAMPLE / dt), innovation, mass,
-            damping, stiffness, self._vectors, self._driven.equations.free, self.contact)
+            damping, stiffness, self._vectors, self.tables.equations.free, self.contact)
         self._use_contact()
         return bool(good)
 
@@ -289,7 +291,7 @@ class DrivenArm:
                            *self._arrays)
 
     def _use_contact(self) -> None:
-        self._driven.chain.wrench[self.mechanism.tip, :3] = self.contact
+        self.tables.chain.wrench[self.mechanism.tip, :3] = self.contact
         self._loaded = bool(np.any(self.contact != 0.0))
 
 
