@@ -58,9 +58,13 @@ def motion(seconds: float = 12.0, rate: float = 100.0) -> tuple[np.ndarray, np.n
     return 1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64), q
 
 
-def torques(q: np.ndarray, rate: float = 100.0) -> np.ndarray:
+def torques(
+    q: np.ndarray, rate: float = 100.0, *, text: str = '',
+    gravity: Sequence[float] = (0, 0, -9.81),
+) -> np.ndarray:
     """Give the torques of the motion, with friction [N m]."""
-    model = model_from_urdf(urdf(), 'pair.urdf')
+    model = model_from_urdf(text or urdf(), 'pair.urdf')
+    model.gravity = pin.Motion(np.array(gravity, dtype=float), np.zeros(3))
     data = model.createData()
     dq, ddq = (np.gradient(q, 1 / rate, axis=0),
                np.gradient(np.gradient(q, 1 / rate, axis=0), 1 / rate, axis=0))

@@ -130,7 +130,7 @@ def test_rows_in_a_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert content['kinematics']['dh'][0] == [0.0, np.pi / 2, 0.3, 0.0]
     assert content['kinematics']['dh'][1][3] == -np.pi / 4
     assert load_arm(place / 'arm.yaml').joints[0].effort.topic == 'motor_currents'
-    assert 'make sure' not in capsys.readouterr().out
+    assert 'taken as those of' not in capsys.readouterr().out
     (place / 'rows.yaml').write_text('dh: [[0.0, 1.5708, 0.3, 0.0], [0.4, 0, 0, 0]]\n')
     run(place, 'named', '--dh', 'rows.yaml')
     assert 'taken as those of shoulder, elbow' in capsys.readouterr().out
@@ -164,6 +164,31 @@ def test_without_kinematics_they_are_left_open(place: Path) -> None:
     """Joints and topics are there, rows are not."""
     content = run(place, 'named')
     assert content['kinematics'] == {'dh': '?'} and len(content['joints']) == 2
+
+
+LYING = urdf().replace('rpy="1.5708', 'rpy="0')
+"""The same arm with its axes along z of the base."""
+
+
+@pytest.mark.parametrize('gravity', [
+    (0.0, 9.81, 0.0), (0.0, -9.81, 0.0), (-9.81, 0.0, 0.0), (0.0, 0.0, -9.81)])
+def test_down_is_where_the_efforts_say(
+    place: Path, capsys: pytest.CaptureFixture[str], gravity: tuple[float, float, float],
+) -> None:
+    """A base on a wall: masses of the URDF say which axis it is, and which way."""
+    bag = place / f'leaning_{gravity}'
+    (place / 'lying.urdf').write_text(LYING)
+    _, q = motion()
+    write(bag, effort=torques(q, gravity=gravity, text=LYING))
+    assert run(place, bag.name, '--urdf', 'lying.urdf')['gravity'] == list(gravity)
+    said = capsys.readouterr().out
+    assert ('gravity is not along -z of the base: ' in said) == (gravity[2] == 0.0)
+    assert 'make sure' not in said
+    if gravity[2] == 0.0:
+        assert '[N m] on joint_states' in said
+        (place / 'rows').write_text('shoulder 0.4 0 0 0\nelbow 0.4 0 0 0')
+        found = run(place, bag.name, '--dh', 'rows')['gravity']
+        assert found == list(gravity) or 'make sure of axis and sign' in capsys.readouterr().out
 
 
 def test_nothing_is_written_over(place: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.arm.open_values import OPEN, open_values
@@ -35,6 +36,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.library.drafting.chain import chain_of, chain_of_urdf, GRAVITY
+from tudor_dynamics.library.drafting.gravity import down
 from tudor_dynamics.library.drafting.judging import (
     effort_over_gravity, effort_unit, joint_before, Judgement, strain_unit)
 from tudor_dynamics.library.drafting.survey import Carrier, Survey, survey
@@ -153,7 +155,7 @@ class _Writer:
         """Write all parts."""
         content, found = self.draft.content, self._found
         content['kinematics'] = self._chain.content
-        content['gravity'] = list(GRAVITY)
+        content['gravity'] = self._gravity()
         content['joint_topic'] = _relative(found.positions.topic)
         self.draft.remarks['joint_topic'] = (
             f'{found.positions.rate:.4g} Hz, {found.seconds:.4g} s in '
@@ -166,14 +168,43 @@ class _Writer:
             content['gauges'] = gauges
         return self.draft
 
+    @property
+    def _with_effort(self) -> list[Recording]:
+        return [item for item in self._recordings if item.effort is not None]
+
+    def _gravity(self) -> list[float]:
+        """Judge where down is; with the masses of a URDF, which way along its axis, too."""
+        model, measured = self._chain.model, self._with_effort
+        if model is None or not measured:
+            return list(GRAVITY)
+        index = self._chain.index(self._joints)
+        found = down(model, measured, index)
+        gravity, told = np.array(found.gravity), len(found.alike) == 1
+        model.gravity = pin.Motion(gravity, np.zeros(3))
+        if self._chain.has_masses and not told:
+            # what masses the links have says which of them it is, and which way
+            slopes = {}
+            for alike in found.alike:
+                model.gravity = pin.Motion(np.array(alike), np.zeros(3))
+                slopes[alike] = list(effort_over_gravity(model, measured, index).values())
+            best = max(slopes, key=lambda alike: len(slopes[alike]))
+            told = bool(slopes[best])
+            gravity = np.array(best) * (-1.0 if told and np.median(slopes[best]) < 0.0 else 1.0)
+            model.gravity = pin.Motion(gravity, np.zeros(3))
+        if found.reason:
+            self.draft.remarks['gravity'] = found.reason
+            which = '' if told else '; make sure of axis and sign'
+            self.draft.notes.append(f'gravity is not along -z of the base: {found.reason}{which}')
+        return [float(value) + 0.0 for value in gravity]
+
     def _unit(self) -> dict[str, Judgement]:
         """Judge the unit of each source of efforts, by all joints that it carries."""
         judged: dict[str, Judgement] = {}
         slopes: dict[int, float] = {}
         model = self._chain.model
-        with_effort = [item for item in self._recordings if item.effort is not None]
-        if with_effort and model is not None and self._chain.has_masses:
-            slopes = effort_over_gravity(model, with_effort, self._chain.index(self._joints))
+        if self._with_effort and model is not None and self._chain.has_masses:
+            slopes = effort_over_gravity(model, self._with_effort,
+                                         self._chain.index(self._joints))
         for key in dict.fromkeys(str(source) for _, source in self._sources.values()):
             joints = [joint for joint in self._joints if str(self._sources[joint][1]) == key]
             carrier = self._sources[joints[0]][0]

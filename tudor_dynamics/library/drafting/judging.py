@@ -26,18 +26,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.signal import savgol_filter
 
 from tudor_dynamics.arm.open_values import OPEN
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.typing import FloatArray, IndexArray
+from tudor_dynamics.library.drafting.samples import SLOW, spread
+from tudor_dynamics.typing import FloatArray
 
-MAX_SAMPLES = 400
-"""Of each bag, evenly spread: gravity needs poses, not samples."""
-WINDOW = 0.15
-"""Over which positions are smoothed to differentiate them [s]."""
-SLOW = 0.05
-"""Speed over which the sign of the friction is smoothed [rad/s or m/s]."""
 FOLLOWS = 0.5
 """Share of what friction leaves of an effort that gravity explains, to be evidence of its unit."""
 TORQUES = (0.5, 2.0)
@@ -74,35 +68,6 @@ class Judgement:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
-    """Evenly spread samples of a recording: rows, and motion of all joints of a model."""
-
-    rows: IndexArray
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-
-
-def _spread(recording: Recording, size: int, index: Sequence[int]) -> _Rows:
-    """Take samples, with speeds and accelerations of joints that are smooth over `WINDOW`."""
-    keep = max(1, len(recording.q) // MAX_SAMPLES)
-    parts = []
-    for segment in recording.segments:
-        width = 2 * max(2, round(WINDOW / recording.dt / 2)) + 1
-        if segment.stop - segment.start <= width:
-            continue
-        moved = [savgol_filter(recording.q[segment], width, 3, deriv=order, delta=recording.dt,
-                               axis=0)[::keep] for order in range(3)]
-        whole = np.zeros((3, len(moved[0]), size))
-        whole[:, :, list(index)] = moved
-        parts.append((np.arange(segment.start, segment.stop)[::keep], *whole))
-    if not parts:
-        none = np.empty((0, size))
-        return _Rows(np.empty(0, dtype=np.intp), none, none, none)
-    return _Rows(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-
-
 def effort_over_gravity(
     model: pin.Model, recordings: Sequence[Recording], index: Sequence[int],
 ) -> dict[int, float]:
@@ -131,7 +96,7 @@ def effort_over_gravity(
     gravity, inertial, speed, measured = [], [], [], []
     for recording in recordings:
         assert recording.effort is not None
-        some = _spread(recording, model.nq, index)
+        some = spread(recording, model.nq, index)
         for q, dq, ddq in zip(some.q, some.dq, some.ddq, strict=True):
             still = np.array(pin.rnea(model, data, q, nothing, nothing))
             gravity.append(still[list(index)])
@@ -265,7 +230,7 @@ def joint_before(
     readings: list[FloatArray] = []
     for recording in recordings:
         assert recording.strain is not None
-        some = _spread(recording, model.nq, index)
+        some = spread(recording, model.nq, index)
         rows += [pin.computeJointTorqueRegressor(model, data, q, dq, ddq)[list(index)]
                  for q, dq, ddq in zip(some.q, some.dq, some.ddq, strict=True)]
         readings.append(recording.strain[some.rows, gauge])

@@ -101,8 +101,10 @@ def text_of(draft: Draft) -> str:
     for note in draft.notes:
         lines += _remark(f'{note[0].upper()}{note[1:]}.')
     lines += [f'name: {_flow(content["name"])}', *_kinematics(content['kinematics'])]
-    lines += _remark('Assumed: the base stands upright. In the base frame [m/s^2]; another one '
-                     'for an arm that hangs or leans.')
+    lines += _remark(
+        'In the base frame [m/s^2]. ' + (
+            f'Judged: {remarks["gravity"]}.' if 'gravity' in remarks else
+            'Assumed: the base stands upright; another one for an arm that hangs or leans.'))
     lines.append(f'gravity: {_flow(content["gravity"])}')
     lines.append(f'joint_topic: {_flow(content["joint_topic"])}'.ljust(39)
                  + f' # {printable(remarks.get("joint_topic", ""))}')
