@@ -87,6 +87,23 @@ def test_unreadable_bags_give_two_and_the_others_are_described(bag, tmp_path, ca
     assert len(lines) == 2 and all('no such file' in line for line in lines)
 
 
+def test_tables_are_whole_on_a_narrow_terminal(tmp_path, capsys, monkeypatch):
+    """Long names go on in the next line, ranges too; no digit is lost."""
+    monkeypatch.setenv('COLUMNS', '80')
+    name = 'left_arm_shoulder_pan_joint_of_the_first_robot'
+    stamp = 10**18 + 10_000_000 * np.arange(300)
+    wave = np.sin(0.01 * np.arange(300))[:, None]
+    write_bag(tmp_path / 'bag', [JointStateSeries(
+        '/a_namespace_of_some_length/joint_states', stamp, (name,), wave - 0.12345,
+        1.2345e-7 * wave, -9.8765e11 * wave)])
+    assert main(['info', str(tmp_path / 'bag')]) == 0
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= 80 and '…' not in out
+    assert name in ''.join(line.partition(' ')[0] for line in out.splitlines())
+    for figure in ('-0.1235', '1.23e-07', '-9.875e+11'):
+        assert figure in out
+
+
 def test_bag_without_joints_is_described(tmp_path, capsys):
     """Nothing to learn from is no error."""
     write_bag(tmp_path / 'bag', [])

@@ -99,6 +99,18 @@ def test_without_masses_the_limits_of_the_urdf_judge(place: Path) -> None:
         '?', 'N m')
 
 
+def test_what_stiction_holds_says_nothing_of_gravity(place: Path) -> None:
+    """A joint that does not move, with an effort that no gravity explains."""
+    _, q = motion()
+    held = 3.0 + np.random.default_rng(1).normal(0.0, 0.01, len(q))
+    if not (place / 'held').exists():
+        write(place / 'held', effort=np.column_stack([torques(q), held]),
+              names=(*JOINTS, 'finger'))
+    content = run(place, 'held', '--urdf', 'finger.urdf')
+    assert content['gravity'] == [0.0, 0.0, -9.81]
+    assert content['joints'][0]['effort']['unit'] == 'N m'
+
+
 def test_all_joints_of_the_urdf_are_listed(place: Path) -> None:
     """One that does not move, or is not in the bag, is held where it is."""
     for bag in ('still', 'torque'):

@@ -178,7 +178,7 @@ class _Writer:
         if model is None or not measured:
             return list(GRAVITY)
         index = self._chain.index(self._joints)
-        found = down(model, measured, index)
+        found = down(model, measured, index, [joint in self._moving for joint in self._joints])
         gravity, told = np.array(found.gravity), len(found.alike) == 1
         model.gravity = pin.Motion(gravity, np.zeros(3))
         if self._chain.has_masses and not told:
@@ -220,6 +220,9 @@ class _Writer:
             name = carrier.field if carrier.msgtype == DYNAMIC_JOINT_STATE else carrier.topic
             torque = 'N' if all(map(self._chain.slides, joints)) else 'N m'
             judged[key] = effort_unit(own, peaks, limits, name, torque)
+            if model is None and judged[key].value == torque:
+                judged[key] = Judgement(OPEN, f'{judged[key].reason}: N m, or N of a joint that '
+                                              'slides?')
         return judged
 
     def _joint(self, joint: str) -> dict[str, Any]:

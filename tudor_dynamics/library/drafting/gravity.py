@@ -81,6 +81,7 @@ def _unexplained(rows: FloatArray, dq: FloatArray, effort: FloatArray) -> float:
 
 def down(
     model: pin.Model, recordings: Sequence[Recording], index: Sequence[int],
+    moving: Sequence[bool],
 ) -> Down:
     """
     Judge the direction of gravity.
@@ -93,6 +94,8 @@ def down(
         Motions with efforts.
     index : sequence of int
         Place of each recorded joint in the model's configuration.
+    moving : sequence of bool
+        Which of them move: the efforts of the others are what stiction holds.
 
     Returns
     -------
@@ -105,19 +108,21 @@ def down(
     speed, measured = [], []
     for recording in recordings:
         assert recording.effort is not None
-        some = spread(recording, model.nq, index)
-        speed.append(some.dq[:, list(index)])
-        measured.append(recording.effort[some.rows])
+        taken = spread(recording, model.nq, index)
+        speed.append(taken.dq[:, list(index)])
+        measured.append(recording.effort[taken.rows])
         for name, gravity in (('usual', USUAL), *OTHERS.items()):
             other.gravity = pin.Motion(np.array(gravity), np.zeros(3))
             data = other.createData()
             rows[name] += [
                 pin.computeJointTorqueRegressor(other, data, q, dq, ddq)[list(index)].copy()
-                for q, dq, ddq in zip(some.q, some.dq, some.ddq, strict=True)]
+                for q, dq, ddq in zip(taken.q, taken.dq, taken.ddq, strict=True)]
     dq, effort = np.vstack(speed), np.vstack(measured)
     if len(effort) < 2:
         return Down(USUAL, (USUAL,), '')
-    left = {name: _unexplained(np.array(found), dq, effort) for name, found in rows.items()}
+    some = np.flatnonzero(moving)
+    left = {name: _unexplained(np.array(found)[:, some], dq[:, some], effort[:, some])
+            for name, found in rows.items()}
     best = min(OTHERS, key=lambda name: left[name] * (1.0 if name == 'none' else SIMPLER))
     if left['usual'] <= BETTER * left[best]:
         return Down(USUAL, (USUAL,), '')
