@@ -100,7 +100,7 @@ def test_tables_are_whole_on_a_narrow_terminal(tmp_path, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert max(map(len, out.splitlines())) <= 80 and '…' not in out
     assert name in ''.join(line.partition(' ')[0] for line in out.splitlines())
-    for figure in ('-0.1235', '1.23e-07', '-9.875e+11'):
+    for figure in ('-0.1235', '1.234e-07', '-9.876e+11'):
         assert figure in out
 
 
