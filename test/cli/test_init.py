@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from pathlib import Path
 import re
+import tempfile
 
 from draft_making import JOINTS, motion, torques, urdf, write
+from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -27,6 +29,8 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import JointStateSeries, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ArmError
+from tudor_dynamics.library.drafting.draft import draft_of
+from tudor_dynamics.library.drafting.page import text_of
 import yaml
 
 
@@ -221,16 +225,31 @@ def test_a_urdf_of_another_arm(place: Path, capsys: pytest.CaptureFixture[str]) 
     assert 'j1, j2' in err and 'shoulder, elbow' in err and len(err.splitlines()) == 1
 
 
+@settings(deadline=None, max_examples=25,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.text(min_size=1, max_size=12).filter(lambda text: '\0' not in text and (
+    text.encode(errors='ignore').decode() == text)), min_size=2, max_size=2, unique=True))
+def test_any_names_are_written_so_that_they_read_the_same(names: list[str]) -> None:
+    """Names that YAML takes for something else, or that would end a line."""
+    with tempfile.TemporaryDirectory() as folder:
+        bag = write(Path(folder) / 'bag', effort=200 * motion()[1], names=names)
+        draft = draft_of([str(bag)], out=Path(folder) / 'arm.yaml')
+        assert [joint['name'] for joint in yaml.safe_load(text_of(draft))['joints']] == names
+
+
 def test_answers_take_the_place_of_question_marks(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """On a terminal it asks, once for all joints of a topic; an empty answer leaves a value."""
-    answers = iter(['mA', 'N*m', '0.05', ''])
+    """On a terminal it asks, once for all joints of a topic; the end of the input ends that."""
+    answers = iter(['mA', 'N*m', '0.05'])
     asked = []
 
     def say(text: str) -> str:
         asked.append(text)
-        return next(answers)
+        try:
+            return next(answers)
+        except StopIteration:
+            raise EOFError from None
     for stream in ('stdin', 'stdout'):
         monkeypatch.setattr(f'sys.{stream}.isatty', lambda: True)
     monkeypatch.setattr('builtins.input', say)

@@ -20,7 +20,7 @@ import argparse
 from pathlib import Path
 import sys
 
-from tudor_dynamics.arm.open_values import spelled
+from tudor_dynamics.arm.open_values import OPEN, spelled
 from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.library.drafting.draft import check_draft, Draft, draft_of
@@ -73,8 +73,13 @@ def _ask(draft: Draft) -> None:
         question = question_of(draft, path)
         while question is not None and path in draft.unknown:
             text, convert = question
-            said = input(f'{printable(spelled(draft.content, path))}: {printable(text)}? ').strip()
-            if said in ('', '?'):
+            try:
+                said = input(f'{printable(spelled(draft.content, path))}: {printable(text)}? ')
+            except EOFError:  # nobody will answer any more
+                print()
+                return
+            said = said.strip()
+            if said in ('', OPEN):
                 break
             try:
                 answer(draft, path, convert(said))

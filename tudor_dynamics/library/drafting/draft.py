@@ -52,7 +52,7 @@ class Draft:
     content : dict
         Description as plain values, ``?`` where a value is open.
     remarks : dict of str to str
-        Key, or name of a joint or gauge, to what the bags show of it.
+        Key (``gravity``, ``joints.NAME``, ``gauges.NAME``, ...) to what the bags show of it.
     bags : tuple of str
         Bags that were looked at.
     notes : list of str
@@ -92,7 +92,7 @@ def _relative(topic: str) -> str:
 
 def _gauges(found: Survey) -> list[tuple[Carrier, str, dict[str, Any]]]:
     """List what may be gauges: where each stands, its key there, and the begin of its entry."""
-    entries = []
+    entries: list[tuple[Carrier, str, dict[str, Any]]] = []
     for carrier in found.strains:
         for key in carrier.ranges:
             entry: dict[str, Any] = {'name': key, 'topic': _relative(carrier.topic)}
@@ -101,7 +101,8 @@ def _gauges(found: Survey) -> list[tuple[Carrier, str, dict[str, Any]]]:
                 entry['index'] = int(key)
             elif carrier.msgtype == DYNAMIC_JOINT_STATE:
                 entry['interface'] = carrier.field
-            entries.append((carrier, key, entry))
+            if entry['name'] not in [other['name'] for _, _, other in entries]:
+                entries.append((carrier, key, entry))
     return entries
 
 
@@ -232,7 +233,7 @@ class _Writer:
         slides = self._chain.slides(joint)
         unit = 'm' if slides else 'rad'
         if joint not in self._joints:
-            self.draft.remarks[joint] = 'not in the bags: held at 0'
+            self.draft.remarks[f'joints.{joint}'] = 'not in the bags: held at 0'
             return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
         low, high = self._found.positions.ranges[joint]
         unit = unit if self._chain.model is not None else 'rad or m'
@@ -241,11 +242,11 @@ class _Writer:
             place = float(np.median(np.concatenate([
                 item.q[:, self._joints.index(joint)] for item in self._recordings])))
             entry['hold'] = round(place, 6) + 0.0
-            self.draft.remarks[joint] = f'does not move ({text}): held'
+            self.draft.remarks[f'joints.{joint}'] = f'does not move ({text}): held'
             return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
         carrier, source = self._sources[joint]
         if not source:
-            self.draft.remarks[joint] = f'{text}; no effort in the bags'
+            self.draft.remarks[f'joints.{joint}'] = f'{text}; no effort in the bags'
             return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
         judged = self._units[str(source)]
         unit = judged.value
@@ -257,7 +258,7 @@ class _Writer:
             text += f'; effort {least:.4g} .. {most:.4g}'
             if not carrier.changes(joint):
                 self.draft.notes.append(f'the effort of {joint} in {carrier.topic} never changes')
-        self.draft.remarks[joint] = text
+        self.draft.remarks[f'joints.{joint}'] = text
         self.draft.remarks['unit'] = judged.reason
         return entry
 
@@ -275,7 +276,7 @@ class _Writer:
         if self._chain.model is not None and measured:
             where = joint_before(self._chain.model, measured, self._chain.index(self._joints),
                                  number, self._joints, self._moving)
-        self.draft.remarks[begin['name']] = f'{unit.reason}; {where.reason}'
+        self.draft.remarks[f'gauges.{begin["name"]}'] = f'{unit.reason}; {where.reason}'
         name = begin.pop('name')
         return {'name': name, 'joint': where.value, 'distance': OPEN, **begin, 'unit': unit.value}
 

@@ -59,7 +59,7 @@ def _remark(text: str, indent: str = '') -> list[str]:
 def _list(key: str, entries: list[dict[str, Any]], draft: Draft) -> list[str]:
     lines = [f'{key}:']
     for entry in entries:
-        remark = draft.remarks.get(entry['name'])
+        remark = draft.remarks.get(f'{key}.{entry["name"]}')
         lines += _remark(remark, '  ') if remark else []
         lines.append(f'  - {_flow(entry)}')
     return lines
