@@ -20,6 +20,8 @@ from pathlib import Path
 import re
 import tempfile
 
+from carrier_making import (
+    ARRAY, array, DYNAMIC, dynamic, Topic, topic_of, write as write_topics)
 from draft_making import JOINTS, motion, torques, urdf, write
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
@@ -136,6 +138,32 @@ def test_gauges_sit_behind_the_joint_whose_moment_they_follow(
         {'name': 'inner', 'joint': 'shoulder', 'distance': '?', 'topic': 'link_strains',
          'unit': 'um/m'}]
     assert 'gauges[outer].distance, gauges[inner].distance' in capsys.readouterr().out
+
+
+def test_arrays_and_interfaces(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An interface is found by its name; of an array it is not known which value is whose."""
+    stamp, q = motion()
+    tau = torques(q)
+    states = topic_of(JointStateSeries('/joint_states', stamp, JOINTS, q))
+    if not (place / 'carriers').exists():
+        interfaces = [dynamic(int(s), {name: {'current': row[i] / 8, 'temperature': 40.0}
+                                       for i, name in enumerate(JOINTS)})
+                      for s, row in zip(stamp, tau, strict=True)]
+        write_topics(place / 'carriers', states,
+                     Topic('/dynamic_joint_states', DYNAMIC, states.log_time, interfaces),
+                     Topic('/strain_bridge', ARRAY, states.log_time,
+                           [array(9 * row) for row in tau]))
+        write_topics(place / 'array', states, Topic('/drive/torques', ARRAY, states.log_time,
+                                                    [array(row) for row in tau]))
+    content = run(place, 'carriers', '--urdf', 'pair.urdf')
+    assert content['joints'][1]['effort'] == {
+        'topic': 'dynamic_joint_states', 'interface': 'current', 'unit': 'A'}
+    assert [(gauge['name'], gauge['joint'], gauge['index']) for gauge in content['gauges']] == [
+        ('strain_bridge_0', 'shoulder', 0), ('strain_bridge_1', 'elbow', 1)]
+    content = run(place, 'array', '--urdf', 'pair.urdf')
+    assert content['joints'][0]['effort'] == {
+        'topic': '/drive/torques', 'index': '?', 'unit': '?'}
+    assert 'joints[elbow].effort.index' in capsys.readouterr().out
 
 
 def test_rows_in_a_file(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
