@@ -23,7 +23,7 @@ import tempfile
 from carrier_making import (
     ARRAY, array, DYNAMIC, dynamic, Topic, topic_of, write as write_topics)
 from draft_making import JOINTS, motion, torques, urdf, write
-from hypothesis import given, HealthCheck, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -253,8 +253,9 @@ def test_a_urdf_of_another_arm(place: Path, capsys: pytest.CaptureFixture[str]) 
     assert 'j1, j2' in err and 'shoulder, elbow' in err and len(err.splitlines()) == 1
 
 
-@settings(deadline=None, max_examples=25,
-          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, max_examples=25)
+@example(['0', '\x85'])
+@example(['?', 'null'])
 @given(st.lists(st.text(min_size=1, max_size=12).filter(lambda text: '\0' not in text and (
     text.encode(errors='ignore').decode() == text)), min_size=2, max_size=2, unique=True))
 def test_any_names_are_written_so_that_they_read_the_same(names: list[str]) -> None:

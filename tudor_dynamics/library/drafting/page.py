@@ -40,9 +40,13 @@ NO_GAUGES = """\
 
 
 def _flow(value: Any) -> str:
-    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True,
-                               width=10**6)
-    return text.removesuffix('...\n').strip()
+    for unicode in (True, False):  # a line break of Unicode in a name has to be escaped
+        text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False,
+                                   allow_unicode=unicode, width=10**6)
+        text = text.removesuffix('...\n').strip()
+        if load_yaml(f'[{text}]') == [value]:
+            break
+    return text
 
 
 def _remark(text: str, indent: str = '') -> list[str]:
