@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import hashlib
 import json
@@ -34,7 +35,7 @@ from tudor_dynamics.arm.couplings import coupling_matrix
 from tudor_dynamics.arm.kinematics import (
     gauge_point, is_prismatic, joint_axis, model_from_dh, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.open_values import check_no_open_values
-from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec
+from tudor_dynamics.arm.schema import ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec
 from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
@@ -190,6 +191,27 @@ class Arm:
         model = self.model
         return np.array([model.joints[model.getJointId(name)].idx_v
                          for name in self.active_joints], dtype=np.intp)
+
+    def with_joints(self, changes: Mapping[str, Mapping[str, Any]]) -> Arm:
+        """
+        Give the same arm with other values of some keys of its joints.
+
+        Parameters
+        ----------
+        changes : mapping of str to mapping
+            Name of a joint to the keys of its description with their values, which are not
+            checked again.
+
+        """
+        joints = tuple(joint.model_copy(update=dict(changes.get(joint.name, {})))
+                       for joint in self.spec.joints)
+        return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
+
+    def with_open_friction(self) -> Arm:
+        """Give the same arm without a word on the friction of its joints, for a fit to choose."""
+        joints = tuple(JointSpec.model_validate(joint.model_dump(
+            exclude_unset=True, exclude=set(FRICTION_KEYS))) for joint in self.spec.joints)
+        return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
 
     @cached_property
     def coupling(self) -> FloatArray | None:

@@ -37,6 +37,10 @@ NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
 """Spellings of one unit; the first is used everywhere."""
 MAX_INDEX = 1000
 """Values of an array that may be named."""
+AUTO = 'auto'
+"""What stands for a key that is left open: the same as no key."""
+FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity')
+"""Keys of a joint that say which friction is identified."""
 FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load')
 
 
@@ -156,7 +160,8 @@ class JointSpec(Spec):
     """Where the effort of its actuator comes from."""
     friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square',
                             'load'], ...] = ('viscous', 'coulomb')
-    """Terms of friction to identify, each a column of the regressor."""
+    """Terms of friction to identify, each a column of the regressor; ``auto``, or the key left
+    out, for ``tudor fit`` to choose by left-out parts, from viscous and coulomb on."""
     asymmetric: bool = False
     """Separate viscous and Coulomb coefficients for each direction of motion."""
     rotor_inertia: bool = True
@@ -182,6 +187,13 @@ class JointSpec(Spec):
                 raise ValueError(f'planned.{key} {inner:g} is beyond limits.{key} {outer:g}: '
                                  'nothing may be planned that must not happen')
         return self
+
+    @model_validator(mode='before')
+    @classmethod
+    def _left_open(cls, content: Any) -> Any:
+        if isinstance(content, dict) and content.get('friction') == AUTO:
+            return {key: value for key, value in content.items() if key != 'friction'}
+        return content
 
     @field_validator('friction')
     @classmethod
@@ -222,7 +234,8 @@ class PreprocessingSpec(Spec):
     """How positions become velocities and accelerations, and how often samples are used."""
 
     filter: Literal['causal', 'zero_phase'] = 'causal'  # noqa: A003
-    """The papers' causal filters, or zero-phase ones (offline only)."""
+    """The papers' causal filters, or zero-phase ones (offline; causal ones beside the robot);
+    ``auto``, or the key left out, for ``tudor fit`` to choose by left-out parts."""
     velocity_cutoff: Positive = 80.0
     """First-order low-pass behind the first difference quotient, causal [Hz]."""
     acceleration_cutoff: Positive = 20.0
@@ -237,6 +250,13 @@ class PreprocessingSpec(Spec):
     """Rate to decimate to for identification and evaluation; null for every sample [Hz]."""
     settle: NonNegative = 0.5
     """What is left out at the start of each gapless stretch, and at its end if zero-phase [s]."""
+
+    @model_validator(mode='before')
+    @classmethod
+    def _left_open(cls, content: Any) -> Any:
+        if isinstance(content, dict) and content.get('filter') == AUTO:
+            return {key: value for key, value in content.items() if key != 'filter'}
+        return content
 
 
 class ArmSpec(Spec):

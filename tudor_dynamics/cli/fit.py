@@ -25,10 +25,12 @@ from pydantic import ValidationError
 
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.description import validation_message
+from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
     finite, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bundling import bundle_of, figures
+from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import parse_payloads
@@ -57,6 +59,10 @@ examples:
 MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
 input.
 """
+
+
+CURRENTS = {'shared': True, 'separate': False}
+"""Words for whether currents of unknown torque constants share the inertial parameters."""
 
 
 class Clock:
@@ -96,15 +102,22 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     signals = parser.add_argument_group('signals (defaults: arm description)')
-    signals.add_argument('--filter', choices=('causal', 'zero_phase'),
-                         help="the papers' causal filters, or zero-phase ones")
+    signals.add_argument('--filter', choices=(AUTO, 'causal', 'zero_phase'),
+                         help="the papers' causal filters, or zero-phase ones; auto chooses by "
+                              'parts of the bags that are left out')
     signals.add_argument('--rate', metavar='HZ', help='decimate to this rate; "full" for none')
     signals.add_argument('--cutoff', type=float, metavar='HZ', help='zero-phase cut-off')
     signals.add_argument('--output-cutoff', type=float, metavar='HZ',
                          help='causal low-pass over positions, velocities, efforts and strains')
     models = parser.add_argument_group('models')
-    models.add_argument('--estimator', choices=ESTIMATORS, default='wls',
-                        help='of the analytical model (default: wls)')
+    models.add_argument('--estimator', choices=(AUTO, *ESTIMATORS), default=AUTO,
+                        help='of the analytical model (default: auto, by parts left out)')
+    models.add_argument('--friction', nargs='+', choices=(AUTO, *FRICTION_TERMS), metavar='TERM',
+                        help=f'friction of all joints: {", ".join(FRICTION_TERMS)}; or auto '
+                             '(default: arm description, auto where it names none)')
+    models.add_argument('--currents', choices=(AUTO, *CURRENTS), default=AUTO,
+                        help='one set of inertial parameters for currents of unknown torque '
+                             'constants, or separate ones (default: auto)')
     models.add_argument('--strain-form', choices=STRAIN_FORMS, default='exact',
                         help="bending moment at the gauge, or the joint's as in the paper")
     models.add_argument('--elm-hidden', type=int, default=100, metavar='H')
@@ -112,6 +125,20 @@ def configure(parser: argparse.ArgumentParser) -> None:
     models.add_argument('--elm-seed', type=int, default=0, metavar='N')
     models.add_argument('--random-split', action='store_true',
                         help='also report a random 50/50 split of the samples (optimistic)')
+
+
+def described(args: argparse.Namespace) -> Arm:
+    """Read the arm, with the friction that the command line asks for."""
+    arm = load_arm(args.arm)
+    if args.friction is None:
+        return arm
+    if AUTO in args.friction:
+        if len(args.friction) > 1:
+            msg = f'--friction {" ".join(args.friction)}: auto stands alone, or name terms'
+            raise UsageError(msg)
+        return arm.with_open_friction()
+    terms = tuple(dict.fromkeys(args.friction))
+    return arm.with_joints({joint.name: {'friction': terms} for joint in arm.spec.joints})
 
 
 def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpec:
@@ -122,7 +149,8 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
     if args.rate is not None:
         changes['rate'] = None if args.rate == 'full' else args.rate
     try:
-        return PreprocessingSpec.model_validate({**arm.spec.preprocessing.model_dump(), **changes})
+        return PreprocessingSpec.model_validate({
+            **arm.spec.preprocessing.model_dump(exclude_unset=True), **changes})
     except ValidationError as err:
         msg = f'command line: {validation_message(err)}'
         raise UsageError(msg) from None
@@ -133,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
     clock = Clock()
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
-    arm = load_arm(args.arm)
+    arm = described(args)
     check_kinds(args.models, arm)
     preprocessing = chosen_preprocessing(args, arm)
     training = [parse_choice(text) for text in args.bags]
@@ -142,8 +170,8 @@ def run(args: argparse.Namespace) -> int:
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
-        random_split=args.random_split)
-    total = len(training) + len(test) + 2 * len(settings.kinds) + 2
+        random_split=args.random_split, shared=CURRENTS.get(args.currents))
+    total = len(training) + len(test) + 4 * len(settings.kinds) + 4
     payloads = parse_payloads(args.payload_of, training + test)
     with steps(total) as step:
         data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
@@ -164,7 +192,7 @@ def run(args: argparse.Namespace) -> int:
         print_json(finite({'model': str(out), 'report': str(report),
                            'seconds': clock.seconds,
                            'findings': [item.as_dict() for item in result.findings],
-                           **figures(result)}))
+                           'choices': choices_to_list(result.choices), **figures(result)}))
     else:
         _print(result, report)
     if any(level is not Level.DO_NOT_USE for level in levels) or args.force:
@@ -183,6 +211,8 @@ def _print(result: FitResult, report: Path) -> None:
     print_table(score_table(f'{result.arm.name}: {result.fitted[0].validation.method}', rows))
     for item in result.fitted:
         print(f'{item.output} {item.kind}: {item.verdict}')
+    for choice in result.choices:
+        print(f'chosen: {choice}')
     print_findings(result.findings)
     for ringing in result.ringing:
         print(f'the arm rings: {ringing}')

@@ -19,11 +19,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.dataset import BagData, parse_choice
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.metrics import Score
-from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 
 
 def bundle_of(result: FitResult) -> ModelBundle:
@@ -41,21 +43,30 @@ def bundle_of(result: FitResult) -> ModelBundle:
         Bundle to be saved.
 
     """
-    models: dict[str, Any] = {}
-    for item in result.fitted:
-        models.setdefault(item.output, {})[item.kind] = item.model
+    beside = result if result.causal is None else result.causal
     facts = {
         'training': [bag_facts(bag) for bag in result.training],
         'test': [bag_facts(bag) for bag in result.test],
         'validation': figures(result),
         'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
                      'share': r.share} for r in result.ringing],
-        'warnings': list(result.warnings),
+        'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
         'thresholds': fit_thresholds(
-            [(item.output, item.kind, item.unseen) for item in result.fitted],
-            result.preprocessing)}
-    return ModelBundle(result.arm, result.preprocessing, models, facts)
+            [(item.output, item.kind, item.unseen) for item in beside.fitted],
+            beside.preprocessing)}
+    causal = None
+    if result.causal is not None:
+        facts['causal_validation'] = figures(result.causal)
+        causal = CausalModels(result.causal.preprocessing, _models(result.causal))
+    return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
+
+
+def _models(result: FitResult) -> dict[str, dict[str, Model]]:
+    models: dict[str, dict[str, Model]] = {}
+    for item in result.fitted:
+        models.setdefault(item.output, {})[item.kind] = item.model
+    return models
 
 
 def bag_facts(bag: BagData) -> dict[str, Any]:

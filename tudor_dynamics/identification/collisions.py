@@ -143,6 +143,7 @@ def watch_bag(
     """
     if not settings:
         return {}
+    bundle = bundle.beside_robot()
     common = next(iter(settings.values()))
     front, predictor = StateFilter(bundle.preprocessing, common.gap), Predictor(
         bundle, common.kind, common.observer if recording.strain is not None else 'off')

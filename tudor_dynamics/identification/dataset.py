@@ -31,6 +31,10 @@ from tudor_dynamics.signals.timing import retimed, Timing
 from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
+STANDSTILL = 2e-3
+"""Part of the largest motion of any joint that is no motion yet."""
+STANDSTILL_KEPT = 0.5
+"""Standstill beside the motion that stays, for what swings out and breaks away [s]."""
 
 
 @dataclass(frozen=True)
@@ -263,8 +267,92 @@ def load(
     whole, timing = retimed(read)
     recording = cut(whole, choice)
     choice = replace(choice, duration=float(whole.t[-1]))
-    return BagData(choice, recording, tuple(prepare(recording, preprocessing)),
-                   whole.payload if payload is None else payload, timing)
+    moving = motion_span(recording)
+    note = standstill_note(recording, moving)
+    if note:
+        recording = replace(recording, warnings=(*recording.warnings, note))
+    return filtered(BagData(choice, recording, (), whole.payload if payload is None else payload,
+                            timing), preprocessing)
+
+
+def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
+    """
+    Filter the recording of a bag, and leave out standstill at its ends.
+
+    Parameters
+    ----------
+    bag : BagData
+        Bag that was read.
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+
+    Returns
+    -------
+    BagData
+        The same bag with other stretches.
+
+    """
+    begin, end = motion_span(bag.recording)
+    stretches = []
+    for stretch in prepare(bag.recording, preprocessing):
+        t = stretch.t[stretch.decimation.keep]
+        inside = stretch.decimation.keep[(t >= begin) & (t <= end)]
+        if len(inside) >= 2:
+            stretches.append(replace(stretch, decimation=replace(
+                stretch.decimation, keep=inside)))
+    return replace(bag, stretches=tuple(stretches or prepare(bag.recording, preprocessing)))
+
+
+def motion_span(recording: Recording) -> tuple[float, float]:
+    """
+    Find where a recording moves, but for standstill in the middle.
+
+    A joint that stands is held by friction that no model knows the sign of, and a long wait
+    before or behind the motion would count as much as the motion.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording that was read.
+
+    Returns
+    -------
+    begin, end : float
+        Begin and end of the motion with a margin, or all of the recording where it stands no
+        longer than that at its ends, or never moves [s].
+
+    """
+    t, q = recording.t, recording.q
+    bound = STANDSTILL * max(float(np.ptp(q, axis=0).max(initial=0.0)), 1e-300)
+    away = np.flatnonzero(np.any(np.abs(q - q[0]) > bound, axis=1))
+    back = np.flatnonzero(np.any(np.abs(q - q[-1]) > bound, axis=1))
+    if not len(away):
+        return 0.0, float(t[-1])
+    begin, end = float(t[away[0]]) - STANDSTILL_KEPT, float(t[back[-1]]) + STANDSTILL_KEPT
+    return (begin if begin > STANDSTILL_KEPT else 0.0,
+            end if end < t[-1] - STANDSTILL_KEPT else float(t[-1]))
+
+
+def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
+    """
+    Say what of a recording is left out because nothing moves.
+
+    Parameters
+    ----------
+    recording : Recording
+        Recording that was read.
+    span : (float, float)
+        Begin and end of its motion [s].
+
+    Returns
+    -------
+    str
+        A sentence, empty where nothing is left out.
+
+    """
+    parts = [f'{length:.1f} s at the {end}' for length, end in (
+        (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
+    return f'standstill of {" and ".join(parts)} is left out' if parts else ''
 
 
 def halves(
@@ -315,7 +403,7 @@ def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpe
     width = bag.choice.end - bag.choice.begin
     named = replace(bag.choice, begin=bag.choice.begin + begin * width,
                     end=bag.choice.begin + end * width)
-    return BagData(named, recording, tuple(prepare(recording, preprocessing)), bag.payload)
+    return filtered(BagData(named, recording, (), bag.payload), preprocessing)
 
 
 def training_blocks(

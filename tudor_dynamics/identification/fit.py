@@ -22,6 +22,7 @@ import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
+from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.finding import Finding
@@ -52,12 +53,13 @@ class FitSettings:
     ----------
     kinds : tuple of str
         Models to fit, see `models.kinds.KINDS`.
-    estimator : {'wls', 'ols', 'huber'}
-        Estimator of the analytical model.
+    estimator : {'auto', 'wls', 'ols', 'huber'}
+        Estimator of the analytical model; ``auto`` for `choice.choose`, without it wls.
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
-    shared : bool
-        Let currents of unknown torque constants share one set of inertial parameters.
+    shared : bool, optional
+        Let currents of unknown torque constants share one set of inertial parameters; by default
+        `choice.choose` says whether, without it they do not.
     elm_hidden : int
         Number of hidden neurons.
     elm_ridge : float
@@ -72,9 +74,9 @@ class FitSettings:
     """
 
     kinds: tuple[str, ...] = DEFAULT_KINDS
-    estimator: str = 'wls'
+    estimator: str = 'auto'
     strain_form: str = 'exact'
-    shared: bool = False
+    shared: bool | None = None
     elm_hidden: int = 100
     elm_ridge: float = 1e-6
     elm_seed: int = 0
@@ -85,7 +87,8 @@ class FitSettings:
         """Refuse kinds, estimators and forms that there are not."""
         check_type(self.kinds, (tuple, list), 'kinds', f'some of {tuple(KINDS)}')
         for name, found, known in (
-                ('kinds', self.kinds, tuple(KINDS)), ('estimator', [self.estimator], ESTIMATORS),
+                ('kinds', self.kinds, tuple(KINDS)),
+                ('estimator', [self.estimator], ('auto', *ESTIMATORS)),
                 ('strain_form', [self.strain_form], STRAIN_FORMS)):
             unknown = [item for item in found if item not in known]
             if unknown or not found:
@@ -154,6 +157,10 @@ class FitResult:
         What the elastic model found out about the arm, from all training bags.
     findings : tuple of Finding
         What is wrong with the bags or with the description.
+    choices : tuple of Choice
+        What was left open and chosen, and what it brought.
+    causal : FitResult or None
+        The same models fitted with causal filters, for the robot, where these are zero-phase.
 
     """
 
@@ -167,6 +174,8 @@ class FitResult:
     warnings: tuple[str, ...] = field(default=())
     elastic: Identified | None = None
     findings: tuple[Finding, ...] = ()
+    choices: tuple[Choice, ...] = ()
+    causal: FitResult | None = None
 
 
 def fit_models(

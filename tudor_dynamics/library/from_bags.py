@@ -27,8 +27,9 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of
+from tudor_dynamics.identification.choice.choose import choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, halves, load, parse_choice, refuse_copies)
+    BagChoice, BagData, filtered, halves, load, parse_choice, refuse_copies)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
@@ -169,9 +170,9 @@ def fit_bags(
     training, test : sequence of BagData
         Bags of ``read_bags``; of an only bag without a test, the end is held out to judge by.
     preprocessing : PreprocessingSpec
-        Filters and rate that the bags went through.
+        Filters and rate that the bags went through; a filter that is not set is chosen.
     settings : FitSettings
-        Kinds of models and their choices.
+        Kinds of models and their choices; what is left open is chosen.
     progress : callable
         Told what is done next.
     ignore_payload : bool, default=False
@@ -188,15 +189,26 @@ def fit_bags(
         If a payload is missing, or nothing of what is asked for can be fitted to several.
 
     """
-    alone = len(training) == 1 and not test
-    holdout = halves(training[0], HELD_OUT, preprocessing) if alone else None
     found = None if ignore_payload else payload_range(training, test)
     if found is not None:
         settings = _of_all_payloads(settings, found)
+    alone = len(training) == 1 and not test
+    known = [halves(training[0], HELD_OUT, preprocessing)[0]] if alone else training
+    chosen = choose(arm, known, preprocessing, settings, progress)
+
+    def fitted(spec: PreprocessingSpec) -> FitResult:
+        seen, unseen = ([filtered(bag, spec) for bag in bags] for bags in (training, test))
+        holdout = halves(training[0], HELD_OUT, spec) if alone else None
+        return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress)
+
     progress('doctor')
     findings = examine_bags(arm, [*training, *test])
-    result = fit_models(arm, training, test, holdout, preprocessing, settings, progress)
-    return replace(result, findings=findings)
+    result = fitted(chosen.preprocessing)
+    causal = None
+    if chosen.preprocessing.filter == 'zero_phase':
+        progress('causal models for the robot')
+        causal = fitted(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
+    return replace(result, findings=findings, choices=chosen.made, causal=causal)
 
 
 def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
@@ -245,7 +257,8 @@ def fit(
         Kinds of models and their choices; analytical model and extreme learning machine by
         default.
     preprocessing : PreprocessingSpec, optional
-        Filters and rate; those of the arm description by default.
+        Filters and rate; by default those of the arm description, and what that leaves open is
+        chosen by left-out parts of the training bags.
     payloads : mapping of str to float, optional
         Bag, as it is named in ``bags`` or ``test``, to its mass at the tip, in place of what its
         metadata say [kg].
@@ -278,6 +291,8 @@ def fit(
     check_kinds(settings.kinds, arm)
     spec = arm.spec.preprocessing if preprocessing is None else preprocessing
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
+    if preprocessing is not None:  # what is given is meant, defaults included
+        spec = PreprocessingSpec.model_validate(spec.model_dump())
     data, test_data = read_bags(
         arm, training, judging, spec,
         _by_path(payloads or {}, [*training, *judging]), progress)

@@ -53,6 +53,19 @@ LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
 Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
+def chosen_estimator(settings: ModelSettings) -> str:
+    """
+    Give the estimator of a fit: weighted least squares where it is left open.
+
+    Parameters
+    ----------
+    settings : ModelSettings
+        Choices of the fit.
+
+    """
+    return 'wls' if settings.estimator == 'auto' else settings.estimator
+
+
 class AnalyticalModel(MemorylessModel):
     """
     Outputs as base regressor times base parameters.
@@ -106,8 +119,9 @@ class AnalyticalModel(MemorylessModel):
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> AnalyticalModel:
         """Build one that is not fitted yet; see ``MemorylessModel``."""
-        return cls(plain_regressor(arm, output, settings.strain_form, shared=settings.shared),
-                   len(arm.active_joints), estimator=settings.estimator)
+        return cls(
+            plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared)),
+            len(arm.active_joints), estimator=chosen_estimator(settings))
 
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
         """

@@ -32,6 +32,7 @@ from pydantic import ValidationError
 
 from tudor_dynamics import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict, PreprocessingSpec
+from tudor_dynamics.arm.schema import FRICTION_KEYS
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle_files import (
@@ -40,6 +41,28 @@ from tudor_dynamics.models.bundle_files import (
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.payload import SAME
 from tudor_dynamics.typing import FloatArray
+
+
+CAUSAL = 'causal_'
+"""Begin of the names of arrays of the models for the robot."""
+
+
+@dataclass(frozen=True, eq=False)
+class CausalModels:
+    """
+    Models fitted with causal filters, as they run beside the robot.
+
+    Attributes
+    ----------
+    preprocessing : PreprocessingSpec
+        Filters and rate.
+    models : dict of str to dict of str to model
+        As those of `ModelBundle`.
+
+    """
+
+    preprocessing: PreprocessingSpec
+    models: dict[str, dict[str, Model]]
 
 
 @dataclass(eq=False)
@@ -58,6 +81,8 @@ class ModelBundle:
     facts : dict
         What else is known: training bags with checksums, validation figures, verdicts,
         thresholds. Plain values only.
+    causal : CausalModels or None
+        The models for the robot, where ``models`` were fitted with filters that look ahead.
 
     """
 
@@ -65,6 +90,7 @@ class ModelBundle:
     preprocessing: PreprocessingSpec
     models: dict[str, dict[str, Model]]
     facts: dict[str, Any] = field(default_factory=dict)
+    causal: CausalModels | None = None
 
     def __repr__(self) -> str:
         """Write the models with their verdict and their fit on unseen bags, one line each."""
@@ -84,6 +110,13 @@ class ModelBundle:
                     pass  # of a bundle made by hand, of which nothing is known
                 lines.append(line)
         return '\n'.join(lines)
+
+    def beside_robot(self) -> ModelBundle:
+        """Give the bundle as it predicts beside the robot: with its causal models, if any."""
+        if self.causal is None:
+            return self
+        return replace(self, preprocessing=self.causal.preprocessing, models=self.causal.models,
+                       causal=None)
 
     @property
     def payload_range(self) -> tuple[float, float] | None:
@@ -139,10 +172,18 @@ class ModelBundle:
                    f'payload, {what}, or fit it to bags with several payloads (tudor fit BAGS '
                    '--payload-of BAG=KG ...)')
             raise ModelError(msg)
-        return replace(self, models={
-            output: {kind: model if model.payload_range is None else model.at(payload)
+        causal = self.causal
+        if causal is not None:
+            causal = replace(causal, models=_at(causal.models, payload))
+        return replace(self, models=_at(self.models, payload), causal=causal)
+
+
+def _at(
+    models: dict[str, dict[str, Model]], payload: float,
+) -> dict[str, dict[str, Model]]:
+    return {output: {kind: model if model.payload_range is None else model.at(payload)
                      for kind, model in kinds.items()}
-            for output, kinds in self.models.items()})
+            for output, kinds in models.items()}
 
 
 def save_bundle(
@@ -180,14 +221,11 @@ def save_bundle(
     check_target(path, overwrite=overwrite)
     files = _arm_files(bundle.arm)
     arrays: dict[str, FloatArray] = {}
-    outputs: dict[str, dict[str, Any]] = {}
-    for output, kinds in bundle.models.items():
-        outputs[output] = {}
-        for kind, model in kinds.items():
-            content = model.to_dict(bundle.arm, output)
-            own = [name for name, value in content.items() if isinstance(value, np.ndarray)]
-            arrays.update({f'{output}_{kind}_{name}': content.pop(name) for name in own})
-            outputs[output][kind] = content
+    parts = {'outputs': _contents(bundle.models, bundle.arm, arrays, '')}
+    if bundle.causal is not None:
+        parts['causal'] = {
+            'preprocessing': bundle.causal.preprocessing.model_dump(mode='json'),
+            'outputs': _contents(bundle.causal.models, bundle.arm, arrays, CAUSAL)}
     if arrays:
         files['elm.npz'] = dump_npz(arrays)
     files['model.yaml'] = sealed({
@@ -195,8 +233,23 @@ def save_bundle(
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
         'files': {name: sha256(data) for name, data in files.items()},
         'preprocessing': bundle.preprocessing.model_dump(mode='json'),
-        'outputs': outputs, 'facts': bundle.facts})
+        **parts, 'facts': bundle.facts})
     write_directory({**(extra or {}), **files}, path)
+
+
+def _contents(
+    models: dict[str, dict[str, Model]], arm: Arm, arrays: dict[str, FloatArray], prefix: str,
+) -> dict[str, Any]:
+    """Give the plain values of models; their arrays are put with the others."""
+    outputs: dict[str, Any] = {}
+    for output, kinds in models.items():
+        outputs[output] = {}
+        for kind, model in kinds.items():
+            content = model.to_dict(arm, output)
+            own = [name for name, value in content.items() if isinstance(value, np.ndarray)]
+            arrays.update({f'{prefix}{output}_{kind}_{name}': content.pop(name) for name in own})
+            outputs[output][kind] = content
+    return outputs
 
 
 def check_target(path: Path, *, overwrite: bool) -> None:
@@ -277,16 +330,19 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         msg = (f'{path}: the arm description inside gives another digest than when the model was '
                'fitted; fit the model again with this version')
         raise ModelError(msg)
-    if arm is not None and arm.digest != own.digest:
+    if arm is not None and not _same_arm(arm, own):
         msg = (f'{path}: fitted for the arm {own.name!r} as it was described then, not for '
                f'{arm.name!r} of {arm.source}; fit it again, or give the arm it was fitted for')
         raise ModelError(msg)
     try:
         preprocessing = PreprocessingSpec.model_validate(head['preprocessing'])
         arrays = load_npz(files['elm.npz'], path / 'elm.npz') if 'elm.npz' in files else {}
-        models = {output: {kind: _model(own, output, kind, content, arrays)
-                           for kind, content in kinds.items()}
-                  for output, kinds in head['outputs'].items()}
+        models = _models(own, head['outputs'], arrays, '')
+        causal = None
+        if 'causal' in head:
+            causal = CausalModels(
+                PreprocessingSpec.model_validate(head['causal']['preprocessing']),
+                _models(own, head['causal']['outputs'], arrays, CAUSAL))
     except ModelError as err:
         raise err.at(path) from None
     except TudorError as err:
@@ -296,7 +352,25 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
         raise ModelError(msg) from None
     facts = head.get('facts')
-    return ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {})
+    return ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {},
+                       causal)
+
+
+def _same_arm(arm: Arm, own: Arm) -> bool:
+    """Compare two arms, but for the friction of their joints, which a fit may choose."""
+    friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
+                for joint in own.spec.joints}
+    return arm.with_joints(friction).digest == own.digest
+
+
+def _models(
+    arm: Arm, outputs: dict[str, Any], arrays: dict[str, FloatArray], prefix: str,
+) -> dict[str, dict[str, Model]]:
+    own = {name.removeprefix(prefix): array for name, array in arrays.items()
+           if name.startswith(prefix)}
+    return {output: {kind: _model(arm, output, kind, content, own)
+                     for kind, content in kinds.items()}
+            for output, kinds in outputs.items()}
 
 
 def _arm(content: Any, files: dict[str, bytes], path: Path) -> Arm:

@@ -55,7 +55,7 @@ class ModelSettings(Protocol):
         """Seed of the hidden layer."""
 
     @property
-    def shared(self) -> bool:
+    def shared(self) -> bool | None:
         """Whether currents of unknown torque constants share the inertial parameters."""
 
     @property

@@ -31,7 +31,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, TudorWarning
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, chosen_estimator
 from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
@@ -205,9 +205,9 @@ class PayloadModel(AnalyticalModel):
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
         """Build one for the payloads of the fit; see ``MemorylessModel``."""
         assert settings.payloads is not None
-        plain = plain_regressor(arm, output, settings.strain_form, shared=settings.shared)
+        plain = plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared))
         return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
-                   estimator=settings.estimator)
+                   estimator=chosen_estimator(settings))
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:

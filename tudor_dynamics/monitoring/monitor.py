@@ -63,6 +63,7 @@ class Monitor:
     ) -> None:
         check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
         check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
+        bundle = bundle.beside_robot()
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
         self.watch = Watch(bundle, settings, thresholds)
         self.predictor = Predictor(

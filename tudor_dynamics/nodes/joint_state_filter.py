@@ -50,7 +50,7 @@ class JointStateFilterNode(TudorNode):
         spec = self._spec()
         if self.value('model'):
             try:
-                bundle = load_bundle(self.value('model'))
+                bundle = load_bundle(self.value('model')).beside_robot()
             except TudorError as err:
                 self.fault = str(err)
             else:

@@ -77,7 +77,7 @@ class ModelNode(TudorNode):
             msg = 'no model: set the parameter model to a bundle made by tudor fit'
             raise ModelError(msg)
         arm = None if self.bundle is None else self.bundle.arm
-        loaded = load_bundle(self._source, arm=arm)
+        loaded = load_bundle(self._source, arm=arm).beside_robot()
         refuse_interfaces(loaded.arm, f'node {self.get_name()}', arrays=True)
         return loaded
 
