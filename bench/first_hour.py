@@ -15,10 +15,10 @@
 """
 Fit arms that the package has not seen, with no option, and judge them on motion of another part.
 
-The recordings are not part of the package; docs/validation.md says where they come from. DATA holds
-``bags/`` and ``arms/`` with a description of each arm, of which the friction is taken out, as
-``tudor init`` writes none: filters, friction and shared parameters are chosen from the training
-data. What is not there is left out, and said.
+The recordings are no part of the package; docs/validation.md says where they come from. DATA
+holds ``bags/`` and ``arms/`` with a description of each arm, of which the friction is taken out,
+as ``tudor init`` writes none: filters, friction and shared parameters are chosen from the
+training data. What is not there is left out, and said.
 
     python bench/first_hour.py --data DATA
 """

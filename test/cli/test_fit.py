@@ -59,7 +59,7 @@ def test_evaluate_gives_the_contract_s_json(
     """Keys as design has them; the fit that the sample bags allow."""
     found = run_json(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--json')
     assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings'}
-    assert found['samples'] == pytest.approx(24 * 20 - 10, abs=3)
+    assert found['samples'] == pytest.approx(24 * 20 - 20, abs=3)  # zero-phase settles twice
     for output in ('effort', 'strain'):
         for kind in ('analytical', 'elm'):
             figures = found[output][kind]

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
@@ -94,6 +94,11 @@ class FitSettings:
             if unknown or not found:
                 msg = f'{name}: found {unknown or "nothing"}, expected {" or ".join(known)}'
                 raise UsageError(msg)
+
+    def settled(self) -> FitSettings:
+        """Give the settings with nothing left open: weighted least squares, nothing shared."""
+        return replace(self, estimator='wls' if self.estimator == 'auto' else self.estimator,
+                       shared=bool(self.shared))
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,6 +223,7 @@ def fit_models(
         If the bags have no output in common, or test bags lack the outputs.
 
     """
+    settings = settings.settled()
     check_kinds(settings.kinds, arm, training)
     outputs = common_outputs([*training, *test])
     if not outputs:

@@ -53,19 +53,6 @@ LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
 Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
-def chosen_estimator(settings: ModelSettings) -> str:
-    """
-    Give the estimator of a fit: weighted least squares where it is left open.
-
-    Parameters
-    ----------
-    settings : ModelSettings
-        Choices of the fit.
-
-    """
-    return 'wls' if settings.estimator == 'auto' else settings.estimator
-
-
 class AnalyticalModel(MemorylessModel):
     """
     Outputs as base regressor times base parameters.
@@ -121,7 +108,7 @@ class AnalyticalModel(MemorylessModel):
         """Build one that is not fitted yet; see ``MemorylessModel``."""
         return cls(
             plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared)),
-            len(arm.active_joints), estimator=chosen_estimator(settings))
+            len(arm.active_joints), estimator=settings.estimator)
 
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
         """

@@ -31,7 +31,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, TudorWarning
-from tudor_dynamics.models.analytical import AnalyticalModel, chosen_estimator
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
@@ -207,7 +207,7 @@ class PayloadModel(AnalyticalModel):
         assert settings.payloads is not None
         plain = plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared))
         return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
-                   estimator=chosen_estimator(settings))
+                   estimator=settings.estimator)
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:

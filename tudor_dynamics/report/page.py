@@ -207,6 +207,10 @@ def sections(
     if elastic is not None:
         found.append(Section('elastic', 'Elastic arm', 'elastic', {
             'elastic': elastic, 'joints': result.arm.active_joints}))
+    if result.choices or result.causal is not None:
+        found.append(Section('choices', 'What was chosen', 'choices', {
+            'choices': result.choices,
+            'causal': () if result.causal is None else result.causal.fitted}))
     return [
         *found,
         Section('coverage', 'Coverage', 'coverage', {

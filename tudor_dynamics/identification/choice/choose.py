@@ -41,6 +41,7 @@ from tudor_dynamics.typing import FloatArray
 Progress = Callable[[str], None]
 CAUSAL_KEYS = {'filter', 'output_cutoff', 'velocity_cutoff', 'acceleration_cutoff'}
 """Keys of the preprocessing any of which says which filter is wanted."""
+USUAL_SWITCH = JointSpec.model_fields['friction_velocity'].default
 OUTPUT_CUTOFF = 20.0
 """Low-pass over all causal signals that is tried: that of the acceleration [Hz]."""
 
@@ -125,9 +126,7 @@ class _Chooser:
         changes = {old.name: {key: getattr(new, key) for key in (
             'friction', 'asymmetric', 'friction_velocity')}
             for old, new in zip(self.arm.joints, self.joints, strict=True) if new != old}
-        settings = replace(
-            self.settings, shared=self.shared,
-            estimator='wls' if self.settings.estimator == 'auto' else self.settings.estimator)
+        settings = replace(self.settings, shared=self.shared).settled()
         return Choices(self.arm.with_joints(changes), self.spec, settings, tuple(self.made))
 
     def _rows(self, output: str, bags: Sequence[BagData], joints: Sequence[JointSpec]) -> WideRows:
@@ -237,7 +236,8 @@ def friction_words(joints: Sequence[JointSpec]) -> str:
         text = ' + '.join(joint.friction) or 'none'
         if joint.asymmetric:
             text += ', each way'
-        text += f', over {joint.friction_velocity:g}'
+        if joint.friction_velocity != USUAL_SWITCH:
+            text += f', sign smoothed over {joint.friction_velocity:g}'
         found.setdefault(text, []).append(joint.name)
     if len(found) == 1:
         return next(iter(found))
