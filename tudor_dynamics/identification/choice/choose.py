@@ -82,7 +82,7 @@ def choose(
     arm : Arm
         Arm that was recorded; friction that its description does not name is open.
     bags : sequence of BagData
-        Training data.
+        Bags to learn from; no other has a hand in it.
     preprocessing : PreprocessingSpec
         Filters and rate; what is not set explicitly is open.
     settings : FitSettings

@@ -58,7 +58,7 @@ class Part:
     speed : ndarray of shape (n_samples, n_joints, n_terms)
         Friction terms of each drive, those of the load as yet without it.
     output : ndarray of shape (n_samples, n_channels)
-        Measured values.
+        Efforts or strains in their units, as measured.
 
     """
 
@@ -96,7 +96,7 @@ class WideRows:
     candidates : sequence of JointSpec
         Joints with all friction that may be chosen.
     bags : sequence of BagData
-        Training data.
+        Bags to learn from, with the filters of the candidates.
     strain_form : {'exact', 'paper'}
         Where the bending moment is taken.
     with_payload : bool
