@@ -60,8 +60,8 @@ def arrays(root: Path, tmp_path_factory: pytest.TempPathFactory, recording) -> P
           Topic('/bridge', ARRAY, topic_of(states).log_time, strain))
     assert main(['fit', str(out / 'bag'), '--arm', str(out / 'arm.yaml'), '--models',
                  'analytical', '--out', str(out / 'model'), '--force']) == 0
-    assert main(['evaluate', '--model', str(out / 'model'), str(out / 'bag'), '--rate', 'full',
-                 '--save', str(out / 'r.npz'), '--json']) == 0
+    assert main(['evaluate', '--model', str(out / 'model'), str(out / 'bag'), '--causal', '--rate',
+                 'full', '--save', str(out / 'r.npz'), '--json']) == 0
     return out
 
 

@@ -78,7 +78,7 @@ def test_sample_bag(
 ) -> None:
     """The bag of the package, every sample."""
     bag = str(root / 'bags/two_blade_test')
-    assert main(['evaluate', '--model', str(model), bag, '--rate', 'full', '--save',
+    assert main(['evaluate', '--model', str(model), bag, '--causal', '--rate', 'full', '--save',
                  str(tmp_path / 'r.npz'), '--json']) == 0
     feed(world, recording, start(world, chain, model))
     world.spin(lambda: len(world.heard['effort_residuals']) >= len(recording.stamp) - SETTLING)
@@ -93,8 +93,8 @@ def test_reference_recording(world: World, shared_data: Path, root: Path, tmp_pa
     assert main(['fit', *(str(bags / f'arm_200g_free_{i}') for i in (1, 2, 3)), '--arm',
                  str(config), '--models', 'analytical', '--out', str(tmp_path / 'm')]) == 0
     bag = bags / 'arm_200g_free_4'
-    assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bag), '--rate', 'full', '--save',
-                 str(tmp_path / 'r.npz'), '--json']) == 0
+    assert main(['evaluate', '--model', str(tmp_path / 'm'), str(bag), '--causal', '--rate',
+                 'full', '--save', str(tmp_path / 'r.npz'), '--json']) == 0
     through = start(world, 'monitor', tmp_path / 'm')
     feed(world, read_recording(bag, load_arm(config)), through)
     world.spin(lambda: len(world.heard['effort_residuals']) >= 7950)
@@ -109,7 +109,7 @@ def test_real_arm(world: World, shared_data: Path, root: Path, tmp_path: Path) -
     assert main(['fit', f'{bag}@0-50%', '--test', f'{bag}@50-100%', '--models', 'analytical',
                  '--arm', str(root / 'config/tudor.yaml'), '--out', str(out), '--force']) == 0
     reference = tmp_path / 'r.npz'
-    assert main(['evaluate', '--model', str(out), str(bag), '--rate', 'full', '--save',
+    assert main(['evaluate', '--model', str(out), str(bag), '--causal', '--rate', 'full', '--save',
                  str(reference), '--json']) == 0
     arm = load_arm(root / 'config/tudor.yaml')
     through = start(world, 'monitor', out)

@@ -71,6 +71,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              "bag's metadata say")
     parser.add_argument('--rate', metavar='HZ',
                         help='another rate than that of the fit; "full" for every sample')
+    parser.add_argument('--causal', action='store_true',
+                        help='judge the models as they run beside the robot: with causal filters, '
+                             'standstill at the ends included')
     parser.add_argument('--save', metavar='FILE.npz',
                         help='write stamps, measured, predicted and residual values')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
@@ -99,6 +102,8 @@ def run(args: argparse.Namespace) -> int:
     """Read, predict, compare."""
     arm = load_arm(args.arm) if args.arm else None
     bundle = load_bundle(args.model, arm=arm)
+    if args.causal:
+        bundle = bundle.beside_robot()
     if args.payload is not None:
         bundle.at(args.payload)  # says so if it is no use
     choices = [parse_choice(text) for text in args.bags]
@@ -109,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
         data = []
         for choice in choices:
             step(f'read {choice}')
-            data.append(load(choice, bundle.arm, spec, payload=args.payload))
+            data.append(load(choice, bundle.arm, spec, payload=args.payload, whole=args.causal))
         step('compare')
         found = predict_bags(bundle, data).outputs
     seen = _seen(bundle, data)

@@ -239,7 +239,7 @@ def cut(recording: Recording, choice: BagChoice) -> Recording:
 
 def load(
     choice: BagChoice, arm: Arm, preprocessing: PreprocessingSpec, *, learn: bool = False,
-    payload: float | None = None,
+    payload: float | None = None, whole: bool = False,
 ) -> BagData:
     """
     Read and filter a bag; stamps that jitter on a clearly even sampling become even.
@@ -256,6 +256,8 @@ def load(
         Refuse a bag in which no joint moves: nothing can be learned from it.
     payload : float, optional
         Mass at the tip, in place of what the bag's metadata say [kg].
+    whole : bool, default=False
+        Keep standstill at the ends, as the running robot does.
 
     Returns
     -------
@@ -264,15 +266,18 @@ def load(
 
     """
     read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
-    whole, timing = retimed(read)
-    recording = cut(whole, choice)
-    choice = replace(choice, duration=float(whole.t[-1]))
-    moving = motion_span(recording)
-    note = standstill_note(recording, moving)
+    full, timing = retimed(read)
+    recording = cut(full, choice)
+    choice = replace(choice, duration=float(full.t[-1]))
+    if payload is None:
+        payload = full.payload
+    if whole:
+        return BagData(choice, recording, tuple(prepare(recording, preprocessing)), payload,
+                       timing)
+    note = standstill_note(recording, motion_span(recording))
     if note:
         recording = replace(recording, warnings=(*recording.warnings, note))
-    return filtered(BagData(choice, recording, (), whole.payload if payload is None else payload,
-                            timing), preprocessing)
+    return filtered(BagData(choice, recording, (), payload, timing), preprocessing)
 
 
 def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
