@@ -30,7 +30,7 @@ from tudor_dynamics.bags import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.elastic import trainer as elastic_module
 from tudor_dynamics.identification.elastic.modes import ModeMap, Vibration
-from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.elastic.result import Identified, Start
 from tudor_dynamics.identification.elastic.ringdowns import Ringdown
 from tudor_dynamics.identification.elastic.starts import FACTORS
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
@@ -88,7 +88,7 @@ def truth(arm: Arm) -> Identified:
         for name, value in described.items() if value > 0.0)
     return Identified(physical, np.array([[80.0, 3.0], [80.0, -2.0]]),
                       np.array([[0.5, 0.1], [0.6, 0.2]]), np.array([0.2, 0.2]), 98.7,
-                      ((1.0, 97.6), (float(FACTORS[-1]), 41.2)), 321)
+                      (Start(1.0, None, 97.6), Start(float(FACTORS[-1]), None, 41.2)), 321)
 
 
 def fitted(arm: Arm, monkeypatch: pytest.MonkeyPatch, **settings: Any) -> FitResult:
@@ -124,7 +124,8 @@ def test_section_says_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
     assert text.count(NOT_SHOWN) == 2  # one row, and how to read it
     assert 'The payload of 0 kg was given' in text
     assert 'bridge0 80.0 0.50 (µm/m)/(N·m) 3.00 0.10 µm/m' in text
-    assert '1.00 97.6 chosen' in text and '2.46 41.2 at the edge of what was tried' in text
+    assert '1.00 as described 97.6 best' in text
+    assert '2.46 as described 41.2 at the edge of what was tried' in text
     assert 'Elastic model robust least squares' in text
     assert 'Frequency and damping ratio over the pose' in text
     assert '2 stretches of the training and validation bags' in text
@@ -202,10 +203,12 @@ def test_summary_of_deviations() -> None:
 
 
 def test_starts_are_sorted_and_marked() -> None:
-    """By factor; the best is the chosen one, also at the edge."""
-    rows = start_rows(((1.5, 80.0), (float(FACTORS[0]), 90.0), (1.1, 70.0)))
-    assert [row.fit for row in rows] == [90.0, 70.0, 80.0]
-    assert [row.note for row in rows] == ['chosen, at the edge of what was tried', '', '']
+    """By share and factor; the best is marked, also at the edge."""
+    rows = start_rows((Start(1.5, None, 80.0), Start(float(FACTORS[0]), None, 90.0),
+                       Start(1.1, 0.5, 70.0)))
+    assert [row.fit for row in rows] == [90.0, 80.0, 70.0]
+    assert [row.note for row in rows] == ['best, at the edge of what was tried', '', '']
+    assert [row.share for row in rows] == ['as described', 'as described', '50 %']
 
 
 @pytest.mark.parametrize('values', [

@@ -23,7 +23,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.elastic.modes import mode_map
-from tudor_dynamics.identification.elastic.result import CLUSTER, HUBER, Identified
+from tudor_dynamics.identification.elastic.result import CLUSTER, HUBER, Identified, Start
 from tudor_dynamics.identification.elastic.ringdowns import find_ringdowns, LEAST_SECONDS, Ringdown
 from tudor_dynamics.identification.elastic.starts import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.elastic.trainer import RUN_IN
@@ -139,28 +139,29 @@ def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[Rin
         for ring in ringdowns if ring in strongest)
 
 
-def start_rows(starts: Sequence[tuple[float, float]]) -> tuple[StartRow, ...]:
+def start_rows(starts: Sequence[Start]) -> tuple[StartRow, ...]:
     """
-    List the starts of the search, the chosen one marked.
+    List the starts of the search, the best one marked.
 
     Parameters
     ----------
-    starts : sequence of (float, float)
-        Stiffness factors, and the fit each came to [%].
+    starts : sequence of Start
+        Starts compared.
 
     Returns
     -------
     tuple of StartRow
-        By factor.
+        By share and factor.
 
     """
     rows = []
-    best = max((fit for _, fit in starts), default=0.0)
-    for factor, fit in sorted(starts):
-        notes = ['chosen'] if fit == best else []
-        if not FACTORS[0] * 1.01 < factor < FACTORS[-1] * 0.99:
+    best = max((start.fit for start in starts), default=0.0)
+    for start in sorted(starts, key=lambda start: (start.share or 0.0, start.factor)):
+        notes = ['best'] if start.fit == best else []
+        if not FACTORS[0] * 1.01 < start.factor < FACTORS[-1] * 0.99:
             notes.append('at the edge of what was tried')
-        rows.append(StartRow(factor, fit, ', '.join(notes)))
+        share = 'as described' if start.share is None else f'{100.0 * start.share:g} %'
+        rows.append(StartRow(start.factor, share, start.fit, ', '.join(notes)))
     return tuple(rows)
 
 
@@ -203,6 +204,7 @@ def settings_text() -> str:
     return (f'robust least squares on simulated against measured strain (Huber, from '
             f'{HUBER:g} standard deviations); {len(FACTORS)} stiffnesses from '
             f'{low:.2g} to {high:.2g} times the description tried on up to {EXCERPT:g} s, '
-            f'the best {STARTS} improved, one chosen; inner step '
+            f'with {len(STARTS)} shares of the gears in the compliance, the best '
+            f'{sum(STARTS.values())} improved, two of them searched from; inner step '
             f'{1e3 * INNER_STEP:g} ms; {RUN_IN:g} s left out where a stretch begins in motion '
             f'without its past; standard errors from clusters of {CLUSTER:g} s')

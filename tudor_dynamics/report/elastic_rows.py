@@ -96,7 +96,9 @@ class StartRow:
     Attributes
     ----------
     factor : float
-        Factor on the described stiffness.
+        Factor on the stiffness.
+    share : str
+        What the gears have of the compliance, in words.
     fit : float
         Fit on the pieces compared [%].
     note : str
@@ -105,6 +107,7 @@ class StartRow:
     """
 
     factor: float
+    share: str
     fit: float
     note: str
 

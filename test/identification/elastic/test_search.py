@@ -24,9 +24,10 @@ import pytest
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic.coordinates import Straight
+from tudor_dynamics.identification.elastic.explained import fit_percent
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Record
-from tudor_dynamics.identification.elastic.result import fit_percent, Identified
+from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.search import identify, knowledge_of
 
 ARM = blade_arm()
@@ -181,8 +182,8 @@ def test_outliers_count_little() -> None:
     values = {p.name: p for p in found.physical}
     for name, truth in (('gear(j1)', LONE_TRUTH['gear(j1)']), ('lumped(j1,1)', 0.8)):
         off = abs(values[name].value - truth)
-        assert off < 0.08 * truth and off < 2.0 * values[name].standard_error
-    assert found.noise == pytest.approx([NOISE], rel=0.2)
+        assert off < 0.1 * truth and off < 2.0 * values[name].standard_error
+    assert found.noise == pytest.approx([NOISE], rel=0.3)
 
 
 @pytest.mark.parametrize('arm', [ARM, blade_arm(gauges=[])])

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from math import cos, cosh, pi, sin, sinh, sqrt, tan, tanh
+from math import cos, cosh, exp, pi, sin, sinh, sqrt, tan, tanh
 from typing import Any
 
 from elastic_making import blade, blade_arm, even, stepwise, travel
@@ -353,3 +353,32 @@ def test_buckling_is_told() -> None:
     driven.set_parameters({'bending(j1)': 0.2})
     with pytest.raises(SimulationError, match='no equilibrium'):
         at_rest(driven, 1.3, 0.0)
+
+
+@pytest.mark.parametrize('dt', [0.002, 0.01])
+def test_a_lag_is_a_low_pass_of_the_reading(dt: float) -> None:
+    """
+    Of first order, whatever the sample time; live, in pieces and in one go it is the same.
+
+    Torques know nothing of it. A ramp is late by the time constant.
+    """
+    lag = 0.04
+    t = np.arange(0.0, 2.0, dt)
+    q = np.column_stack([0.4 * np.sin(3.0 * t), 0.2 * t])
+    steps = np.full(len(t), dt)
+    steps[0] = 0.0
+    plain, late = DrivenArm(blade_arm()), DrivenArm(blade_arm())
+    late.set_parameters({'lag': lag})
+    there, read = plain.follow(q, steps), late.follow(q, steps)
+    assert (there.torque == read.torque).all()
+    expected = np.empty_like(there.moment)
+    state = there.moment[0]
+    for k, moment in enumerate(there.moment):
+        state = state + (1.0 - exp(-steps[k] / lag)) * (moment - state)
+        expected[k] = state
+    assert read.moment == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    live = np.vstack([late.follow(q[k:k + 1], steps[k:k + 1]).moment for k in range(len(t))])
+    assert live == pytest.approx(read.moment, rel=1e-9, abs=1e-12)
+    both = np.vstack([late.follow(q[:77], steps[:77]).moment,
+                      late.follow(q[77:], steps[77:]).moment])
+    assert both == pytest.approx(read.moment, rel=1e-9, abs=1e-12)

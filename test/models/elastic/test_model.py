@@ -181,3 +181,14 @@ def test_impossible_observers() -> None:
     dead.coefficients_ = (np.array([0.0, 1.0]), np.array([50.0, 0.0]))
     with pytest.raises(ModelError, match='gain 0'):
         LiveElastic({'strain': dead}, 'ringing')
+
+
+@pytest.mark.parametrize(('lag', 'observing'), [(0.0, True), (0.004, True), (0.04, False)])
+def test_gauges_that_lag_correct_nothing(lag: float, observing: bool) -> None:
+    """What is read late would push the state at the wrong time: the observer is off."""
+    model = model_of()
+    late = ElasticModel(model.arm, 'strain', (
+        *(p for p in model.physical if p.name != 'lag'), PhysicalParameter('lag', lag, 's')))
+    late.coefficients_, late.noise_ = model.coefficients_, np.ones(len(model.channels))
+    live = LiveElastic({'strain': late}, 'ringing')
+    assert live.observing is observing

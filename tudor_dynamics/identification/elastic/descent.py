@@ -98,8 +98,9 @@ def improve(
     bounds = np.sort([np.concatenate([straight.of(np.clip(
         problem.center + sign * FARTHEST * problem.width, low, high)), sign * free])
         for sign in (-1.0, 1.0)], axis=0)
+    begin = np.clip(np.concatenate([straight.of(start[:n]), start[n:]]), *bounds)
     found = optimize.least_squares(
-        lambda u: problem.residual(of(u)), np.concatenate([straight.of(start[:n]), start[n:]]),
+        lambda u: problem.residual(of(u)), begin,
         lambda u: problem.jacobian(of(u)) * slope(u), method='trf', bounds=bounds,
         x_scale=np.concatenate([problem.width, np.full(len(free), GAIN)]),
         ftol=enough, xtol=0.1 * enough, gtol=1e-12, max_nfev=evaluations)

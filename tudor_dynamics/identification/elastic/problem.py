@@ -32,6 +32,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.identification.elastic.explained import fit_percent, robust_scale
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.models.elastic.arm import INNER_STEP
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
@@ -42,22 +43,6 @@ STEP = 1e-4
 """Of the differences, in the logarithm: the simulation is smooth to 1e-9, and its phase curved."""
 HOPELESS = 1e3
 """Residual of a sample for parameters that cannot be simulated, in standard deviations."""
-
-
-def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
-    """
-    Give robust standard deviations: half of the errors lie within 0.6745 of them.
-
-    Parameters
-    ----------
-    errors : ndarray of shape (n_samples, n_gauges)
-        Measured less simulated strain, in the units of the gauges.
-    strain : ndarray of shape (n_samples, n_gauges)
-        Measured strain, in the units of the gauges.
-
-    """
-    return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
-                                 1e-3 * strain.std(axis=0) + 1e-12))
 
 
 class Problem:
@@ -273,6 +258,23 @@ class Problem:
         """
         gains = self.gauges(moments, x)
         return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
+
+    def fits(self, several: Sequence[FloatArray]) -> list[float]:
+        """
+        Give the fit on all records for several vectors; -inf where one cannot be simulated [%].
+
+        Parameters
+        ----------
+        several : sequence of ndarray of shape (unknowns,)
+            Vectors, see ``moments``.
+
+        """
+        def fit(x: FloatArray) -> float:
+            moments = self._simulate(x)
+            return -np.inf if moments is None else fit_percent(
+                self.errors(moments, x), self.strain)
+
+        return in_threads(fit, several, self._threads)
 
     def residual(self, x: FloatArray) -> FloatArray:
         """

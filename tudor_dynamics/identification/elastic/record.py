@@ -78,6 +78,15 @@ class Record:
         return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
                       self.payload, self.before)
 
+    def thinned(self, dt: float) -> Record:
+        """Leave out samples until they are this far apart, for coarse steps [s]."""
+        stride = int(dt / float(np.median(self.dt[1:])) + 0.5) if len(self.dt) > 1 else 1
+        if stride < 2:
+            return self
+        passed = np.cumsum(self.dt)[::stride]
+        return Record(self.q[::stride], np.diff(passed, prepend=passed[0] - self.dt[0]),
+                      self.strain[::stride], -(-self.skip // stride), self.payload, self.before)
+
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:

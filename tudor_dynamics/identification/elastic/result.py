@@ -22,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.elastic.problem import Problem, robust_scale
+from tudor_dynamics.identification.elastic.explained import fit_percent, robust_scale
+from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
@@ -36,6 +37,27 @@ SMOOTH = 1.0
 positions alone over its plays are rough, and rough slopes promise too much."""
 CLUSTER = 2.0
 """Errors nearer than this belong together, for the standard errors [s]."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """
+    A start that was tried.
+
+    Attributes
+    ----------
+    factor : float
+        On all stiffnesses.
+    share : float or None
+        Of the compliance that lies in the gears; None as described.
+    fit : float
+        That it came to on the pieces compared, stiffness and damping improved [%].
+
+    """
+
+    factor: float
+    share: float | None
+    fit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +75,12 @@ class Identified:
         Standard deviation of what is left over, without outliers [unit of the gauge].
     fit : float
         Of the strain on the records themselves, all channels together [%].
-    starts : tuple of (float, float)
-        Stiffness factors compared, with the fit each came to [%].
+    starts : tuple of Start
+        Starts compared, with the fit each came to.
     runs : int
         Simulations done in all.
+    untold : tuple of str
+        Stiffnesses that searches from different starts end at different values of, as good.
 
     """
 
@@ -65,24 +89,9 @@ class Identified:
     gauge_errors: FloatArray
     noise: FloatArray
     fit: float
-    starts: tuple[tuple[float, float], ...]
+    starts: tuple[Start, ...]
     runs: int
-
-
-def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
-    """
-    Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
-
-    Parameters
-    ----------
-    errors : ndarray of shape (n_samples, n_gauges)
-        Measured less simulated strain, in the units of the gauges.
-    strain : ndarray of shape (n_samples, n_gauges)
-        Measured strain, in the units of the gauges.
-
-    """
-    spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
-    return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
+    untold: tuple[str, ...] = ()
 
 
 def reweight(problem: Problem, x: FloatArray) -> None:
@@ -109,7 +118,8 @@ def reweight(problem: Problem, x: FloatArray) -> None:
 
 
 def result_of(
-    problem: Problem, x: FloatArray, starts: tuple[tuple[float, float], ...], runs: int,
+    problem: Problem, x: FloatArray, starts: tuple[Start, ...], runs: int,
+    untold: tuple[str, ...] = (),
 ) -> Identified:
     """
     Collect what was found.
@@ -120,10 +130,12 @@ def result_of(
         Problem as the search left it.
     x : ndarray of shape (n_names,)
         Logarithms of the parameters found.
-    starts : tuple of (float, float)
-        Stiffness factors compared, with the fit each came to [%].
+    starts : tuple of Start
+        Starts compared, with the fit each came to.
     runs : int
         Simulations done before this problem's own.
+    untold : tuple of str
+        Parameters that the data cannot tell.
 
     Returns
     -------
@@ -151,11 +163,12 @@ def result_of(
         value = float(np.exp(x[i]))
         physical.append(PhysicalParameter(
             name, value, physical_unit(problem.arm, name), float(value * deviation[i]),
-            bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5)))
+            bool(deviation[i] < 0.5 * problem.width[i] and deviation[i] < 0.5
+                 and name not in untold)))
     n = len(problem.names)
     gauge_errors = np.sqrt(np.maximum(np.diag(covariance)[n:], 0.0)).reshape(-1, 2)
     return Identified(tuple(physical), gains, gauge_errors, robust_scale(errors, problem.strain),
-                      fit_percent(errors, problem.strain), starts, runs + problem.runs)
+                      fit_percent(errors, problem.strain), starts, runs + problem.runs, untold)
 
 
 def _impossible(problem: Problem) -> str:

@@ -31,10 +31,11 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic.descent import descend, Stage
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Knowledge, Record
-from tudor_dynamics.identification.elastic.result import Identified, result_of
+from tudor_dynamics.identification.elastic.result import Identified, result_of, Start
 from tudor_dynamics.identification.elastic.starts import COARSE, compare_starts
 from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP
 from tudor_dynamics.models.elastic.parameters import kind_of
+from tudor_dynamics.typing import FloatArray
 
 Progress = Callable[[str], None]
 
@@ -45,6 +46,15 @@ FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
 LAST = (*[Stage(0.7, INNER_STEP, 7, 1e-5)] * 2, Stage(0.0, INNER_STEP, 8, 1e-5))
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 Last, as the model will be used, nothing draws."""
+
+
+LATE = 0.03
+"""Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
+CANDIDATES = 2
+"""Starts of different shares that the first stages are done from."""
+AS_GOOD, APART = 1.05, 0.2
+"""Ends of searches with errors up to the former times the best tell nothing about a stiffness in
+which they differ by more than the latter, as a logarithm."""
 
 
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
@@ -114,23 +124,74 @@ def identify(
     names = tuple(known.start)
     center = np.log([known.start[name] for name in names])
     width = np.array([known.width[name] for name in names])
-    starts: tuple[tuple[float, float], ...] = ()
+    starts: tuple[Start, ...] = ()
+    untold: tuple[str, ...] = ()
     runs = 0
     if warm is not None:
         x = np.log([max(warm.get(name, known.start[name]), 1e-12) for name in names])
     else:
         compared = compare_starts(arm, records, names, center, width, progress)
-        x, starts, runs = compared.x, compared.compared, compared.runs
-        part = Problem(arm, _some(records), names, {}, center, width)
-        x = descend(part, x, FIRST, lambda k: progress(
-            f'elastic model, first search, stage {k + 1} of {len(FIRST)}'))
-        runs += part.runs
+        part = Problem(arm, [record.thinned(2.0 * COARSE) for record in _some(records)], names,
+                       {}, center, width)
+        ends: list[FloatArray] = []
+
+        def search(start: FloatArray) -> None:
+            ends.append(descend(part, start, FIRST, lambda k: progress(
+                f'elastic model, first search from start {len(ends) + 1}, '
+                f'stage {k + 1} of {len(FIRST)}')))
+
+        for start in compared.best[:CANDIDATES]:
+            search(start)
+        fits = part.fits(ends)
+        search(_late(names, ends[int(np.argmax(fits))]))
+        fits += part.fits(ends[-1:])
+        x = ends[int(np.argmax(fits))]
+        untold = rivals(names, ends, fits)
+        starts, runs = compared.compared, compared.runs + part.runs
     whole = Problem(arm, records, names, {}, center, width)
     # From parameters that are nearly right, what draws the arm need not be renewed.
     stages = LAST if warm is None else LAST[1:]
     x = descend(whole, x, stages, lambda k: progress(
         f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
-    return result_of(whole, x, starts, runs)
+    return result_of(whole, x, starts, runs, untold)
+
+
+def _late(names: tuple[str, ...], x: FloatArray) -> FloatArray:
+    """Begin with a lag one could see: from next to none, no slope leads there."""
+    x = x.copy()
+    for i, name in enumerate(names):
+        if name == 'lag':
+            x[i] = np.log(LATE)
+    return x
+
+
+def rivals(
+    names: tuple[str, ...], ends: Sequence[FloatArray], fits: Sequence[float],
+) -> tuple[str, ...]:
+    """
+    Name stiffnesses that searches end at different values of, with errors as small.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters that were searched.
+    ends : sequence of ndarray of shape (n_names,)
+        Logarithms where each search ended.
+    fits : sequence of float
+        Fit of each on what it learned from [%].
+
+    Returns
+    -------
+    tuple of str
+        Parameters that the data cannot tell.
+
+    """
+    best = int(np.argmax(fits))
+    good = [end for end, fit in zip(ends, fits, strict=True)
+            if 100.0 - fit <= AS_GOOD * (100.0 - fits[best])]
+    apart = np.ptp(good, axis=0)
+    return tuple(name for name, width in zip(names, apart, strict=True)
+                 if kind_of(name).adds < 0 and width > APART)
 
 
 def _some(records: Sequence[Record]) -> list[Record]:

@@ -16,8 +16,9 @@
 Where the search for the parameters of an elastic arm begins: frequencies first, then damping.
 
 The error of a simulated oscillation has a minimum wherever it is in phase now and then, so several
-stiffnesses are tried: a scan of one common factor over short pieces, and the best of them improved
-by stiffness and damping alone.
+stiffnesses are tried: a scan of one common factor over short pieces. Gear and link behind it are
+springs in a row, of which oscillations show the sum; so the scan is done for several ways in which
+the two share their compliance. The best of each is improved by stiffness and damping alone.
 """
 
 from __future__ import annotations
@@ -33,14 +34,19 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.elastic.descent import improve
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Record
-from tudor_dynamics.identification.elastic.result import fit_percent
+from tudor_dynamics.identification.elastic.result import Start
 from tudor_dynamics.models.elastic.parameters import kind_of
+from tudor_dynamics.models.elastic.setup import reduced_mechanism
+from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.typing import FloatArray
 
 FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
 """Of all stiffnesses, tried one by one: 5 % apart, 2.5 % in frequency."""
-STARTS = 3
-"""Of the factors, improved before one is chosen."""
+STARTS = {None: 3, 0.5: 1, 0.8: 1}
+"""By the share of compliance that lies in the gears, first as described: factors to be improved
+before one is chosen."""
+THIN = 2
+"""Of the factors with other shares than described, every so manieth is tried."""
 EXCERPT = 60.0
 """Length of what starts are compared on, all pieces together [s]."""
 PIECES = 4
@@ -55,17 +61,17 @@ class Starts:
 
     Attributes
     ----------
-    x : ndarray of shape (n_names,)
-        Logarithms of the best start.
-    compared : tuple of (float, float)
-        Factors on the stiffness, with the fit that each came to [%].
+    best : tuple of ndarray of shape (n_names,)
+        Logarithms of the best start of each share, the best of all first.
+    compared : tuple of Start
+        What was improved and compared.
     runs : int
         Simulations done in all.
 
     """
 
-    x: FloatArray
-    compared: tuple[tuple[float, float], ...]
+    best: tuple[FloatArray, ...]
+    compared: tuple[Start, ...]
     runs: int
 
 
@@ -73,11 +79,50 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
     """Take the beginnings of a few records, from the liveliest to the calmest."""
     order = sorted(records, key=lambda r: -float(np.std(r.strain)))
     chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
-    return [record.head(EXCERPT / len(chosen)) for record in chosen]
+    return [record.head(EXCERPT / len(chosen)).thinned(2.0 * COARSE) for record in chosen]
 
 
 def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
     return np.array([i for i, name in enumerate(names) if kind_of(name).adds < 0], dtype=np.intp)
+
+
+def shared(
+    arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
+) -> FloatArray:
+    """
+    Give gears a share of the compliance that each has together with the link behind it.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    names : tuple of str
+        Parameters to be searched.
+    x : ndarray of shape (n_names,)
+        Their logarithms.
+    share : float or None
+        Compliance of a gear over that of both, at the end of the beam; None to change nothing.
+
+    Returns
+    -------
+    ndarray of shape (n_names,)
+        Logarithms with the same sums of compliances.
+
+    """
+    x = x.copy()
+    if share is None:
+        return x
+    mechanism = reduced_mechanism(arm)
+    for joint in mechanism.beams:
+        if not {f'gear({joint})', f'bending({joint})'} <= {*names}:
+            continue
+        gear, bending = names.index(f'gear({joint})'), names.index(f'bending({joint})')
+        length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
+        link = length / (3.0 * np.exp(x[bending]))  # slope of a cantilever by moment at its root
+        both = link + np.exp(-x[gear])
+        x[gear] = -np.log(share * both)
+        x[bending] = np.log(length / (3.0 * (1.0 - share) * both))
+    return x
 
 
 def compare_starts(
@@ -103,7 +148,7 @@ def compare_starts(
     Returns
     -------
     Starts
-        Logarithms of the best start, and what the others came to.
+        Logarithms of the best starts, and what the others came to.
 
     Raises
     ------
@@ -112,44 +157,48 @@ def compare_starts(
 
     """
     pieces = _pieces(records)
-    progress('elastic model, stiffness')
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
-    stiff = _stiff(names)
-    found = []
-    for factor in FACTORS:
-        x = center.copy()
-        x[stiff] += np.log(factor)
-        moments = scan.moments(x)
-        found.append(-np.inf if moments is None else fit_percent(
-            scan.errors(moments, x), scan.strain))
-    values = np.array(found)
-    if not np.isfinite(values).any():
+    some = tuple(name for name in names if kind_of(name).early)
+    index = np.array([names.index(name) for name in some], dtype=np.intp)
+    starts: list[tuple[Start, FloatArray]] = []
+    runs = 0
+    for share, count in STARTS.items():
+        progress('elastic model, stiffness')
+        peaks = _peaks(scan, shared(arm, names, center, share),
+                       FACTORS if share is None else FACTORS[::THIN])
+        for factor, x in peaks[:count]:
+            progress('elastic model, stiffness and damping')
+            fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
+                     if name not in some}
+            part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
+            x[index] = improve(part, x[index], 8)
+            runs += part.runs
+            starts.append((Start(factor, share, part.fits([x[index]])[0]), x))
+    if not starts:
         msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
                'stiffness; check links and motors of the arm description')
         raise FitError(msg)
+    starts.sort(key=lambda item: -item[0].fit)
+    first = {start.share: x for start, x in reversed(starts)}
+    order = dict.fromkeys(start.share for start, _ in starts)
+    return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
+                  runs + scan.runs)
+
+
+def _peaks(
+    scan: Problem, center: FloatArray, factors: FloatArray,
+) -> list[tuple[float, FloatArray]]:
+    """Give peaks among factors on all stiffnesses, best first, with the parameters they make."""
+    stiff = _stiff(scan.names)
+
+    def times(factor: float) -> FloatArray:
+        x = center.copy()
+        x[stiff] += np.log(factor)
+        return x
+
+    values = np.array(scan.fits([times(factor) for factor in factors]))
     padded = np.concatenate([[-np.inf], values, [-np.inf]])
     peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:])
                            & np.isfinite(values))
-    peaks = peaks[np.argsort(-values[peaks])][:STARTS]
-    some = tuple(name for name in names if kind_of(name).early)
-    index = np.array([names.index(name) for name in some], dtype=np.intp)
-    best: tuple[float, FloatArray] | None = None
-    starts: list[tuple[float, float]] = []
-    runs = scan.runs
-    for peak in peaks:
-        progress('elastic model, stiffness and damping')
-        x = center.copy()
-        x[stiff] += np.log(FACTORS[peak])
-        fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
-                 if name not in some}
-        part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
-        x[index] = improve(part, x[index], 8)
-        moments = part.moments(x[index])
-        runs += part.runs
-        reached = -np.inf if moments is None else fit_percent(
-            part.errors(moments, x[index]), part.strain)
-        starts.append((float(FACTORS[peak]), reached))
-        if best is None or reached > best[0]:
-            best = reached, x
-    assert best is not None
-    return Starts(best[1], tuple(starts), runs)
+    return [(float(factors[peak]), times(factors[peak]))
+            for peak in peaks[np.argsort(-values[peaks])]]

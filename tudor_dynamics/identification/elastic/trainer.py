@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import FitError, TudorError
+from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
@@ -38,6 +39,8 @@ RUN_IN = 6.0
 """Left out where a stretch begins in motion whose past is unknown [s]."""
 STILL = 0.02
 """Speed below which a stretch begins at rest [rad/s or m/s]."""
+UNTOLD = 0.2
+"""Relative standard error beyond which a stiffness is not told."""
 LEAST_SECONDS = 8.0
 """Strain below which nothing can be said of oscillations [s]."""
 
@@ -135,6 +138,23 @@ def records_of(bags: Sequence[BagData]) -> list[Record]:
                    'the gauges as well, or leave it out of --models')
         raise FitError(msg)
     return records
+
+
+def _tell(arm: Arm, found: Identified) -> None:
+    """Warn where strain does not tell a gear from the link behind it."""
+    values = {p.name: p for p in found.physical}
+    for joint in arm.active_joints:
+        both = [values.get(f'{kind}({joint})') for kind in ('gear', 'bending')]
+        if None in both:
+            continue
+        if {f'gear({joint})', f'bending({joint})'} & {*found.untold} or any(
+                p is not None and not p.shown and p.standard_error > UNTOLD * p.value
+                for p in both):
+            msg = (f'{arm.name}: the strain of these bags does not tell how the gear of {joint} '
+                   'and the link behind it share their compliance; predictions hold on similar '
+                   'motion, the stiffness of either does not: give motors[].stiffness, or a '
+                   'second gauge on the link')
+            warnings.warn(msg, TudorWarning, stacklevel=2)
 
 
 def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
@@ -254,6 +274,7 @@ class ElasticTrainer:
                                        progress=self.progress)
             if key == _names(self._all):
                 self.identified = self._done[key]
+                _tell(self.arm, self.identified)
         return self._done[key]
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:

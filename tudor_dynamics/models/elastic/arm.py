@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from tudor_dynamics.models.elastic.setup import (
     moment_rows, moving_coordinates, place_gauges, reduced_mechanism, spring_coordinates)
 from tudor_dynamics.models.elastic.statics import (
     DAMPING, Equations, MATRICES, STIFFNESS, VECTORS, Z)
+from tudor_dynamics.signals.filters import low_pass
 from tudor_dynamics.simulation.mechanics.loads import LOADS
 from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.typing import FloatArray
@@ -118,6 +120,7 @@ class DrivenArm:
         self._vectors = self.tables.equations.vectors
         self._vectors[Z] = mechanism.initial
         self._loaded, self.contact = False, np.zeros(observer.FORCES)
+        self._reading = np.zeros(len(gauges.body))
         self._physics = Physics(arm, mechanism, self.tables.gears.springs)
         self.parameters = described(self._physics)
         self.set_parameters({})
@@ -189,7 +192,25 @@ class DrivenArm:
                       if dt[done] <= 0.0 else f'diverges after {done} of {n} samples')
                    + '; its parameters are impossible for this motion')
             raise SimulationError(msg)
-        return Response(moment, torque)
+        return Response(self._behind(moment, dt), torque)
+
+    def _behind(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
+        """Let the readings lag, as behind the low-pass of an amplifier."""
+        lag = self._physics.lag
+        if lag <= 0.0 or not len(moment):
+            return moment
+        if len(moment) == 1 and dt[0] > 0.0:  # live
+            self._reading += -math.expm1(-float(dt[0]) / lag) * (moment[0] - self._reading)
+            return self._reading[None].copy()
+        late = moment.copy()
+        ends = [*np.flatnonzero(dt <= 0.0).tolist(), len(dt)]
+        for first, end in zip([0, *ends[:-1]], ends, strict=True):
+            if end > first:
+                start = moment[first] if dt[first] <= 0.0 else self._reading
+                late[first:end] = low_pass(
+                    moment[first:end], dt[first:end], 1.0 / (2.0 * math.pi * lag), start)
+                self._reading = late[end - 1].copy()
+        return late
 
     def linearised(self, q: FloatArray) -> Linearised:
         """

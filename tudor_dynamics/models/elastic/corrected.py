@@ -66,6 +66,16 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
+        measured, lag, self._physics.lag = self._ahead(dt, measured), self._physics.lag, 0.0
+        try:
+            return self._gains_along(q, dt, measured, deviation, bandwidth, before)
+        finally:
+            self._physics.lag = lag
+
+    def _gains_along(
+        self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,
+        bandwidth: float, before: FloatArray | None,
+    ) -> FloatArray:
         self.follow(q[:1], np.zeros(1))
         self.start_observer(deviation, bandwidth)
         self.begin(before)
@@ -122,4 +132,12 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
-        return self._follow(q, dt, measured, gains)
+        return self._follow(q, dt, self._ahead(dt, measured), gains)
+
+    def _ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
+        """Give what will be read a lag later: what draws the arm was there before it is read."""
+        lag = self._physics.lag
+        if lag <= 0.0:
+            return measured
+        t = np.cumsum(dt)
+        return np.column_stack([np.interp(t + lag, t, column) for column in measured.T])

@@ -34,6 +34,8 @@ from tudor_dynamics.simulation.mechanics import layout as at
 
 EDGE = 0.1
 """The edge of a play is rounded over this part of it, where nothing better is known."""
+LONGEST_LAG = 0.2
+"""Of amplifiers of gauges [s]: slower ones show no oscillation."""
 RIGID_GEAR = 30.0
 """A gear of unknown stiffness is this often as stiff as the link behind it."""
 
@@ -136,6 +138,10 @@ def _round(physics: Physics, joint: str, value: float) -> None:
     row[at_gear.ROUND] = max(value * row[at_gear.PLAY], 1e-9)
 
 
+def _delay(physics: Physics, _: str, value: float) -> None:
+    physics.lag = value
+
+
 PHYSICAL: dict[str, ParameterKind] = {
     'bending': ParameterKind(
         'link', 'N m^2', 'bending stiffness of the link behind {}',
@@ -178,7 +184,11 @@ PHYSICAL: dict[str, ParameterKind] = {
     'beta': ParameterKind(
         'arm', 's', 'structural damping of the links, per stiffness',
         lambda physics, arm: physics.arm.spec.simulation.rayleigh.beta, _in_beams(at.BETA),
-        width=1.5, least=3e-4, early=True)}
+        width=1.5, least=3e-4, early=True),
+    'lag': ParameterKind(
+        'arm', 's', 'lag of the gauges behind the encoders',
+        lambda physics, arm: 0.0, _delay, width=1.5, least=3e-4,
+        bounds=(0.0, LONGEST_LAG))}
 
 
 def kind_of(name: str) -> ParameterKind:

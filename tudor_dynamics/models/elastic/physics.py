@@ -68,12 +68,15 @@ class Physics:
         Lumped masses by ``link,number``, and the payload as ''.
     owners : dict of str to tuple of str
         What there is of each kind of owner: joints, names of parts, '' where there is one.
+    lag : float
+        Of the gauges behind the encoders: time constant of a first-order low-pass [s].
 
     """
 
     def __init__(self, arm: Arm, mechanism: Mechanism, springs: FloatArray) -> None:
         self.arm, self.mechanism, self.springs = arm, mechanism, springs
         self.parts = self._parts()
+        self.lag = 0.0
         self.owners: dict[Owner, tuple[str, ...]] = {
             'link': tuple(mechanism.beams), 'part': tuple(name for name in self.parts if name),
             'tip': ('',), 'joint': arm.active_joints, 'arm': ('',)}
