@@ -33,6 +33,9 @@ a few milliseconds is scheduling, and motion and oscillation of arms (below 20 H
 sampled faster than twice their frequency across 20 ms.
 """
 
+LEAST_BEHIND = 3
+"""Messages in a row behind the newest stamp that make a clock that was set back."""
+
 
 @dataclass(frozen=True, eq=False)
 class Order:
@@ -73,6 +76,36 @@ def increasing(stamp: NDArray[np.int64]) -> Order:
     duplicate = int(np.sum(stamp[1:] == newest))
     keep = np.concatenate([np.ones(min(1, len(stamp)), dtype=bool), later])
     return Order(keep, duplicate, int(np.sum(~keep)) - duplicate)
+
+
+def set_backs(stamp: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    """
+    Find where a clock was set back: messages in a row that begin again before the newest stamp.
+
+    Parameters
+    ----------
+    stamp : ndarray of int64, shape (n,)
+        Times in the order of the messages [ns].
+
+    Returns
+    -------
+    list of (int, int, int)
+        Newest stamp before, by how much the clock was set back [ns], and messages behind.
+
+    """
+    if len(stamp) < 3:
+        return []
+    newest = np.maximum.accumulate(stamp)
+    behind = np.concatenate([[False], stamp[1:] < newest[:-1]])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], behind, [False]]).astype(int)))
+    step = int(np.median(np.abs(np.diff(stamp))))
+    found = []
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        # one or two late messages were overtaken on their way
+        if last - first >= LEAST_BEHIND and np.mean(np.diff(stamp[first:last]) > 0) > 0.9:
+            before = int(newest[first - 1])
+            found.append((before, before + step - int(stamp[first]), int(last - first)))
+    return found
 
 
 def gap_limit(stamp: NDArray[np.int64]) -> float:

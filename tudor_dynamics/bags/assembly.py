@@ -24,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.alignment import (
-    gap_limit, increasing, interpolate, split_at_gaps)
+    gap_limit, increasing, interpolate, set_backs, split_at_gaps)
 from tudor_dynamics.bags.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.joint_states import check_lengths, JointStates
+from tudor_dynamics.bags.joint_states import check_lengths, JointStates, ranges_of_others
 from tudor_dynamics.bags.layouts.carriers import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.plan import Channel, Plan, resolve
+from tudor_dynamics.bags.recording import SetBack
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.bags.streams import check_finite, choose_clock, select, Stream
 from tudor_dynamics.errors import BagError
@@ -85,6 +86,9 @@ class Assembly:
         self.bag, self.topics, self.plan, self.notes = bag, topics, plan, notes
         self.path = str(bag.path)
         self.dropped: Counter[str] = Counter()
+        self.cuts: list[int] = []
+        self.set_backs: list[SetBack] = []
+        self.others: dict[str, float] = {}
         self.clock = choose_clock(topics, notes, self.path)
 
     def states(self, name: str, channel: Channel | None = None) -> JointStates:
@@ -160,8 +164,16 @@ class Assembly:
         if partial:
             self.dropped['incomplete'] += partial
             self.notes.add(f'{partial} messages in {name} lack a joint or its position; left out')
+        self._set_back(stream.stamp)
+        self.others = ranges_of_others(states, plan.joints)
         stream, keep = self.ordered(stream)
         return check_finite(stream, self.notes, path), self._velocity(states, index[keep])
+
+    def _set_back(self, stamp: NDArray[np.int64]) -> None:
+        """Note where the clock was set back: what is kept before and after was not joined."""
+        for newest, size, lost in set_backs(stamp):
+            self.cuts.append(newest)
+            self.set_backs.append(SetBack(float(newest - stamp[0]) * 1e-9, size * 1e-9, lost))
 
     def _touching(self, states: JointStates) -> NDArray[np.intp]:
         parts = [block.index for block in states.blocks
@@ -330,4 +342,8 @@ class Assembly:
             self.notes.add(
                 f'{len(lengths)} gap(s) longer than {gap_limit(stamp):.3g} s, the longest '
                 f'{lengths.max():.3f} s, the first at {at:.3f} s; the record is split there')
+        for cut in np.searchsorted(stamp, self.cuts, side='right').tolist():
+            parts = tuple(piece for part in parts for piece in (
+                (slice(part.start, cut), slice(cut, part.stop))
+                if part.start < cut < part.stop else (part,)))
         return parts

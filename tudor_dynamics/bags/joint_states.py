@@ -128,6 +128,36 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
             for name, raw in bag.read(topics).items()}
 
 
+def ranges_of_others(states: JointStates, names: Sequence[str]) -> dict[str, float]:
+    """
+    Say how far joints move that are not asked for.
+
+    Parameters
+    ----------
+    states : JointStates
+        Topic of the joint states.
+    names : sequence of str
+        Joints that are asked for.
+
+    Returns
+    -------
+    dict of str to float
+        Name to range of its positions, the outermost percents left out [rad or m].
+
+    """
+    found: dict[str, float] = {}
+    for block in states.blocks:
+        if not block.layout.fields.get('position', (0, 0))[1]:
+            continue
+        values = block.values('position')
+        for i, name in enumerate(block.layout.names[:values.shape[1]]):
+            column = values[:, i][np.isfinite(values[:, i])]
+            if name not in names and len(column):
+                low, high = np.percentile(column, [1.0, 99.0])
+                found[name] = max(found.get(name, 0.0), float(high - low))
+    return found
+
+
 def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
     """
     Refuse messages whose arrays do not go with their names.

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -150,6 +150,38 @@ def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
                'in rad and rad/s: multiply by pi/180 and record again, or correct type and '
                'limits in the arm description if the joint really moves so')
         raise BagError(msg, place=recording.path)
+
+
+def without_zero_velocities(recording: Recording, plan: Plan, notes: Notes) -> Recording:
+    """
+    Leave velocities out that are all zero for a joint that moves: nobody measures them.
+
+    Parameters
+    ----------
+    recording : Recording
+        To be looked at.
+    plan : Plan
+        Names and kinds of the joints.
+    notes : Notes
+        Is told of what is left out.
+
+    Returns
+    -------
+    Recording
+        Without velocities and with the names of the joints, or as it was.
+
+    """
+    if recording.dq is None:
+        return recording
+    zero = tuple(name for name, moves, column in zip(
+        plan.joints, moving_joints(recording, plan.prismatic), recording.dq.T, strict=True)
+        if moves and not column.any())
+    if not zero:
+        return recording
+    notes.add(f'velocity of {", ".join(zero)} is zero throughout, though the joints move; '
+              'velocities are not used')
+    return replace(recording, dq=None,
+                   oddities=replace(recording.oddities, zero_velocities=zero))
 
 
 def _speed(recording: Recording, column: int) -> float:

@@ -32,8 +32,9 @@ from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
-from tudor_dynamics.bags.plausibility import check_units, moving_joints
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.plausibility import (
+    check_units, moving_joints, without_zero_velocities)
+from tudor_dynamics.bags.recording import Oddities, Recording
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.typing import FloatArray
@@ -104,7 +105,9 @@ def assemble(
         None if strain is None else strain.values[rows],
         work.segments(stamp), float(np.median(np.diff(stamp))) * 1e-9,
         {cause: number for cause, number in work.dropped.items() if number},
-        (), bag.checksum() if checksum else '', stated_payload(bag, notes))
+        (), bag.checksum() if checksum else '', stated_payload(bag, notes),
+        oddities=Oddities(tuple(work.set_backs), work.others))
+    recording = without_zero_velocities(recording, plan, notes)
     check_units(recording, plan, notes)
     _check_use(recording, plan, notes, need_output, need_motion)
     object.__setattr__(recording, 'warnings', tuple(notes.texts))

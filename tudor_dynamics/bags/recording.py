@@ -24,6 +24,49 @@ from numpy.typing import NDArray
 from tudor_dynamics.typing import FloatArray
 
 
+@dataclass(frozen=True)
+class SetBack:
+    """
+    A clock that was set back while it stamped messages.
+
+    Attributes
+    ----------
+    time : float
+        Where, since the first stamp [s].
+    seconds : float
+        By how much [s].
+    lost : int
+        Messages with stamps that had been there before.
+
+    """
+
+    time: float
+    seconds: float
+    lost: int
+
+
+@dataclass(frozen=True)
+class Oddities:
+    """
+    What the arrays of a recording do not show of its bag.
+
+    Attributes
+    ----------
+    set_backs : tuple of SetBack
+        Where the clock of the joint states was set back; the record is split there.
+    others : dict of str to float
+        How far each other name of the joint states moves, its outermost percents left out
+        [rad or m].
+    zero_velocities : tuple of str
+        Joints that move, but whose velocities are all zero: velocities are not used.
+
+    """
+
+    set_backs: tuple[SetBack, ...] = ()
+    others: dict[str, float] = field(default_factory=dict)
+    zero_velocities: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Recording:
     """
@@ -58,6 +101,8 @@ class Recording:
     earlier : (ndarray of int64, ndarray) or None
         Stamps [ns] and positions of the gapless motion just before, where this is a part of a
         bag.
+    oddities : Oddities
+        What the arrays do not show of the bag.
 
     """
 
@@ -74,6 +119,7 @@ class Recording:
     checksum: str = ''
     payload: float | None = None
     earlier: tuple[NDArray[np.int64], FloatArray] | None = None
+    oddities: Oddities = Oddities()
 
     def __repr__(self) -> str:
         """Write length, rate, signals with their ranges, and what is odd about the bag."""

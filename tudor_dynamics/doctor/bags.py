@@ -22,6 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.doctor.between import compare, Seen
 from tudor_dynamics.doctor.examine import examine, Examined
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.finding import Finding
@@ -50,7 +51,14 @@ def examine_bags(arm: Arm, bags: Sequence[BagData]) -> tuple[Finding, ...]:
 
     """
     found = [examine_bag(arm, bag) for bag in bags]
-    return tuple(merged([item.findings for item in found]) + copies(bags))
+    known = merged([item.findings for item in found])
+    # bags that are known to be wrong are no measure for the others
+    sound = [Seen(str(bag.choice), item.case, bag.payload)
+             for bag, item in zip(bags, found, strict=True)
+             if item.case is not None and (item.chosen is None or not item.chosen.kind)]
+    told = {(item.kind, item.bag) for item in known}
+    more = [item for item in compare(sound) if (item.kind, item.bag) not in told]
+    return tuple(more + known + copies(bags))
 
 
 def examine_bag(arm: Arm, bag: BagData) -> Examined:

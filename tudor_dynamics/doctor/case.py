@@ -105,6 +105,18 @@ class Case:
         return {name: Explained(bodies.rows(x, gravity), bodies.own(x), bodies.groups)
                 for name, bodies in self.bodies.items()}
 
+    def rows(self, output: str) -> FloatArray:
+        """
+        Give the rows of the bodies as the description has them.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            Output whose rows are wanted.
+
+        """
+        return self.bodies[output].rows(self.motion)
+
     @cached_property
     def usual(self) -> dict[str, Explained]:
         """Build the least squares of the description as it is, once."""

@@ -33,6 +33,8 @@ from tudor_dynamics.doctor.units import sizes
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.signals.timing import Timing, timing
 
+HELD_SPAN = 0.02
+"""A joint that moves farther is not held [rad or m]."""
 BROKEN = ('constant', 'held', 'dying', 'saturated')
 """What makes the values of a channel none to judge a description by."""
 
@@ -78,6 +80,7 @@ def examine(arm: Arm, recording: Recording, retimed: Timing | None = None) -> Ex
 
     """
     clean, findings = look_at_samples(recording, arm.active_joints, arm.gauge_names, retimed)
+    findings = not_listed(arm, recording) + findings
     described = suspects(arm)
     mended = next((item.mended for item in reversed(described) if item.mended is not None), arm)
     broken = {name for item in findings if item.kind in BROKEN for name in item.channels}
@@ -126,6 +129,7 @@ def look_at_samples(
     clean, findings = samples.outliers(recording, joints, gauges)
     findings += samples.flat(clean, joints, gauges)
     findings += samples.standstill(clean, samples.moving(clean))
+    findings += odd_bag(recording)
     uneven = retimed or timing(clean)
     if uneven is not None and uneven.clear:
         done = '; even stamps took their place' if retimed is not None else ''
@@ -135,6 +139,67 @@ def look_at_samples(
             recording.path, (), 0.0, uneven.jitter, 's', 'roughness of the positions',
             uneven.now, uneven.even))
     return clean, findings
+
+
+def odd_bag(recording: Recording) -> list[Finding]:
+    """
+    Tell of what was found while the bag was read: its clock, and velocities that are none.
+
+    Parameters
+    ----------
+    recording : Recording
+        Signals of a bag.
+
+    Returns
+    -------
+    list of Finding
+        What is wrong.
+
+    """
+    findings = []
+    for item in recording.oddities.set_backs:
+        findings.append(Finding(
+            'clock_set_back', f'the clock was set back by {item.seconds:.4g} s at '
+            f'{item.time:.3f} s; {item.lost} messages with stamps that had been there are left '
+            'out, and the record is split', 'let the clock settle before recording; steer '
+            'clocks slowly (chrony without steps)', recording.path, (), item.time,
+            item.seconds, 's'))
+    zero = recording.oddities.zero_velocities
+    if zero:
+        findings.append(Finding(
+            'velocity_zeros', f'velocities of {", ".join(zero)} are all zero, though the joints '
+            'move; velocities are not used', 'let the driver publish velocities, or none',
+            recording.path, zero, 0.0, 0.0))
+    return findings
+
+
+def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
+    """
+    Find joints of the kinematics that move, but are held by the description.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm as it is described.
+    recording : Recording
+        Signals of a bag.
+
+    Returns
+    -------
+    list of Finding
+        One at most.
+
+    """
+    moved = {name: span for name, span in recording.oddities.others.items()
+             if name in arm.held_joints and span > HELD_SPAN}
+    if not moved:
+        return []
+    most = max(moved, key=lambda name: moved[name])
+    return [Finding(
+        'joint_not_listed', f'{", ".join(moved)} of the kinematics move, but the description '
+        f'takes them as held ({most} by {moved[most]:.3g})', 'list them under joints, and under '
+        'active_joints where that is given', recording.path, tuple(moved), None, moved[most],
+        'm' if arm.is_prismatic(most) else 'rad')]
 
 
 def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:

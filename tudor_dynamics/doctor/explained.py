@@ -56,6 +56,21 @@ class Explained:
                       for i, basis in enumerate(self._own)]
         self._grams = [x.T @ x for x in self._rows]
 
+    def freed(self, channel: int, values: FloatArray) -> FloatArray:
+        """
+        Free values of what a channel has to itself.
+
+        Parameters
+        ----------
+        channel : int
+            Whose friction and zero it is.
+        values : ndarray of shape (n,)
+            Any function of time.
+
+        """
+        basis = self._own[channel]
+        return np.asarray(values - basis @ (basis.T @ values))
+
     def residuals(self, outputs: FloatArray) -> FloatArray:
         """
         Give what is left of each channel.
@@ -71,10 +86,28 @@ class Explained:
             Residuals of the least squares.
 
         """
-        found = np.empty_like(outputs)
+        return np.column_stack([
+            self.freed(i, outputs[:, i]) - self._rows[i] @ x
+            for i, x in enumerate(self.parameters(outputs))])
+
+    def parameters(self, outputs: FloatArray) -> FloatArray:
+        """
+        Give the parameters of the bodies.
+
+        Parameters
+        ----------
+        outputs : ndarray of shape (n, n_channels)
+            Measured values of all channels.
+
+        Returns
+        -------
+        ndarray of shape (n_channels, n_columns)
+            The same for all channels of a group.
+
+        """
+        found = np.empty((outputs.shape[1], self._rows[0].shape[1]))
         for group in self.groups:
-            free = [outputs[:, i] - self._own[i] @ (self._own[i].T @ outputs[:, i])
-                    for i in group]
+            free = [self.freed(i, outputs[:, i]) for i in group]
             sizes = np.array([float(np.std(outputs[:, i])) for i in group])
             told = sizes > 0.0  # what never changes has no say
             safe = np.where(told, sizes, 1.0)
@@ -88,8 +121,7 @@ class Explained:
                         for i, y in zip(group, free, strict=True)]
                 spread = np.array([np.sqrt(np.mean(x ** 2)) for x in left])
                 weights = told / np.maximum(spread, 0.03 * safe)
-            for i, x in zip(group, left, strict=True):
-                found[:, i] = x
+            found[list(group)] = parameters
         return found
 
     def shares(self, outputs: FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ LEAST_SECONDS = 3.0
 """Shorter stretches tell nothing [s]."""
 MARGIN = 0.25
 """Left out at both ends of each stretch: edges of the filter, and room for lags [s]."""
-MOST = 900
+MOST = 600
 """Samples kept of a bag."""
 STEP = 0.03
 """No two samples kept are nearer [s]."""

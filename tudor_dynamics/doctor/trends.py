@@ -28,7 +28,9 @@ DRIFT_GAIN = 0.4
 DRIFT_SIZE = 0.15
 """Part of the channel's standard deviation that it has to drift over the recording."""
 WINDOWS = 10
-KNOWN = 0.4
+QUIET = 0.2
+"""A channel that is dead moves by less than this part of what it did."""
+KNOWN = 0.8
 """Relative residual above which nobody knows what to expect."""
 FOLLOWS, FOLLOWS_NOT = 0.7, 0.35
 """Slopes of measured over explained output in a window."""
@@ -96,7 +98,7 @@ def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | 
     """Say from when on a channel does not follow what is expected of it, to the end."""
     edges = np.linspace(t[0], t[-1], WINDOWS + 1)
     spread = float(np.std(expected))
-    slopes = np.full(WINDOWS, np.nan)
+    slopes, quiet = np.full(WINDOWS, np.nan), np.full(WINDOWS, np.nan)
     for k in range(WINDOWS):
         inside = (t >= edges[k]) & (t <= edges[k + 1])
         if inside.sum() < 10:
@@ -105,12 +107,15 @@ def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | 
         x, y = x - x.mean(), y - y.mean()
         if np.std(x) > 0.3 * spread:
             slopes[k] = float(x @ y) / float(x @ x)
+            quiet[k] = float(np.std(y))
     told = np.flatnonzero(np.isfinite(slopes))
     if len(told) < 4 or not np.all(np.abs(slopes[told[-2:]]) < FOLLOWS_NOT):
         return None
     well = told[slopes[told] > FOLLOWS]
     if not len(well) or np.median(slopes[told[:max(2, len(told) // 3)]]) < FOLLOWS:
         return None
+    if np.max(quiet[told[-2:]]) > QUIET * float(np.median(quiet[well])):
+        return None  # it moves, if not as expected
     last = int(well[-1])
     after = told[told > last]
     return float(edges[last + 1]) if len(after) else None

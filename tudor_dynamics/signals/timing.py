@@ -28,7 +28,9 @@ LEAST_JITTER = 0.02
 """Less, relative to the sample time, changes no derivative that matters."""
 LARGEST_OFFSET = 0.45
 """A stamp farther from its even place, in sample times, belongs to another one."""
-CLEAR = 0.5
+LARGEST_IN_ORDER = 0.9
+"""... where none was lost, and the order of the messages says which sample it is."""
+CLEAR = 0.8
 """Even stamps are right where they leave less than this part of the roughness."""
 FEWEST = 200
 
@@ -136,19 +138,23 @@ def retimed(recording: Recording) -> tuple[Recording, Timing | None]:
 def _even(t: FloatArray) -> FloatArray | None:
     """Give the even times nearest to stamps; lost samples leave their places free."""
     step = float(np.median(np.diff(t)))
-    for _ in range(3):  # the median of jittered steps is a first guess
-        index = np.round((t - t[0]) / step)
-        steps = np.diff(index)
-        if np.any(steps < 1.0):
-            index = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1.0))])
-        slope, first = np.polyfit(index, t, 1)
-        if abs(slope / step - 1.0) < 1e-9:
-            break
-        step = float(slope)
-    even = first + slope * index
-    if np.max(np.abs(t - even)) > LARGEST_OFFSET * slope:
+    whole = _fitted(t, np.arange(len(t), dtype=float), LARGEST_IN_ORDER)
+    if whole is not None:
+        return whole
+    # step by step first: over a whole record, errors of the median would come to many samples
+    index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(np.diff(t) / step), 1.0))])
+    slope, first = np.polyfit(index, t, 1)
+    index = np.round((t - first) / slope)
+    if np.any(np.diff(index) < 1.0):
         return None
-    return np.asarray(even)
+    return _fitted(t, index, LARGEST_OFFSET)
+
+
+def _fitted(t: FloatArray, index: FloatArray, largest: float) -> FloatArray | None:
+    """Give even times for places in a row; None where a stamp is too far from its own."""
+    slope, first = np.polyfit(index, t, 1)
+    even = np.asarray(first + slope * index)
+    return None if np.max(np.abs(t - even)) > largest * slope else even
 
 
 def _unexpected(t: FloatArray, x: FloatArray) -> FloatArray:

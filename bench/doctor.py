@@ -1,0 +1,209 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Faults put into clean bags: does the doctor name them, with place and size, and nothing else.
+
+Each row of the table of faults goes into every clean bag that it fits, by a seed. Thresholds were
+chosen on some robots; the others are the proof.
+
+    python bench/doctor.py
+    python bench/doctor.py --own --json
+    python bench/doctor.py --only effort_late --missed
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import dataclass, field
+import json
+from pathlib import Path
+import sys
+import time
+import warnings
+
+sys.path.append(str(Path(__file__).parent))
+
+from faults.clean import clean_bags, pieces, STANDS_STILL  # noqa: E402
+from faults.descriptions import of_descriptions, one_joint_of_many  # noqa: E402
+from faults.sets import of_loads, of_sets  # noqa: E402
+from faults.signals import of_channels, of_time, of_units_and_names, still_ends  # noqa: E402
+import numpy as np  # noqa: E402
+
+from tudor_dynamics.doctor.bags import examine_bags  # noqa: E402
+from tudor_dynamics.errors import TudorWarning  # noqa: E402
+from tudor_dynamics.identification.finding import KINDS  # noqa: E402
+
+NOTHING = 'nothing'
+LEAST_NAMED, MOST_FALSE = 0.95, 0.01
+
+
+@dataclass
+class Row:
+    """How often a fault was put in, named, placed and sized."""
+
+    put_in: int = 0
+    named: int = 0
+    placed: int = 0
+    sized: int = 0
+    others: Counter = field(default_factory=Counter)
+
+    def __add__(self, other):
+        return Row(self.put_in + other.put_in, self.named + other.named,
+                   self.placed + other.placed, self.sized + other.sized,
+                   self.others + other.others)
+
+
+def told(bag, findings):
+    """Leave out what is true of a recording as it was published."""
+    return [item for item in findings
+            if not (item.kind == 'standstill' and bag.name in STANDS_STILL)]
+
+
+class Study:
+    """All faults with what the doctor said of them."""
+
+    def __init__(self, missed):
+        self.rows = {True: {}, False: {}}
+        self.clean = {True: Counter(), False: Counter()}
+        self.false = {True: [], False: []}
+        self.seconds = []
+        self.missed = missed
+
+    def examine(self, arm, bags):
+        """Ask the doctor, and note how long it took."""
+        begun = time.process_time()
+        found = examine_bags(arm, bags)
+        self.seconds.append((time.process_time() - begun) / len(bags))
+        return found
+
+    def judge(self, bag, fault, findings):
+        """Compare what was said with what was put in."""
+        row = self.rows[bag.proof].setdefault(fault.row, Row())
+        said = told(bag, findings) if fault.row != 'standstill' else findings
+        row.put_in += 1
+        row.named += any(fault.named_by(item) for item in said)
+        row.placed += any(fault.placed_by(item) for item in said)
+        right = any(fault.sized_by(item) for item in said)
+        row.sized += right
+        # what follows from the fault itself is no other finding
+        other = sorted({item.kind for item in said if not fault.named_by(item)})
+        row.others.update(other if other or row.named else [NOTHING])
+        if self.missed and not right:
+            print(f'missed: {fault.row} in {bag.name}, {fault.channels} {fault.time} '
+                  f'{fault.size}: ' + '; '.join(str(item) for item in said), file=sys.stderr)
+
+    def spare(self, bag, name, findings):
+        """Count what is said of a clean bag."""
+        said = told(bag, findings)
+        self.clean[bag.proof]['bags'] += 1
+        self.clean[bag.proof]['with findings'] += bool(said)
+        self.false[bag.proof] += [f'{name}: {item}' for item in said]
+
+
+def study(args):
+    """Put every fault into every bag that it fits."""
+    found = Study(args.missed)
+    bags = clean_bags(args.own)
+    for number, bag in enumerate(bags):
+        rng = np.random.default_rng([args.seed, number])
+        for piece in pieces(bag):
+            found.spare(bag, str(piece.data.choice), found.examine(bag.arm, [piece.data]))
+        for source in (of_descriptions, one_joint_of_many, of_units_and_names, of_time,
+                       of_channels, still_ends):
+            for fault in source(bag, rng):
+                if args.only in (None, fault.row):
+                    found.judge(bag, fault, found.examine(fault.arm, fault.bags))
+    rng = np.random.default_rng([args.seed, len(bags)])
+    for bag, fault in of_sets(bags, rng):
+        if args.only in (None, fault.row):
+            found.judge(bag, fault, found.examine(fault.arm, fault.bags))
+    if args.only in (None, 'load_unknown'):
+        for bag, fault, findings in of_loads(bags):
+            if fault is None:
+                found.spare(bag, f'{bag.name} beside a model', findings)
+            else:
+                found.judge(bag, fault, findings)
+    return found
+
+
+def summary(found):
+    """Give the figures of the study as plain values."""
+    content = {}
+    for name, parts in (('developed on', [False]), ('proof', [True]), ('all', [False, True])):
+        rows = {}
+        for kind in KINDS:
+            some = [found.rows[part][kind] for part in parts if kind in found.rows[part]]
+            if some:
+                row = sum(some[1:], some[0])
+                rows[kind] = {'put_in': row.put_in, 'named': row.named, 'placed': row.placed,
+                              'sized': row.sized, 'also_said': dict(row.others)}
+        put_in = sum(row['put_in'] for row in rows.values())
+        clean = sum((found.clean[part] for part in parts), Counter())
+        false = sum((found.false[part] for part in parts), [])
+        content[name] = {
+            'rows': rows, 'put_in': put_in,
+            **{what: sum(row[what] for row in rows.values()) / max(put_in, 1)
+               for what in ('named', 'placed', 'sized')},
+            'clean': clean['bags'], 'clean_with_findings': clean['with findings'],
+            'false': false,
+            'false_rate': len(false) / max(1, clean['bags'] * len(KINDS))}
+    content['seconds_a_bag'] = {'median': float(np.median(found.seconds)),
+                                'largest': float(np.max(found.seconds))}
+    return content
+
+
+def show(content):
+    """Print the confusion matrix."""
+    print(f'{"put in":26}{"n":>5}{"named":>7}{"placed":>7}{"sized":>7}  also said')
+    for kind, row in content['all']['rows'].items():
+        others = ', '.join(f'{name} {count}' for name, count in row['also_said'].items())
+        print(f'{kind:26}{row["put_in"]:5}{row["named"]:7}{row["placed"]:7}{row["sized"]:7}'
+              f'  {others}')
+    for name in ('developed on', 'proof', 'all'):
+        part = content[name]
+        print(f'{name}: {part["put_in"]} faults, named {100 * part["named"]:.1f} %, with place '
+              f'{100 * part["placed"]:.1f} %, with size {100 * part["sized"]:.1f} %; '
+              f'{part["clean"]} clean bags and halves, {part["clean_with_findings"]} with '
+              f'findings, {100 * part["false_rate"]:.2f} % of all checks')
+    for text in content['all']['false']:
+        print(f'false: {text}')
+    seconds = content['seconds_a_bag']
+    print(f'{seconds["median"]:.2f} s a bag, {seconds["largest"]:.2f} s at most')
+
+
+def main():
+    """Run the study; 1 where too little is named or too much is said."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('--own', action='store_true', help='bags of the repository only')
+    parser.add_argument('--only', choices=tuple(KINDS), help='one row of the table')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--missed', action='store_true', help='say what was missed')
+    parser.add_argument('--json', action='store_true')
+    args = parser.parse_args()
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', TudorWarning)
+        content = summary(study(args))
+    if args.json:
+        print(json.dumps(content, indent=2))
+    else:
+        show(content)
+    done = content['all']
+    return int(done['sized'] < LEAST_NAMED or done['clean_with_findings']
+               > MOST_FALSE * max(done['clean'], 1))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
