@@ -116,7 +116,7 @@ class Study:
 def study(args):
     """Put every fault into every bag that it fits."""
     found = Study(args.missed)
-    bags = clean_bags(args.own)
+    bags = [bag for bag in clean_bags(args.own) if args.bags is None or bag.name in args.bags]
     for number, bag in enumerate(bags):
         rng = np.random.default_rng([args.seed, number])
         for piece in pieces(bag):
@@ -188,6 +188,7 @@ def main():
     """Run the study; 1 where too little is named or too much is said."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--own', action='store_true', help='bags of the repository only')
+    parser.add_argument('--bags', nargs='+', metavar='NAME', help='these bags only')
     parser.add_argument('--only', choices=tuple(KINDS), help='one row of the table')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--missed', action='store_true', help='say what was missed')

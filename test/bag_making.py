@@ -17,6 +17,8 @@
 from pathlib import Path
 
 import numpy as np
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, write_bag
@@ -83,3 +85,12 @@ def make_bag(path, *series, storage='mcap'):
     """Write a bag of series, by default joint states only, and give its path."""
     write_bag(path, series or (joint_states(),), storage=storage)
     return path
+
+
+def write_raw(path, log_time, data, topic='/joint_states'):
+    """Write encoded JointState messages with log times of their own."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(topic, 'sensor_msgs/msg/JointState',
+                                           typestore=get_typestore(Stores.ROS2_JAZZY))
+        for time, message in zip(log_time.tolist(), data, strict=True):
+            writer.write(connection, time, message)

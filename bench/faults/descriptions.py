@@ -20,10 +20,10 @@ from dataclasses import replace
 import math
 from pathlib import Path
 
+from faults.injected import Fault
 import numpy as np
 import pinocchio as pin
 
-from faults.injected import Fault
 from tudor_dynamics.arm import arm_from_dict
 
 

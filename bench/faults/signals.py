@@ -74,7 +74,7 @@ def of_units_and_names(bag, rng):
             constants = rng.uniform(8.0, 12.0, len(names))
             yield Fault('effort_unit', ('effort_unit',), arm,
                         (put(data, effort=r.effort / constants),), channels=names,
-                        size=1.0 / float(np.median(constants)), part=1.0)
+                        size=1.0 / float(np.median(constants)), least=0.15)
         for i in rng.permutation(joints)[:2]:
             i = int(i)
             yield Fault('effort_sign', ('effort_sign', 'joint_sign'), arm,

@@ -16,10 +16,9 @@
 
 from bag_making import (
     currents, GAUGES, joint_states, JOINTS, make_arm, make_bag, motion, plain_arm, START, strains,
-    times)
+    times, write_raw)
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags import (
@@ -63,15 +62,6 @@ def test_joints_are_found_by_name(tmp_path):
     found = read_recording(bag, plain_arm())
     np.testing.assert_array_equal(found.q, motion(times())[0])
     np.testing.assert_array_equal(found.dq, motion(times())[1])
-
-
-def write_raw(path, log_time, data, topic='/joint_states'):
-    """Write encoded JointState messages with log times of their own."""
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connection = writer.add_connection(topic, 'sensor_msgs/msg/JointState',
-                                           typestore=get_typestore(Stores.ROS2_JAZZY))
-        for time, message in zip(log_time.tolist(), data, strict=True):
-            writer.write(connection, time, message)
 
 
 def test_two_publishers_share_a_topic(tmp_path):
@@ -303,14 +293,11 @@ def test_other_joints_may_go_far(tmp_path, kind):
 
 
 @pytest.mark.parametrize(('factor', 'match'), [
-    (-1.0, 'opposite sign'), (2.0, '2 times the derivative'), (0.0, None)])
+    (-1.0, 'opposite sign'), (2.0, '2 times the derivative'), (0.0, 'zero throughout')])
 def test_velocities_that_contradict_positions_are_warned_of(tmp_path, factor, match):
-    """Signs and factors; a velocity of zero cannot be compared."""
+    """Signs, factors, and velocities that nobody measures."""
     bag = make_bag(tmp_path / 'b', joint_states(velocity=factor * motion(times())[1]))
-    if match:
-        read_warned(bag, plain_arm(), match)
-    else:
-        assert read_recording(bag, plain_arm()).warnings == ()
+    read_warned(bag, plain_arm(), match)
 
 
 def test_noise_in_place_of_velocity_is_warned_of(tmp_path):

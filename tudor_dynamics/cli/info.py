@@ -32,6 +32,7 @@ from tudor_dynamics.cli.console import finite, new_table, print_findings, print_
 from tudor_dynamics.doctor.examine import examine, look_at_samples
 from tudor_dynamics.errors import BagError, printable
 from tudor_dynamics.identification.finding import Finding
+from tudor_dynamics.signals.timing import retimed
 
 EXAMPLES = """\
 examples:
@@ -83,9 +84,11 @@ def look_at(report: BagReport, arm: Arm | None) -> Sequence[Finding]:
     """Let the doctor look at a bag; without an arm it sees samples and stamps alone."""
     if report.recording is None or report.plan is None:
         return ()
+    recording, timing = retimed(report.recording)
     if arm is not None:
-        return examine(arm, report.recording).findings
-    return look_at_samples(report.recording, report.plan.joints, report.plan.gauges)[1]
+        return examine(arm, recording, timing).findings
+    joints = report.plan.joints
+    return look_at_samples(recording, joints, report.plan.gauges, timing)[1]
 
 
 def _range(channel: ChannelReport | None) -> str:

@@ -73,7 +73,7 @@ class Pair:
     carried : float
         Part of the residual that a body at the end of the arm leaves.
     error : float
-        Relative error.
+        Relative error of the prediction.
 
     """
 

@@ -62,6 +62,7 @@ class Case:
         broken: Collection[str] = frozenset(),
     ) -> None:
         self.arm, self.recording, self.thinned = arm, recording, thinned
+        self.broken = frozenset(broken)
         self.motion = thinned.motion
         self.bodies = {name: BodyRows(arm, name) for name in OUTPUTS if thinned.has(name)}
         self.sound = {name: np.array([one not in broken for one in bodies.channels])

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.doctor import samples
@@ -212,6 +214,8 @@ def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
         hinted = driven_by_friction(case, case.usual['effort'], case.outputs['effort'])
     usual = unchanged(case)
     chosen = choose(case, hinted) or usual
+    if chosen is not usual and choose(_without_trends(case), hinted) is None:
+        chosen = usual  # one channel that drifts or dies is all there is
     lags = _lags(case, usual)
     if chosen is not usual and max((gain for _, gain in lags), default=0.0) > chosen.gain:
         chosen = usual
@@ -226,6 +230,19 @@ def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
         findings += [item for item in trends(case, name, explained, chosen.outputs[name])
                      if item.channels[0] not in shown]
     return chosen, findings
+
+
+def _without_trends(case: Case) -> Case:
+    """Leave out channels that drift or die; the bag itself where there are none."""
+    found = {name for output, explained in case.usual.items()
+             for item in trends(case, output, explained, case.outputs[output])
+             for name in item.channels}
+    if not found:
+        return case
+    rest = Case(case.arm, case.recording, case.thinned, case.broken | found)
+    for name, values in case.outputs.items():  # scaled as those of the case are
+        rest.outputs[name] = np.where(rest.sound[name], values, 0.0)
+    return rest if any(sound.any() for sound in rest.sound.values()) else case
 
 
 def _lags(case: Case, chosen: Alternative) -> list[tuple[Finding, float]]:

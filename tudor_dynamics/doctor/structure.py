@@ -31,9 +31,9 @@ LEAST_GAIN = 1.0
 HINTED_GAIN = 0.3
 """The same where friction that drives instead of braking points at the channel."""
 AXES = ('x', '-x', 'y', '-y', 'z', '-z')
-SCALES = tuple(10.0 ** exponent for exponent in np.arange(-3.5, 3.51, 0.25)
-               if abs(exponent) >= 0.5)
-"""Factors between the units of efforts that are tried."""
+SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
+               for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
+"""Factors between the units of efforts: those of gears with motors, and thousandths."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -198,6 +198,7 @@ def sections(
     found = [
         Section('verdict', 'Verdict', 'verdict', {
             **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings}),
+        Section('doctor', 'Doctor', 'doctor', {'findings': result.findings}),
         Section('figures', 'Figures', 'figures', {'outputs': outputs}),
         *(Section(output.key, f'{output.title} over time', 'signals', {'output': output})
           for output in outputs)]

@@ -137,17 +137,15 @@ def retimed(recording: Recording) -> tuple[Recording, Timing | None]:
 
 def _even(t: FloatArray) -> FloatArray | None:
     """Give the even times nearest to stamps; lost samples leave their places free."""
-    step = float(np.median(np.diff(t)))
     whole = _fitted(t, np.arange(len(t), dtype=float), LARGEST_IN_ORDER)
-    if whole is not None:
-        return whole
-    # step by step first: over a whole record, errors of the median would come to many samples
+    step = float(np.median(np.diff(t)))
+    # step by step: over a whole record, the error of the median would come to many samples
     index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(np.diff(t) / step), 1.0))])
     slope, first = np.polyfit(index, t, 1)
     index = np.round((t - first) / slope)
-    if np.any(np.diff(index) < 1.0):
-        return None
-    return _fitted(t, index, LARGEST_OFFSET)
+    holed = None if np.any(np.diff(index) < 1.0) else _fitted(t, index, LARGEST_OFFSET)
+    found = [even for even in (whole, holed) if even is not None]
+    return min(found, key=lambda even: float(np.std(t - even)), default=None)
 
 
 def _fitted(t: FloatArray, index: FloatArray, largest: float) -> FloatArray | None:
