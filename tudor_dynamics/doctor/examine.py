@@ -214,8 +214,8 @@ def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
         hinted = driven_by_friction(case, case.usual['effort'], case.outputs['effort'])
     usual = unchanged(case)
     chosen = choose(case, hinted) or usual
-    if chosen is not usual and choose(_without_trends(case), hinted) is None:
-        chosen = usual  # one channel that drifts or dies is all there is
+    if chosen is not usual and _only_a_trend(case, chosen, hinted):
+        chosen = usual
     lags = _lags(case, usual)
     if chosen is not usual and max((gain for _, gain in lags), default=0.0) > chosen.gain:
         chosen = usual
@@ -232,17 +232,21 @@ def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
     return chosen, findings
 
 
-def _without_trends(case: Case) -> Case:
-    """Leave out channels that drift or die; the bag itself where there are none."""
-    found = {name for output, explained in case.usual.items()
-             for item in trends(case, output, explained, case.outputs[output])
-             for name in item.channels}
+def _only_a_trend(case: Case, chosen: Alternative, hinted: list[int]) -> bool:
+    """Say whether one channel that drifts or dies is all that an alternative makes up for."""
+    found = [item for output, explained in case.usual.items()
+             for item in trends(case, output, explained, case.outputs[output])]
     if not found:
-        return case
-    rest = Case(case.arm, case.recording, case.thinned, case.broken | found)
+        return False
+    better = sum(2.0 * np.log(item.now / item.otherwise) if item.now and item.otherwise else
+                 np.inf for item in found)
+    if better < chosen.gain:
+        return False
+    rest = Case(case.arm, case.recording, case.thinned,
+                case.broken | {name for item in found for name in item.channels})
     for name, values in case.outputs.items():  # scaled as those of the case are
         rest.outputs[name] = np.where(rest.sound[name], values, 0.0)
-    return rest if any(sound.any() for sound in rest.sound.values()) else case
+    return choose(rest, hinted) is None
 
 
 def _lags(case: Case, chosen: Alternative) -> list[tuple[Finding, float]]:
