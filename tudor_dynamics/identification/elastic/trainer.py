@@ -86,10 +86,17 @@ def check_arm(arm: Arm) -> None:
     Raises
     ------
     FitError
-        If it has no gauges, no links, none that is flexible, or a gauge on a rigid one.
+        If it has no gauges, no links, none that is flexible, or a gauge on a rigid one; if its
+        drives are coupled, or friction is to grow with the load.
 
     """
     reason = ''
+    loaded = [joint.name for joint in arm.joints if 'load' in joint.friction]
+    if arm.coupling is not None or loaded:
+        what = f'friction: load of {", ".join(loaded)}' if loaded else 'couplings'
+        msg = (f'{arm.source}: the elastic model knows nothing of {what}; leave that out of the '
+               'description, or elastic out of --models')
+        raise FitError(msg)
     if not arm.gauges:
         reason = (f'{arm.source}: no gauges are described, and the elastic model is identified '
                   'from strain')
