@@ -24,6 +24,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.cli.main import main
+import yaml
 
 
 @pytest.fixture(scope='module')
@@ -84,6 +85,28 @@ def test_fit_says_the_same_as_evaluate(
         for kind in ('analytical', 'elm'):
             first = said[output][kind]['validation']['fit']
             assert first == pytest.approx(found[output][kind]['fit'], rel=1e-5)
+
+
+def test_choices_are_said(
+    fitted: Path, root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What was chosen stands in page and bundle; what the command fixes is not chosen."""
+    made = {item['what']: item for item in yaml.safe_load(
+        (fitted / 'model.yaml').read_text())['facts']['choices']}
+    assert made['filters']['chosen'].startswith('zero-phase')
+    assert made['filters']['error'] < made['filters']['error_instead']
+    assert 'What was chosen' in (fitted / 'report.html').read_text()
+    words = ['fit', root / 'bags/two_blade_train_1', '--arm', root / 'config/two_blade_arm.yaml',
+             '--models', 'analytical', '--out', tmp_path / 'fixed']
+    found = run_json(capsys, *words, '--filter', 'causal', '--friction', 'viscous', '--currents',
+                     'shared', '--estimator', 'ols', '--json')
+    assert found['choices'] == []
+    content = yaml.safe_load((tmp_path / 'fixed/model.yaml').read_text())
+    assert content['preprocessing']['filter'] == 'causal' and 'causal' not in content
+    group, = content['outputs']['effort']['analytical']['groups']
+    assert {item['channel'] for item in group['torque_constants']} == {'joint2', 'joint3'}
+    line = one_line(capsys, *words, '--overwrite', '--friction', 'auto', 'viscous')
+    assert 'auto stands alone' in line
 
 
 def test_report_and_bundle_are_there(fitted: Path) -> None:

@@ -26,7 +26,8 @@ from sample_arms import multisine, recording_of
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, common_outputs, cut, parse_choice, training_blocks)
+    BagChoice, BagData, common_outputs, cut, filtered, motion_span, parse_choice, standstill_note,
+    training_blocks)
 from tudor_dynamics.signals import prepare
 
 
@@ -132,3 +133,31 @@ def test_blocks_of_several_bags() -> None:
             assert np.allclose(block.decimation(block.motion)[:, :2] + 10.0, block.output)
             count += len(block.output)
         assert count == bags[0].samples + bags[1].samples
+
+
+@pytest.mark.parametrize(('before', 'behind', 'note'), [
+    (3.0, 4.0, 'standstill of 2.6 s at the begin and 3.6 s at the end is left out'),
+    (0.0, 4.0, 'standstill of 3.6 s at the end is left out'),
+    (0.4, 0.4, '')])
+def test_standstill_at_the_ends(before: float, behind: float, note: str) -> None:
+    """Half a second of it stays, in the middle all; the recording itself is left as it is."""
+    moving = 0.4 * (1.0 - np.cos(2.0 * np.pi * np.arange(1000) / 500.0))
+    moving[400:600] = moving[400]
+    q = np.concatenate([np.zeros(round(100 * before)), moving, np.zeros(round(100 * behind))])
+    recording = recording_of(np.column_stack([q, 0.0 * q]), 100.0, effort=np.zeros((len(q), 2)))
+    begin, end = motion_span(recording)
+    assert standstill_note(recording, (begin, end)) == note
+    assert begin == pytest.approx(max(0.0, before - 0.5) if before > 1.0 else 0.0, abs=0.1)
+    bag = filtered(BagData(BagChoice('bag'), recording, ()), PreprocessingSpec(rate=None))
+    stretch, = bag.stretches
+    kept = stretch.t[stretch.decimation.keep]
+    assert kept[0] >= begin and kept[-1] <= end and len(stretch.t) == len(q)
+    assert bag.samples == pytest.approx(100 * (end - max(begin, 0.5)), abs=3)
+
+
+def test_no_motion_at_all() -> None:
+    """A bag in which nothing moves is not emptied."""
+    recording = recording_of(np.zeros((500, 2)), 100.0, effort=np.zeros((500, 2)))
+    assert motion_span(recording) == (0.0, pytest.approx(4.99))
+    bag = filtered(BagData(BagChoice('bag'), recording, ()), PreprocessingSpec())
+    assert bag.samples > 80

@@ -33,7 +33,8 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
 from tudor_dynamics.models import bundle_files
-from tudor_dynamics.models.bundle import check_target, load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import (
+    CausalModels, check_target, load_bundle, ModelBundle, save_bundle)
 import yaml
 
 ARM = planar_arm(gauges=[gauge('g1', 'j1', 0.1), gauge('g2', 'j2', 0.1)])
@@ -367,3 +368,32 @@ def test_place_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(ModelError, match='file/model: cannot be written'):
         save_bundle(_bundle(), tmp_path / 'file' / 'model')
+
+
+def test_causal_models_beside_the_others(tmp_path: Path) -> None:
+    """What runs beside the robot comes back apart from what judges recordings, arrays included."""
+    causal = PreprocessingSpec(filter='causal')
+    bundle = _bundle()
+    bundle.causal = CausalModels(causal, _bundle().models)
+    save_bundle(bundle, tmp_path / 'model')
+    loaded = load_bundle(tmp_path / 'model')
+    assert loaded.preprocessing == SPEC
+    beside = loaded.beside_robot()
+    assert beside.preprocessing == causal and beside.causal is None and beside.facts == FACTS
+    assert beside.beside_robot() is beside
+    motion = random_states(20, 2)
+    for output, kinds in bundle.causal.models.items():
+        for kind, model in kinds.items():
+            assert np.array_equal(beside.models[output][kind].predict(motion),
+                                  model.predict(motion))
+
+
+def test_chosen_friction_is_the_same_arm(tmp_path: Path) -> None:
+    """A bundle whose friction was chosen fits the description that left it open, no other arm."""
+    chosen = ARM.with_joints({'j1': {'friction': ('viscous', 'coulomb', 'offset')}})
+    save_bundle(_bundle(chosen), tmp_path / 'model')
+    loaded = load_bundle(tmp_path / 'model', arm=ARM)
+    assert loaded.arm.joints[0].friction == ('viscous', 'coulomb', 'offset')
+    with pytest.raises(ModelError, match='fit it again, or give the arm'):
+        load_bundle(tmp_path / 'model', arm=planar_arm(gauges=[gauge('g1', 'j1', 0.2),
+                                                               gauge('g2', 'j2', 0.1)]))
