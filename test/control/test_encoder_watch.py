@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pytest
 
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.encoder_watch import EncoderWatch
@@ -62,3 +63,19 @@ def test_frozen_jumping_and_impossible() -> None:
     watch.reset()
     outside = watch.step(0.002, np.array([1.0, 2.0]), np.zeros(2))
     assert outside[0][0] == 1 and 'no pose' in outside[0][1]
+
+
+def test_what_a_jump_takes_away_is_owed() -> None:
+    """The joint went on as it was told to, whatever the encoder makes of it, until a reset."""
+    watch, speed = EncoderWatch(LIMITS), np.array([0.5, 0.0])
+    q = np.array([1.0, 0.2])
+    for k in range(5):
+        assert watch.step(0.01, q + k * 0.01 * speed, speed) == []
+    there = q + 5 * 0.01 * speed
+    away = np.array([0.6, 0.0])
+    assert watch.step(0.01, there + away, speed)
+    assert watch.owed == pytest.approx(-away)
+    watch.step(0.01, there + away + 0.01 * speed, speed)
+    assert watch.owed[0] == pytest.approx(-away[0])
+    watch.reset()
+    assert not watch.owed.any()

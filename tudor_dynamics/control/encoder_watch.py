@@ -46,8 +46,8 @@ class EncoderWatch:
     Attributes
     ----------
     owed : ndarray of shape (n_joints,)
-        Way that commands have made while the reading stood still: the joint is so much further if
-        the encoder lies [rad or m].
+        Way that commands have made while the reading stood still, and what a jump took away: the
+        joint is so much further if the encoder lies [rad or m].
 
     """
 
@@ -58,12 +58,15 @@ class EncoderWatch:
         self._last: FloatArray | None = None
         self._same = np.zeros(n, dtype=np.intp)
         self.owed = np.zeros(n)
+        self._stood, self._jumped = np.zeros(n), np.zeros(n)
 
     def reset(self) -> None:
         """Take the next reading for a first one."""
         self._last = None
         self._same[:] = 0
         self.owed[:] = 0.0
+        self._stood[:] = 0.0
+        self._jumped[:] = 0.0
 
     def step(self, dt: float, q: FloatArray, commanded: FloatArray) -> list[tuple[int, str]]:
         """
@@ -96,11 +99,13 @@ class EncoderWatch:
             for j in np.flatnonzero(np.abs(change) > allowed):
                 found.append((int(j), f'its position jumped by {change[j]:.4g} within '
                               f'{1e3 * dt:.3g} ms'))
+                self._jumped[j] -= change[j] - dt * commanded[j]
             still = change == 0.0
             self._same = np.where(still, self._same + 1, 0)
-            self.owed = np.where(still, self.owed + dt * commanded, 0.0)
+            self._stood = np.where(still, self._stood + dt * commanded, 0.0)
+            self.owed = self._stood + self._jumped
             frozen = (self._same >= FROZEN_SAMPLES) & (
-                np.abs(self.owed) > self._speed * FROZEN_TIME)
+                np.abs(self._stood) > self._speed * FROZEN_TIME)
             for j in np.flatnonzero(frozen):
                 found.append((int(j), 'it does not move although it is commanded to: encoder '
                               'frozen, brake on, or a driver that does not listen'))

@@ -355,8 +355,10 @@ class MotionController:
             strain[self._from], fresh[self._from], self.envelope.saturated[self._to], moving)
         weight = self.gains.step(dt)
         place = q + self.encoders.owed
-        if self.state is State.FAULT:  # no position can be believed
+        if self.state is State.FAULT:  # no position can be believed: the farther one counts
             added = np.zeros(len(q))
+            place = np.where(self.envelope.command < 0.0, np.minimum(q, place),
+                             np.maximum(q, place))
             place = np.clip(place, self.limits.lower, self.limits.upper)
         else:
             gain = self.gains.position_gain_in_use(self.period)

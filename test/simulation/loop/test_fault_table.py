@@ -439,3 +439,19 @@ def test_lost_samples_are_not_made_up_for_in_one_command() -> None:
     machine.freeze(seconds=0.08763753888377589, who='controller')
     assert machine.rig is not None
     assert broken_limits(machine.rig) == []
+
+
+def test_a_jump_away_from_a_limit_hides_it_from_nobody() -> None:
+    """
+    An encoder jumps by 33 deg while the arm comes up to a limit, in a loop with 60 ms of delay.
+
+    What it says from then on is no reason to brake later: where the arm was is counted on.
+    """
+    machine = MotionMachine()
+    machine.start(loss=0.0, payload=0.0, seed=38, delay=0.06)
+    machine.goal(seconds=1.451230438753097, shares=(0.18101955332365408, 0.11405683134123662))
+    machine.foreign_reference(dq=(0.0, 0.0), number=24, q=(-28.3, 3.1))
+    machine.goal(seconds=3.0, shares=(0.4386520735534917, 0.81644523111043))
+    machine.goal(seconds=0.946926748336506, shares=(0.0, 0.0))
+    machine.fault(kind='jump', seconds=1.2541051943465202, size=0.5708148412449479)
+    machine.within_limits()
