@@ -30,7 +30,7 @@ BENCHES := $(sort $(shell grep -l __main__ bench/*.py))
 
 help:
 	@echo 'make venv   .venv with everything; `tudor` is .venv/bin/tudor'
-	@echo 'make demo   learn and check a model from the recordings in bags/'
+	@echo 'make demo   learn and check a model from the recordings in bags/, and detect pushes'
 	@echo 'make test   all tests and style gates (PYTEST_ARGS="-k NAME", WORKERS=N)'
 	@echo 'make bench  measure speed and memory'
 	@echo 'make docs   reference of the library as pages in build/docs'
@@ -56,6 +56,8 @@ demo: venv
 	@$(ROS) $(BIN)/tudor fit bags/two_blade_train_1 bags/two_blade_train_2 --test bags/two_blade_test \
 	  --arm config/two_blade_arm.yaml --out $(DEMO_OUT)/model --overwrite
 	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_test
+	@$(ROS) $(BIN)/tudor evaluate --model $(DEMO_OUT)/model bags/two_blade_pushes --collisions \
+	  --plot $(DEMO_OUT)/collisions.png
 	@echo "open the report in a browser: file://$(abspath $(DEMO_OUT))/model/report.html"
 
 test: venv

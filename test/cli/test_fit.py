@@ -33,6 +33,7 @@ def fitted(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp('fit') / 'model'
     assert main(['fit', str(root / 'bags/two_blade_train_1'), str(root / 'bags/two_blade_train_2'),
                  '--test', str(root / 'bags/two_blade_test'),
+                 '--models', 'analytical', 'elm',
                  '--arm', str(root / 'config/two_blade_arm.yaml'), '--out', str(out)]) == 0
     return out
 
@@ -59,7 +60,10 @@ def test_evaluate_gives_the_contract_s_json(
 ) -> None:
     """Keys as design has them; the fit that the sample bags allow."""
     found = run_json(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--json')
-    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings'}
+    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings', 'as_it_was',
+                          'comparison'}
+    assert found['as_it_was'] is True
+    assert set(found['comparison']['strain']['elm']) == {'link2_hub', 'link3_hub'}
     assert found['samples'] == pytest.approx(24 * 20 - 20, abs=3)  # zero-phase settles twice
     for output in ('effort', 'strain'):
         for kind in ('analytical', 'elm'):
@@ -67,8 +71,8 @@ def test_evaluate_gives_the_contract_s_json(
             assert set(figures) == {'rmse', 'sigma_e', 'fit', 'fit_printed', 'relative_error',
                                     'channels'}
     assert set(found['effort']['elm']['channels']) == {'joint2', 'joint3'}
-    assert set(found['strain']['elm']['channels']['link2_hub']) == {'rmse', 'fit',
-                                                                    'relative_error'}
+    assert set(found['strain']['elm']['channels']['link2_hub']) == {
+        'rmse', 'fit', 'relative_error', 'moving_rmse', 'standing_rmse'}
     assert found['strain']['analytical']['fit'] > 91.5
     assert found['effort']['analytical']['fit'] > 87.0
 
@@ -79,7 +83,8 @@ def test_fit_says_the_same_as_evaluate(
     """Validation during the fit and evaluation of the saved model agree."""
     bags = [root / 'bags' / f'two_blade_{name}' for name in ('train_1', 'train_2', 'test')]
     said = run_json(capsys, 'fit', bags[0], bags[1], '--test', bags[2], '--arm',
-                    root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'again', '--json')
+                    root / 'config/two_blade_arm.yaml', '--out', tmp_path / 'again', '--json',
+                    '--models', 'analytical', 'elm')
     found = run_json(capsys, 'evaluate', '--model', fitted, bags[2], '--json')
     for output in ('effort', 'strain'):
         for kind in ('analytical', 'elm'):
@@ -217,7 +222,7 @@ def test_a_dead_gauge(
 
 @pytest.mark.parametrize(('words', 'expected'), [
     (['--rate', '-5'], 'rate'),
-    (['--elm-hidden', '0'], 'neuron'),
+    (['--models', 'elm', '--elm-hidden', '0'], 'neuron'),
     (['--filter', 'zero_phase', '--cutoff', '70'], 'half the sample rate'),
 ])
 def test_impossible_options(

@@ -26,8 +26,8 @@ from tudor_dynamics.identification.verdict import judge, Level
 
 
 def _validation(fit: float, *channels: float) -> Validation:
-    each = {f'c{i}': ChannelScore(1.0, value, 0.1) for i, value in enumerate(channels or (fit,))}
-    return Validation('test bag x', Score(10, 1.0, 1.0, fit, fit, 0.1, each), (), tuple(each))
+    each = {f'c{i}': ChannelScore(1.0, value, 0.5) for i, value in enumerate(channels or (fit,))}
+    return Validation('test bag x', Score(10, 1.0, 1.0, fit, fit, 0.5, each), (), tuple(each))
 
 
 @pytest.mark.parametrize(('fit', 'level', 'text'), [
@@ -61,7 +61,9 @@ def test_doubts(more: dict[str, Any], text: str) -> None:
 def test_weak_channel() -> None:
     """A channel that is poor where the whole is not is named."""
     assert 'channel c1 alone has 12.0 %' in str(judge(_validation(90.0, 95.0, 12.0), 90.0))
-    assert 'alone' not in str(judge(_validation(90.0, 95.0, 70.0), 90.0))
+    assert 'channel c1 alone has 70.0 %, relative error 50 %: usable' in str(
+        judge(_validation(90.0, 95.0, 70.0), 90.0))
+    assert judge(_validation(90.0, 95.0, 70.0), 90.0).level is Level.GOOD
     assert judge(_validation(90.0, 95.0, 12.0), 90.0).level is Level.USABLE
 
 
@@ -72,3 +74,20 @@ def test_dead_sensor() -> None:
     assert 'c1 never changed on test bag x: a dead sensor' in str(dead)
     none = judge(_validation(float('nan'), float('nan')), float('nan'))
     assert none.level is Level.DO_NOT_USE and 'c0 never changed' in str(none)
+
+
+def test_noise_is_all_that_there_is() -> None:
+    """An error as large as the noise of its sensor makes a usable model good, and is said."""
+    limited = judge(_validation(75.0), 75.0, noise=[0.95])
+    assert limited.level is Level.GOOD
+    assert 'c0: an error of 1 at a noise of 0.95 is all that there is to get' in str(limited)
+    assert judge(_validation(75.0), 75.0, noise=[0.5]).level is Level.USABLE
+    assert judge(_validation(10.0), 10.0, noise=[0.95]).level is Level.DO_NOT_USE
+
+
+def test_a_small_error_of_a_large_output() -> None:
+    """Where the output hardly varies, its relative error tells more than the fit."""
+    score = Score(10, 1.0, 1.0, 20.0, 20.0, 0.12, {'c0': ChannelScore(1.0, 20.0, 0.12)})
+    verdict = judge(Validation('test bag x', score, (), ('c0',)), 20.0)
+    assert verdict.level is Level.USABLE and 'relative error 12.0 %' in str(verdict)
+    assert verdict.channels == {'c0': Level.USABLE}

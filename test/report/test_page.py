@@ -43,7 +43,7 @@ from tudor_dynamics.signals import prepare
 
 RATE = 100.0
 SECONDS = 12.0
-SMALL = FitSettings(elm_hidden=20)
+SMALL = FitSettings(kinds=('analytical', 'elm'), elm_hidden=20)
 HOSTILE = '<script>alert(1)</script>"\' & $\\frac{x'
 
 
@@ -150,7 +150,8 @@ class Page(HTMLParser):
 def result() -> FitResult:
     """Effort and strain of a two-joint arm, with the random split."""
     arm = planar_arm(gauges=2)
-    return fit(arm, FitSettings(elm_hidden=20, random_split=True), strain=True)
+    return fit(arm, FitSettings(kinds=('analytical', 'elm'), elm_hidden=20, random_split=True),
+               strain=True)
 
 
 @pytest.fixture(scope='module')
@@ -311,12 +312,19 @@ def test_overall_verdict(
     result: FitResult, levels: tuple[Level, Level], word: str, colour: str,
 ) -> None:
     """The whole is refused only where nothing may be used."""
+    rigid = [item for item in result.fitted if item.kind == 'analytical']
     fitted = [replace(item, verdict=Verdict(level, ('why',)))
-              for item, level in zip(result.fitted, levels, strict=False)]
+              for item, level in zip(rigid, levels, strict=True)]
     verdict = overall(fitted)
     assert (verdict.word, verdict.level) == (word, colour)
     if len(set(levels)) > 1:
-        assert 'effort analytical' in verdict.sentence and 'effort ELM' in verdict.sentence
+        assert 'effort analytical' in verdict.sentence
+        assert 'strain analytical' in verdict.sentence
+    for elm in (Level.GOOD, Level.DO_NOT_USE):
+        beside = replace(result.fitted[1], kind='elm', verdict=Verdict(elm, ('why',)))
+        assert overall([*fitted, beside]) == verdict
+    if word == 'do not use':
+        assert overall(fitted, Level.GOOD).word == 'usable to detect collisions'
 
 
 def test_units_of_mixed_joints() -> None:

@@ -36,6 +36,7 @@ from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSetti
 from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.library.from_bags import check_choices, fit_bags, read_bags
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
@@ -43,6 +44,7 @@ from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.page import report_bytes
+from tudor_dynamics.report.tables import headline
 
 EXAMPLES = """\
 examples:
@@ -96,7 +98,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--ignore-payload', action='store_true',
                         help='fit as if all bags had the same payload')
     parser.add_argument('--models', nargs='+', choices=tuple(KINDS), default=list(DEFAULT_KINDS),
-                        help='kinds of models (default: analytical elm; elastic needs links)')
+                        help='kinds of models (default: analytical; elastic needs links)')
     parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
@@ -180,27 +182,31 @@ def run(args: argparse.Namespace) -> int:
                           ignore_payload=args.ignore_payload)
         clock.lap('fit and validate')
         step('collision thresholds')
-        bundle = bundle_of(result)
+        assessment = assess(result)
+        bundle = bundle_of(result, assessment)
         clock.lap('collision thresholds')
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,
-                    extra={'report.html': report_bytes(result)})
+                    extra={'report.html': report_bytes(result, assessment)})
     clock.lap('save and report')
     report = out / 'report.html'
-    levels = [item.verdict.level for item in result.fitted]
+    levels = [item.verdict.level for item in headline(result.fitted)]
+    if assessment.detects is Level.GOOD:
+        levels.append(Level.USABLE)  # to detect collisions, whatever its figures are
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),
                            'seconds': clock.seconds,
                            'findings': [item.as_dict() for item in result.findings],
-                           'choices': choices_to_list(result.choices), **figures(result)}))
+                           'choices': choices_to_list(result.choices),
+                           **assessment.as_dict(), **figures(result)}))
     else:
-        _print(result, report)
+        _print(result, assessment, report)
     if any(level is not Level.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
 
 
-def _print(result: FitResult, report: Path) -> None:
+def _print(result: FitResult, assessment: Assessment, report: Path) -> None:
     rows = []
     for item in result.fitted:
         units = output_units(result.arm, item.output)
@@ -213,6 +219,11 @@ def _print(result: FitResult, report: Path) -> None:
         print(f'{item.output} {item.kind}: {item.verdict}')
     for choice in result.choices:
         print(f'chosen: {choice}')
+    for use in assessment.uses:
+        if use.name != 'prediction':
+            print(f'{use.output} {use.kind}, {use}')
+    for mark in assessment.marks:
+        print(f'mark: {mark}')
     print_findings(result.findings)
     for ringing in result.ringing:
         print(f'the arm rings: {ringing}')
@@ -221,3 +232,14 @@ def _print(result: FitResult, report: Path) -> None:
         print(f'one model of all payloads from {low:g} to {high:g} kg; give --payload KG where a '
               'bag does not carry it')
     print(f'model: {report.parent}\nreport: {report}')
+    print_steps(assessment, report.parent)
+
+
+def print_steps(assessment: Assessment, model: Path) -> None:
+    """Print what to do next, that with the largest gain first."""
+    if assessment.steps:
+        print('what to do next:')
+    for place, step in enumerate(assessment.steps, 1):
+        print(f'{place}. {step.what}')
+        if step.command:
+            print(f'   {step.command.replace("MODEL", str(model))}')

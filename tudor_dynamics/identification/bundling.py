@@ -22,13 +22,15 @@ from typing import Any
 from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.dataset import BagData, parse_choice
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.free_motion import fit_thresholds
+from tudor_dynamics.identification.free_motion import as_plain
 from tudor_dynamics.identification.metrics import Score
+from tudor_dynamics.identification.worth.assessment import assess, Assessment
+from tudor_dynamics.identification.worth.comparison import spread
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 
 
-def bundle_of(result: FitResult) -> ModelBundle:
+def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelBundle:
     """
     Collect the models of a fit with all that is known of their worth.
 
@@ -36,6 +38,8 @@ def bundle_of(result: FitResult) -> ModelBundle:
     ----------
     result : FitResult
         Fit with its validation.
+    assessment : Assessment, optional
+        What it is worth, where that was found already.
 
     Returns
     -------
@@ -43,7 +47,7 @@ def bundle_of(result: FitResult) -> ModelBundle:
         Bundle to be saved.
 
     """
-    beside = result if result.causal is None else result.causal
+    assessment = assess(result) if assessment is None else assessment
     facts = {
         'training': [bag_facts(bag) for bag in result.training],
         'test': [bag_facts(bag) for bag in result.test],
@@ -52,9 +56,7 @@ def bundle_of(result: FitResult) -> ModelBundle:
                      'share': r.share} for r in result.ringing],
         'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
-        'thresholds': fit_thresholds(
-            [(item.output, item.kind, item.unseen) for item in beside.fitted],
-            beside.preprocessing)}
+        **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds)}
     causal = None
     if result.causal is not None:
         facts['causal_validation'] = figures(result.causal)
@@ -141,6 +143,10 @@ def _figures(item: FittedOutput) -> dict[str, Any]:
     content: dict[str, Any] = {
         'verdict': item.verdict.level.value, 'reasons': list(item.verdict.reasons),
         'method': item.validation.method, 'validation': rounded(item.validation.score),
+        'spread': {name: float(f'{value:.3g}') for name, value in spread(item.validation).items()},
+        'noise': {name: float(f'{value:.3g}') for name, value in zip(
+            item.validation.channels, item.noise.tolist(), strict=False)},
+        'channel_verdicts': {name: level.value for name, level in item.verdict.channels.items()},
         'training': rounded(item.training.score)}
     if item.random is not None:
         content['random_split_optimistic'] = rounded(item.random.score)

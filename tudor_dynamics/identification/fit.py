@@ -20,12 +20,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 import warnings
 
+import numpy as np
+
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.finding import Finding
+from tudor_dynamics.identification.noise import noise_floor
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
 from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
 from tudor_dynamics.identification.unseen import Case, Left, left_out, unseen_cases
@@ -40,7 +43,7 @@ from tudor_dynamics.typing import FloatArray
 
 Progress = Callable[[str], None]
 
-DEFAULT_KINDS = ('analytical', 'elm')
+DEFAULT_KINDS = ('analytical',)
 """The elastic model takes longer, and needs to know the links."""
 
 
@@ -124,6 +127,8 @@ class FittedOutput:
         May it be used.
     unseen : tuple of (Model, BagData)
         Motion with models that have not seen it, for thresholds.
+    noise : ndarray of shape (n_channels,)
+        Noise of the sensor of each channel in the validation, in its unit; empty where unknown.
 
     """
 
@@ -135,6 +140,7 @@ class FittedOutput:
     random: Validation | None
     verdict: Verdict
     unseen: tuple[Case, ...] = ()
+    noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,10 +249,12 @@ def fit_models(
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
     for output in outputs:
+        noise = noise_floor(test or training, output, preprocessing)
         for kind in settings.kinds:
             progress(f'{kind} {output}')
             fitted.append(_fit_one(
-                arm, training, test, holdout, others, output, kind, settings, trainers[kind]))
+                arm, training, test, holdout, others, output, kind, settings, trainers[kind],
+                noise))
     ringing: tuple[Ringing, ...] = ()
     rigid = [item for item in fitted if item.kind == 'analytical']
     if rigid:
@@ -269,6 +277,7 @@ def _fit_one(
     kind: str,
     settings: FitSettings,
     trainer: Trainer,
+    noise: FloatArray,
 ) -> FittedOutput:
 
     def fit_bags(bags: Sequence[BagData]) -> Model:
@@ -283,6 +292,6 @@ def _fit_one(
     # single samples have no past: a model with a memory has no random split
     split = (random_split(fit_arrays, training, output)
              if settings.random_split and not model.has_memory else None)
-    verdict = judge_model(model, validation, seen.score.fit)
+    verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
     unseen = unseen_cases(fit_bags, model, validation, others, output)
-    return FittedOutput(output, kind, model, seen, validation, split, verdict, unseen)
+    return FittedOutput(output, kind, model, seen, validation, split, verdict, unseen, noise)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 import warnings
 
@@ -123,17 +123,71 @@ def stiction(cases: Sequence[tuple[Model, BagData]]) -> FloatArray:
         for model, bag in cases], axis=0))
 
 
-def fit_thresholds(
+def learn_all(
     unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
-) -> dict[str, Any]:
+) -> tuple[dict[tuple[str, str], MethodThresholds], dict[tuple[str, str], str]]:
     """
     Learn the thresholds of all methods that a fit allows.
 
     Parameters
     ----------
     unseen : sequence of (output, kind, cases)
-        Every model of the fit with the bags that it is judged by.
+        Every model of the fit with motion that it has not seen.
+    spec : PreprocessingSpec
+        Preprocessing of the models.
+
+    Returns
+    -------
+    learned : dict of (str, str) to MethodThresholds
+        Method and kind to thresholds.
+    missing : dict of (str, str) to str
+        Method and kind to why there are none.
+
+    """
+    found: dict[tuple[str, str], MethodThresholds] = {}
+    missing: dict[tuple[str, str], str] = {}
+
+    def learn(
+        method: str, kind: str, records: list[FreeMotion], channels: tuple[str, ...],
+        stiction: FloatArray,
+    ) -> None:
+        try:
+            learned = learn_thresholds(records, channels, stiction)
+        except FitError as err:
+            missing[method, kind] = str(err)
+            return
+        if usable(learned):
+            found[method, kind] = learned
+        else:
+            missing[method, kind] = 'a residual is zero throughout'
+
+    for output, kind, cases in unseen:
+        if not cases:
+            missing[output, kind] = 'there is no motion that the model has not seen'
+            continue
+        channels = cases[0][0].channels
+        strain = next((other for what, of, other in unseen
+                       if what == 'strain' and of == kind), ())
+        held = stiction(cases) if output == 'effort' else np.zeros(len(channels))
+        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels, held)
+        if output == 'effort' and kind == 'analytical':
+            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels,
+                  held)
+    return found, missing
+
+
+def fit_thresholds(
+    unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
+    spec: PreprocessingSpec,
+) -> dict[str, Any]:
+    """
+    Learn the thresholds of all methods, as plain values; see `learn_all`.
+
+    Parameters
+    ----------
+    unseen : sequence of (output, kind, cases)
+        Every model of the fit with motion that it has not seen.
     spec : PreprocessingSpec
         Preprocessing of the models.
 
@@ -143,35 +197,18 @@ def fit_thresholds(
         Method to kind to thresholds as plain values; empty where there is too little motion.
 
     """
+    learned, missing = learn_all(unseen, spec)
+    if missing:
+        warnings.warn(f'no collision thresholds for some methods: {next(iter(missing.values()))}',
+                      TudorWarning, stacklevel=2)
+    return as_plain(learned)
+
+
+def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, Any]:
+    """Give thresholds as a bundle keeps them: method to kind to plain values."""
     found: dict[str, Any] = {}
-    reasons: list[str] = []
-
-    def learn(
-        method: str, kind: str, records: list[FreeMotion], channels: tuple[str, ...],
-        stiction: FloatArray,
-    ) -> None:
-        try:
-            learned = learn_thresholds(records, channels, stiction)
-        except FitError as err:
-            reasons.append(str(err))
-            return
-        if not usable(learned):
-            reasons.append(f'{method} {kind}: a residual is zero throughout')
-            return
-        found.setdefault(method, {})[kind] = thresholds_to_dict(learned)
-
-    for output, kind, cases in unseen:
-        channels = cases[0][0].channels
-        strain = next((other for what, of, other in unseen
-                       if what == 'strain' and of == kind), ())
-        held = stiction(cases) if output == 'effort' else np.zeros(len(channels))
-        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels, held)
-        if output == 'effort' and kind == 'analytical':
-            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels,
-                  held)
-    if reasons:
-        warnings.warn(f'no collision thresholds for some methods: {reasons[0]}', TudorWarning,
-                      stacklevel=2)
+    for (method, kind), thresholds in learned.items():
+        found.setdefault(method, {})[kind] = thresholds_to_dict(thresholds)
     return found
 
 

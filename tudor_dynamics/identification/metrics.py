@@ -26,6 +26,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.typing import FloatArray
@@ -44,12 +45,17 @@ class ChannelScore:
         ``100 (1 - |y - yhat| / |y - mean y|)`` [%]; NaN where the measured values never change.
     relative_error : float
         ``|y - yhat| / |y|``; NaN where the measured values are zero.
+    moving_rmse, standing_rmse : float or None
+        Root mean square error while the joint moves, and while it stands, in the unit of the
+        output; None where it never does, or it is not known.
 
     """
 
     rmse: float
     fit: float
     relative_error: float
+    moving_rmse: float | None = None
+    standing_rmse: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,17 @@ def _ratio(error: float, reference: float, size: float = 0.0) -> float:
     return error / reference if reference > 1e-12 * size else float('nan')
 
 
-def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> Score:
+def _rms(error: FloatArray, some: NDArray[np.bool_] | None) -> float | None:
+    """Root mean square of some samples; None where there are none."""
+    if some is None or not some.any():
+        return None
+    return float(np.sqrt(np.mean(error[some] ** 2)))
+
+
+def score(
+    measured: FloatArray, predicted: FloatArray, names: Sequence[str],
+    moving: NDArray[np.bool_] | None = None,
+) -> Score:
     """
     Judge a prediction.
 
@@ -107,6 +123,8 @@ def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> 
         Outputs in their units.
     names : sequence of str
         Names of the channels.
+    moving : ndarray of bool, shape (n_samples, n_channels), optional
+        Whether the joint of each channel moves.
 
     Returns
     -------
@@ -132,7 +150,9 @@ def score(measured: FloatArray, predicted: FloatArray, names: Sequence[str]) -> 
             rmse=float(np.sqrt(np.mean(error[:, i] ** 2))),
             fit=100.0 * (1.0 - _ratio(float(norm(error[:, i])),
                                       float(norm(measured[:, i] - mean[i])), float(sizes[i]))),
-            relative_error=_ratio(float(norm(error[:, i])), float(sizes[i])))
+            relative_error=_ratio(float(norm(error[:, i])), float(sizes[i])),
+            moving_rmse=_rms(error[:, i], None if moving is None else moving[:, i]),
+            standing_rmse=_rms(error[:, i], None if moving is None else ~moving[:, i]))
         for i, name in enumerate(names)}
     total, size = float(norm(error)), float(norm(measured))
     return Score(

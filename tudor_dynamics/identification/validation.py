@@ -36,6 +36,12 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.typing import FloatArray
 
 
+STANDING = 0.02
+"""Slower joints stand [rad/s or m/s]."""
+SLOW = 0.05
+"""The same as a share of the largest speed, where that is less."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """
@@ -51,6 +57,8 @@ class Trace:
         Header stamps [ns].
     measured, predicted : ndarray of shape (n_samples, n_channels)
         Outputs in their units.
+    moving : ndarray of bool, shape (n_samples, n_channels), or None
+        Whether the joint of each channel moves, of a strain any joint.
 
     """
 
@@ -59,6 +67,7 @@ class Trace:
     stamp: NDArray[np.int64]
     measured: FloatArray
     predicted: FloatArray
+    moving: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,10 +123,16 @@ def trace(model: Model, data: BagData, output: str) -> Trace:
 
     """
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
-              s.decimation(getattr(s, output)), model.follow_kept(s))
+              s.decimation(getattr(s, output)), model.follow_kept(s),
+              np.abs(s.states.dq[s.decimation.keep]))
              for s in data.stretches]
-    t, stamp, measured, predicted = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return Trace(str(data.choice), t, stamp, measured, predicted)
+    t, stamp, measured, predicted, speed = (
+        np.concatenate(column) for column in zip(*parts, strict=True))
+    # a slow arm moves too: its own largest speed is the measure
+    moving = speed > np.minimum(STANDING, SLOW * speed.max(axis=0))
+    if output != 'effort':
+        moving = np.repeat(moving.any(axis=1)[:, None], measured.shape[1], axis=1)
+    return Trace(str(data.choice), t, stamp, measured, predicted, moving)
 
 
 def validate(
@@ -155,8 +170,10 @@ def _summary(
 ) -> Validation:
     measured = np.vstack([item.measured for item in traces])
     predicted = np.vstack([item.predicted for item in traces])
-    return Validation(method, score(measured, predicted, channels), tuple(traces), channels,
-                      tuple(cases))
+    known = [item.moving for item in traces if item.moving is not None]
+    moving = np.vstack(known) if len(known) == len(traces) else None
+    return Validation(method, score(measured, predicted, channels, moving), tuple(traces),
+                      channels, tuple(cases))
 
 
 def leave_one_bag_out(

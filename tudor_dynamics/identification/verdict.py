@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A verdict in words: may this model be used, and why."""
+"""A verdict in words: may this model be used to predict, and why."""
 
 from __future__ import annotations
 
@@ -21,12 +21,16 @@ from dataclasses import dataclass, field
 from enum import Enum
 import math
 
+from tudor_dynamics.identification.metrics import ChannelScore, Score
 from tudor_dynamics.identification.validation import Validation
-from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 
 GOOD_FIT = 85.0
 USABLE_FIT = 60.0
+USABLE_ERROR = 15.0
+"""Relative error up to which a model is of use where the output hardly varies [%]."""
+NOISE_LIMITED = 1.25
+"""Times the noise of the sensor up to which an error is all that there is to get."""
 LARGEST_CONDITION = 1e4
 LARGEST_GAP = 10.0
 
@@ -50,15 +54,46 @@ class Verdict:
         How far the model can be trusted.
     reasons : tuple of str
         Why; the first one names the figure that decides.
+    channels : dict of str to Level
+        The same of each channel.
 
     """
 
     level: Level
     reasons: tuple[str, ...] = field(default=())
+    channels: dict[str, Level] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Write level and reasons on one line."""
         return f'{self.level.value}: {"; ".join(self.reasons)}'
+
+
+def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Level:
+    """
+    Judge figures.
+
+    Parameters
+    ----------
+    score : Score or ChannelScore
+        Figures on motion that the model has not seen.
+    noise : float, default=0.0
+        Noise of the sensor, in the unit of the output; 0 where it is not known.
+
+    Returns
+    -------
+    Level
+        By the fit; but an error that is small beside the output makes a model usable whatever
+        its fit is, and one that is all that there is to get makes a usable one good.
+
+    """
+    if score.fit >= GOOD_FIT:
+        return Level.GOOD
+    limited = noise > 0.0 and score.rmse <= NOISE_LIMITED * noise
+    if score.fit >= USABLE_FIT:
+        return Level.GOOD if limited else Level.USABLE
+    if 100.0 * score.relative_error <= USABLE_ERROR:
+        return Level.USABLE
+    return Level.DO_NOT_USE
 
 
 def judge(
@@ -67,6 +102,7 @@ def judge(
     *,
     condition: float = 1.0,
     unexcited: Sequence[str] = (),
+    noise: Sequence[float] = (),
 ) -> Verdict:
     """
     Judge a model by its validation and by what its training data could show.
@@ -81,6 +117,8 @@ def judge(
         Largest condition number among its regressions.
     unexcited : sequence of str
         Parameters that the motion does not show.
+    noise : sequence of float
+        Noise of the sensor of each channel, in its unit; empty where it is not known.
 
     Returns
     -------
@@ -88,34 +126,56 @@ def judge(
         Level with reasons.
 
     """
-    fits = {name: item.fit for name, item in validation.score.channels.items()}
-    still = [name for name, value in fits.items() if math.isnan(value)]
-    if len(still) == len(fits):
-        return Verdict(Level.DO_NOT_USE, (_dead(still, validation.method),))
-    fit = max(validation.score.fit, -1e6)
-    if fit >= GOOD_FIT:
-        level, bound = Level.GOOD, f'>= {GOOD_FIT:g}'
-    elif fit >= USABLE_FIT:
-        level, bound = Level.USABLE, f'{USABLE_FIT:g} to {GOOD_FIT:g}'
-    else:
-        level, bound = Level.DO_NOT_USE, f'< {USABLE_FIT:g}'
-    shown_fit = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
-    reasons = [f'fit {shown_fit:.1f} % ({bound}) on {validation.method}']
+    scores = validation.score.channels
+    floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
+    still = [name for name, item in scores.items() if math.isnan(item.fit)]
+    if len(still) == len(scores):
+        return Verdict(Level.DO_NOT_USE, (_dead(still, validation.method),),
+                       dict.fromkeys(scores, Level.DO_NOT_USE))
+    levels = {name: Level.DO_NOT_USE if name in still else level_of(item, floors[name])
+              for name, item in scores.items()}
+    total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
+    level = level_of(validation.score, total)
+    reasons = [_figures(validation)]
+    reasons += [f'{name}: {_limited(scores[name], floors[name])}' for name in scores
+                if name not in still
+                and scores[name].rmse <= NOISE_LIMITED * floors[name]]
     doubts = [_dead(still, validation.method)] if still else []
-    worst = min((name for name in fits if name not in still), key=lambda name: fits[name])
-    if fits[worst] < USABLE_FIT <= fit:
-        doubts.append(f'channel {worst} alone has {fits[worst]:.1f} %: do not use it')
-    if training_fit - fit > LARGEST_GAP:
-        doubts.append(f'{training_fit - fit:.0f} points worse than in training: the bags differ, '
-                      'or are too short')
+    doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
+               f'{100.0 * scores[name].relative_error:.0f} %: '
+               f'{"do not use it" if levels[name] is Level.DO_NOT_USE else "usable"}'
+               for name in sorted(scores, key=lambda key: scores[key].fit)
+               if name not in still and _worse(levels[name], level)]
+    if training_fit - validation.score.fit > LARGEST_GAP:
+        doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points worse than '
+                      'in training: the bags differ, or are too short')
     if unexcited:
         shown = ', '.join(unexcited[:3]) + (' ...' if len(unexcited) > 3 else '')
         doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')
     elif condition > LARGEST_CONDITION:
         doubts.append(f'condition number {condition:.0f}: richer motion would pin the parameters')
-    if doubts and level is Level.GOOD:
+    if level is Level.GOOD and any(
+            not text.endswith(': usable') for text in doubts):
         level = Level.USABLE
-    return Verdict(level, tuple(reasons + doubts))
+    return Verdict(level, tuple(reasons + doubts), levels)
+
+
+def _worse(one: Level, other: Level) -> bool:
+    order = list(Level)
+    return order.index(one) > order.index(other)
+
+
+def _figures(validation: Validation) -> str:
+    fit = max(validation.score.fit, -1e6)
+    bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
+             f'{USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else f'< {USABLE_FIT:g}')
+    shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
+    return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
+            f'{100.0 * validation.score.relative_error:.1f} %')
+
+
+def _limited(score: ChannelScore, noise: float) -> str:
+    return (f'an error of {score.rmse:.3g} at a noise of {noise:.3g} is all that there is to get')
 
 
 def _dead(channels: Sequence[str], method: str) -> str:
@@ -123,9 +183,11 @@ def _dead(channels: Sequence[str], method: str) -> str:
             f'use {"this channel" if len(channels) == 1 else "these channels"}')
 
 
-def judge_model(model: Model, validation: Validation, training_fit: float) -> Verdict:
+def judge_model(
+    model: Model, validation: Validation, training_fit: float, noise: Sequence[float] = (),
+) -> Verdict:
     """
-    Judge a model, of an analytical one its conditioning as well.
+    Judge a model, by its conditioning as well where it has one.
 
     Parameters
     ----------
@@ -135,6 +197,8 @@ def judge_model(model: Model, validation: Validation, training_fit: float) -> Ve
         Figures on unseen motion.
     training_fit : float
         Fit on the training bags [%].
+    noise : sequence of float
+        Noise of the sensor of each channel, in its unit.
 
     Returns
     -------
@@ -142,10 +206,6 @@ def judge_model(model: Model, validation: Validation, training_fit: float) -> Ve
         May it be used.
 
     """
-    if not isinstance(model, AnalyticalModel):
-        return judge(validation, training_fit)
-    return judge(
-        validation, training_fit,
-        condition=max(group.estimate.condition for group in model.groups_),
-        unexcited=tuple(group.base.names[i] for group in model.groups_
-                        for i in group.estimate.unexcited))
+    known = model.conditioning()
+    return judge(validation, training_fit, condition=known.condition,
+                 unexcited=known.unexcited, noise=noise)

@@ -33,6 +33,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
+from tudor_dynamics.identification.worth.assessment import assess
 from tudor_dynamics.models.bundle import check_target, ModelBundle, save_bundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.report.page import report_bytes
@@ -299,10 +300,12 @@ def fit(
     result = fit_bags(arm, data, test_data, spec, settings, progress,
                       ignore_payload=ignore_payload)
     progress('collision thresholds')
-    bundle = bundle_of(result)
+    assessment = assess(result)
+    bundle = bundle_of(result, assessment)
     if out is not None:
         progress('report')
-        save_bundle(bundle, out, overwrite=overwrite, extra={'report.html': report_bytes(result)})
+        save_bundle(bundle, out, overwrite=overwrite,
+                    extra={'report.html': report_bytes(result, assessment)})
     return bundle
 
 

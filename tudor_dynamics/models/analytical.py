@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
+from tudor_dynamics.models.base import Conditioning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
 from tudor_dynamics.models.estimation.estimators import (
     ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
@@ -270,6 +271,13 @@ class AnalyticalModel(MemorylessModel):
         full.flags.writeable = False
         self._full, self._full_of = full, self.groups_
         return full
+
+    def conditioning(self) -> Conditioning:
+        """Give the largest condition number of its groups, and what they do not show."""
+        return Conditioning(
+            max((group.estimate.condition for group in self.groups_), default=1.0),
+            tuple(group.base.names[i] for group in self.groups_
+                  for i in group.estimate.unexcited))
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         """Give estimator, form, and the coefficients of each group; see ``Model``."""

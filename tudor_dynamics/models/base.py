@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
@@ -32,6 +33,24 @@ Range = tuple[float, float]
 AnyModel = TypeVar('AnyModel', bound='Model')
 SLIDING = 0.05
 """Speed at which friction has its sign, and little more than at standstill [rad/s or m/s]."""
+
+
+@dataclass(frozen=True)
+class Conditioning:
+    """
+    How well the training data showed the parameters of a model.
+
+    Attributes
+    ----------
+    condition : float
+        Largest condition number among its regressions; 1 where it has none.
+    unexcited : tuple of str
+        Parameters that the motion does not show.
+
+    """
+
+    condition: float = 1.0
+    unexcited: tuple[str, ...] = ()
 
 
 class Live(Protocol):
@@ -174,6 +193,10 @@ class Model(ABC):
         msg = (f'{type(self).__name__} has a memory, and samples alone have no past: use follow, '
                'with a gapless stretch')
         raise FitError(msg)
+
+    def conditioning(self) -> Conditioning:
+        """Say how well the training data showed its parameters, where it has some."""
+        return Conditioning()
 
     def stiction(self, q: FloatArray) -> FloatArray:
         """

@@ -26,6 +26,7 @@ import jinja2
 from tudor_dynamics import __version__
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
+from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report import data as report_data, tables as report_tables
@@ -120,7 +121,9 @@ class OutputSection:
     groups: tuple[report_tables.CoefficientGroup, ...]
 
 
-def report_bytes(result: FitResult, *, date: str | None = None) -> bytes:
+def report_bytes(
+    result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
+) -> bytes:
     """
     Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
 
@@ -128,14 +131,18 @@ def report_bytes(result: FitResult, *, date: str | None = None) -> bytes:
     ----------
     result : FitResult
         Fit with its validation.
+    assessment : Assessment, optional
+        What it is worth, where that was found already.
     date : str, optional
         Date on the page; today by default.
 
     """
-    return render(result, date=date).encode('utf-8', errors='replace')
+    return render(result, assessment, date=date).encode('utf-8', errors='replace')
 
 
-def render(result: FitResult, *, date: str | None = None) -> str:
+def render(
+    result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
+) -> str:
     """
     Render the report of a fit.
 
@@ -143,6 +150,8 @@ def render(result: FitResult, *, date: str | None = None) -> str:
     ----------
     result : FitResult
         Fit with its validation.
+    assessment : Assessment, optional
+        What it is worth, where that was found already.
     date : str, optional
         Date to stand in the head; without it the same fit gives the same page.
 
@@ -153,21 +162,22 @@ def render(result: FitResult, *, date: str | None = None) -> str:
 
     """
     environment = _environment()
+    assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
     elastic, ringing = elastic_section(result), _ringing(result)
     parts = [replace(section, html=environment.get_template(
         f'{section.template}.html.j2').render(section.context))
-        for section in sections(result, outputs, elastic, bool(ringing))]
+        for section in sections(result, assessment, outputs, elastic, bool(ringing))]
     return environment.get_template('page.html.j2').render(
         arm=result.arm.name, date=date, version=__version__, sections=parts, outputs=outputs,
-        overall=report_tables.overall(result.fitted), ringing=ringing, elastic=elastic,
-        joints=result.arm.active_joints, bags=report_tables.bag_rows(result))
+        overall=report_tables.overall(result.fitted, assessment.detects), ringing=ringing,
+        elastic=elastic, joints=result.arm.active_joints, bags=report_tables.bag_rows(result))
 
 
 def sections(
-    result: FitResult, outputs: Sequence[OutputSection], elastic: ElasticSection | None,
-    ringing: bool,
+    result: FitResult, assessment: Assessment, outputs: Sequence[OutputSection],
+    elastic: ElasticSection | None, ringing: bool,
 ) -> list[Section]:
     """
     List the sections of the page, each with all that it shows.
@@ -176,6 +186,8 @@ def sections(
     ----------
     result : FitResult
         Fit, with the data behind it.
+    assessment : Assessment
+        What it is worth.
     outputs : sequence of OutputSection
         What is shown of each output.
     elastic : ElasticSection or None
@@ -197,7 +209,8 @@ def sections(
     pairs = report_data.joint_pairs(axes)
     found = [
         Section('verdict', 'Verdict', 'verdict', {
-            **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings}),
+            **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings,
+            'assessment': assessment}),
         Section('doctor', 'Doctor', 'doctor', {'findings': result.findings}),
         Section('figures', 'Figures', 'figures', {'outputs': outputs}),
         *(Section(output.key, f'{output.title} over time', 'signals', {'output': output})
@@ -225,7 +238,8 @@ def sections(
                 result.preprocessing, report_tables.sample_rate(result))}),
         Section('reading', 'How to read this', 'reading', {
             **kinds, 'good_fit': GOOD_FIT, 'usable_fit': USABLE_FIT,
-            'good_condition': report_tables.GOOD_CONDITION})]
+            'good_condition': report_tables.GOOD_CONDITION}),
+        Section('next', 'What to do next', 'next', {'steps': assessment.steps})]
 
 
 def _environment() -> jinja2.Environment:

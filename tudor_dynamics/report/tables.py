@@ -160,7 +160,14 @@ def model_name(item: FittedOutput) -> str:
     return f'{item.output} {KINDS[item.kind].label}'
 
 
-def overall(fitted: Sequence[FittedOutput]) -> Overall:
+def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
+    """Leave the ELM out, which is there for comparison, unless it is all that there is."""
+    return [item for item in fitted if item.kind != 'elm'] or list(fitted)
+
+
+def overall(
+    fitted: Sequence[FittedOutput], detects: Level | None = None,
+) -> Overall:
     """
     Sum the verdicts up.
 
@@ -168,6 +175,8 @@ def overall(fitted: Sequence[FittedOutput]) -> Overall:
     ----------
     fitted : sequence of FittedOutput
         Models of all outputs.
+    detects : Level, optional
+        How well the best of them detects collisions, where that is known.
 
     Returns
     -------
@@ -175,6 +184,7 @@ def overall(fitted: Sequence[FittedOutput]) -> Overall:
         ``do not use`` only where it holds for every model, as for the command's exit code.
 
     """
+    fitted = headline(fitted)
     names = {level: [model_name(item) for item in fitted if item.verdict.level is level]
              for level in Level}
     levels = [level for level in Level if names[level]]
@@ -184,6 +194,9 @@ def overall(fitted: Sequence[FittedOutput]) -> Overall:
             Level.USABLE: 'Every model may be used with care: mind the reasons below.',
             Level.DO_NOT_USE: 'None of the models predicts well enough to be relied on.'}
         only = levels[0]
+        if only is Level.DO_NOT_USE and detects is Level.GOOD:
+            return Overall(Level.USABLE.name.lower(), 'usable to detect collisions',
+                           sentence[only] + ' But they detect collisions: see below.')
         return Overall(only.name.lower(), only.value, sentence[only])
     text = '; '.join(f'{level.value}: {", ".join(names[level])}' for level in levels) + '.'
     worst = Level.USABLE

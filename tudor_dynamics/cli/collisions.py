@@ -1,0 +1,225 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor evaluate --collisions``: how well the detector finds pushes, and what it finds."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from tudor_dynamics.bags.plan import plan_from_arm
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.collision_score import Watched
+from tudor_dynamics.identification.collision_truth import (
+    find_truth, FREE, table_of_pushes, Truth, truth_of_table)
+from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
+from tudor_dynamics.identification.dataset import BagData, load, parse_choice
+from tudor_dynamics.library.prediction import warn_of_training
+from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.monitoring.detector import DetectorSettings
+from tudor_dynamics.monitoring.thresholds.excess import Rates
+from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.report.events import write_events
+from tudor_dynamics.report.roc import picture_path, write_roc
+
+
+def configure_collisions(group: argparse._ArgumentGroup) -> None:
+    """Add the options of ``tudor evaluate --collisions``."""
+    group.add_argument('--collisions', action='store_true',
+                       help='judge the collision detector instead of the predictions')
+    group.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
+                       help='false alarms per hour that are allowed (default: 1)')
+    group.add_argument('--debounce', type=float, default=0.01, metavar='S',
+                       help='time for which a threshold must be exceeded (default: 0.01 s)')
+    group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
+                       help='model whose residuals are watched (default: analytical)')
+    group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
+                       help='tables of begin,end in seconds since the beginning of the bag, one '
+                            'for each bag')
+    group.add_argument('--truth', metavar='TOPIC',
+                       help='WrenchStamped or Bool that tells when the arm was touched (default: '
+                            'applied_wrench, where there is one)')
+    group.add_argument('--free', action='store_true',
+                       help='nothing touched the arm: every event is a false alarm')
+    group.add_argument('--roc', metavar='FILE',
+                       help='plot detection rate over false alarms (.png, .svg, .pdf)')
+    group.add_argument('--plot', metavar='FILE',
+                       help='plot ratios to the thresholds, pushes and events over time')
+
+
+def trained(bundle: ModelBundle, data: list[BagData]) -> dict[str, list[str]]:
+    """Warn of bags that the model was trained on, and give them for the JSON, if there are any."""
+    seen = warn_of_training(bundle, data)
+    return {'trained_on': seen} if seen else {}
+
+
+def run_collisions(args: argparse.Namespace) -> int:
+    """Replay bags through the detector, and judge it by what is known of the pushes."""
+    if not args.false_alarms > 0 or not args.debounce >= 0:
+        msg = (f'--false-alarms {args.false_alarms:g} --debounce {args.debounce:g}: expected a '
+               'rate above 0 per hour and a time of 0 s or more')
+        raise UsageError(msg)
+    if sum((bool(args.pushes), bool(args.truth), args.free)) > 1:
+        msg = '--pushes, --truth and --free exclude each other; give one of them'
+        raise UsageError(msg)
+    if args.pushes and len(args.pushes) != len(args.bags):
+        msg = (f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give one for '
+               'each, in their order')
+        raise UsageError(msg)
+    plot = picture_path(args.roc) if args.roc else None
+    picture = picture_path(args.plot) if args.plot else None
+    bundle = at_payload(load_bundle(args.model), args.payload)
+    kinds = sorted({kind for models in bundle.models.values() for kind in models})
+    if args.kind not in kinds:
+        msg = (f'{args.model} has no {args.kind} model; it has {" and ".join(kinds)}: give '
+               f'--kind, or fit it again with --models {args.kind}')
+        raise UsageError(msg)
+    choices = [parse_choice(text) for text in args.bags]
+    settings = MonitorSettings(
+        args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
+        detector=DetectorSettings(debounce=args.debounce))
+    with steps(len(choices) + 1) as step:
+        data, truths = [], []
+        for place, choice in enumerate(choices):
+            step(f'read {choice}')
+            data.append(load(choice, bundle.arm, bundle.preprocessing))
+            truths.append(_truth(args, place, data[-1], bundle))
+        seen = trained(bundle, data)
+        step('replay through the detector')
+        results = evaluate_collisions(
+            bundle, [(bag.choice.path, bag.recording) for bag in data], settings, truths)
+    if plot is not None:
+        if not any(truth.known for truth in truths):
+            msg = '--roc needs to know the pushes; give --pushes FILE.csv, --truth TOPIC or --free'
+            raise UsageError(msg)
+        write_roc(results, plot)
+    if picture is not None:
+        write_events(results, picture)
+    if args.json:
+        print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
+                           **seen, 'false_alarms_allowed_per_hour': args.false_alarms,
+                           'collisions': {item.method: collision_values(item)
+                                          for item in results}}))
+    else:
+        print_collisions(results, args.false_alarms)
+        for file in (plot, picture):
+            if file is not None:
+                print(f'plot: {file}')
+    return 0
+
+
+def _truth(args: argparse.Namespace, place: int, bag: BagData, bundle: ModelBundle) -> Truth:
+    """Find out what is known of the pushes of one bag."""
+    if args.free:
+        return FREE
+    if not args.pushes:
+        return find_truth(bag.choice.path, args.truth, plan_from_arm(bundle.arm).joint_topic)
+    begun, _ = bag.choice.span(bag.choice.duration or 0.0)
+    return truth_of_table(table_of_pushes(args.pushes[place]), bag.recording, args.pushes[place],
+                          begun)
+
+
+def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
+    """Put the payload of the command line into a model, which may need one."""
+    if payload is None and bundle.payload_range is not None:
+        msg = 'the model is one of all payloads: say with --payload KG what the arm carries'
+        raise UsageError(msg)
+    return bundle.at(payload or 0.0)
+
+
+def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
+    """
+    Print one row a method, and behind it one row an event.
+
+    Parameters
+    ----------
+    results : sequence of MethodResult
+        Results of each method.
+    allowed : float
+        False alarms per hour that the thresholds allow.
+
+    """
+    table = new_table(
+        f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
+        figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
+                 'false\nalarms', '\nin [min]', 'largest\nratio free'))
+    for item in results:
+        score = item.score
+        quiet = [float(bag.ratio.max(initial=0.0)) for bag in item.watched
+                 if bag.truth.known and not bag.truth.pushes]
+        told = score.false_alarms is not None
+        table.add_row(
+            item.method, str(score.events),
+            f'{score.found} of {score.pushes}' if told else '-',
+            _milliseconds(score.latency_median), _milliseconds(score.latency_p95),
+            str(score.false_alarms) if told else '-', f'{60 * score.hours:.1f}' if told else '-',
+            f'{max(quiet):.2f}' if quiet else '-')
+    print_table(table)
+    _print_events(results)
+    for sentence in unknown(results):
+        print(sentence)
+
+
+def _milliseconds(value: float | None) -> str:
+    return '-' if value is None else f'{1e3 * value:.0f}'
+
+
+def _print_events(results: Sequence[MethodResult]) -> None:
+    for place, bag in enumerate(results[0].watched):
+        rows = [(item.method, seen, item.watched[place])
+                for item in results for seen in item.watched[place].sightings]
+        if not rows:
+            continue
+        table = new_table(f'events in {bag.bag}', names=('method', 'link', 'channel', 'push'),
+                          figures=('time [s]', 'ratio', 'lasts [s]'))
+        for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
+            table.add_row(method, seen.event.link, seen.channel, _push(watched, seen.push),
+                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', f'{seen.seconds:.2f}')
+        print_table(table)
+
+
+def _push(watched: Watched, place: int | None) -> str:
+    if not watched.truth.known:
+        return '?'
+    if place is None:
+        return 'none: false'
+    force = watched.truth.pushes[place].force
+    return f'{place + 1}' + ('' if math.isnan(force) else f' ({force:.3g} N)')
+
+
+def unknown(results: Sequence[MethodResult]) -> list[str]:
+    """Say of which bags it is not known what happened, with the number of events in each."""
+    said = []
+    for place, bag in enumerate(results[0].watched):
+        if not bag.truth.known:
+            counts = ', '.join(f'{len(item.watched[place].sightings)} by {item.method}'
+                               for item in results)
+            said.append(f'{bag.bag}: {counts} events, no truth in this bag: give --pushes '
+                        'FILE.csv or --truth TOPIC, or --free if nothing touched the arm')
+    return said
+
+
+def collision_values(item: MethodResult) -> dict[str, Any]:
+    """Give figures, events and curve of one method as plain values."""
+    return {**item.score.as_dict(),
+            'largest_ratio': {bag.bag: float(bag.ratio.max(initial=0.0)) for bag in item.watched},
+            'truth': {bag.bag: bag.truth.source or None for bag in item.watched},
+            'event_list': [{'bag': bag.bag, **seen.as_dict()}
+                           for bag in item.watched for seen in bag.sightings],
+            'roc': [list(point) for point in item.roc]}

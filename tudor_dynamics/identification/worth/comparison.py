@@ -1,0 +1,153 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Is a model still what it was: its errors on other bags beside those of its validation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+import math
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.identification.validation import Validation
+
+BLOCK = 5.0
+"""Time whose mean squared error counts as one observation: errors are correlated [s]."""
+FACTOR = 1.3
+"""Growth of the error below which nothing is said, however certain it is."""
+RELATIVE = 1.15
+"""The same for the relative error: livelier motion has larger errors, not larger relative ones."""
+SIGMAS = 3.0
+"""Standard errors by which the error must have grown."""
+UNKNOWN = 0.5
+"""Relative standard error of a mean squared error where nothing tells it."""
+LEAST = 0.1
+"""It is no less: two motions are not alike."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """
+    Errors of one channel, then and now.
+
+    Attributes
+    ----------
+    output, kind, channel : str
+        What is predicted, by which kind of model.
+    then, now : float
+        Root mean square error in the validation and on the bags, in the unit of the output.
+    relative_then, relative_now : float
+        Relative error in the validation and on the bags.
+    sigmas : float
+        Growth of the logarithm of the mean squared error over its standard error.
+    changed : bool
+        Whether the model is no longer what it was.
+
+    """
+
+    output: str
+    kind: str
+    channel: str
+    then: float
+    now: float
+    relative_then: float
+    relative_now: float
+    sigmas: float
+    changed: bool
+
+    def __str__(self) -> str:
+        """Write it on one line."""
+        said = 'no longer what it was' if self.changed else 'as it was'
+        return (f'{self.output} {self.kind}, {self.channel}: {said}: error {self.now:.3g}, in '
+                f'validation {self.then:.3g}; relative {100 * self.relative_now:.1f} % after '
+                f'{100 * self.relative_then:.1f} % ({self.sigmas:+.1f} standard errors)')
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give it as plain values."""
+        content = asdict(self)
+        return {key: content[key] for key in content if key not in ('output', 'kind', 'channel')}
+
+
+def spread(validation: Validation) -> dict[str, float]:
+    """
+    Say how well the mean squared errors of a validation are known.
+
+    Parameters
+    ----------
+    validation : Validation
+        Figures with their traces.
+
+    Returns
+    -------
+    dict of str to float
+        Channel to the relative standard error, from means over blocks of some seconds.
+
+    """
+    means = []
+    for trace in validation.traces:
+        number = np.floor((trace.t - trace.t[0]) / BLOCK).astype(int)
+        squares = (trace.measured - trace.predicted) ** 2
+        means += [squares[number == k].mean(axis=0) for k in np.unique(number)
+                  if np.sum(number == k) > 1]
+    if len(means) < 2:
+        return dict.fromkeys(validation.channels, UNKNOWN)
+    blocks = np.array(means)
+    errors = blocks.std(axis=0, ddof=1) / math.sqrt(len(blocks)) / np.maximum(
+        blocks.mean(axis=0), 1e-300)
+    return dict(zip(validation.channels, errors.tolist(), strict=True))
+
+
+def changes(
+    facts: Mapping[str, Any], found: Mapping[str, Mapping[str, Validation]],
+) -> tuple[Change, ...]:
+    """
+    Compare errors on bags with those of the validation that a bundle tells of.
+
+    Parameters
+    ----------
+    facts : mapping
+        Facts of the bundle.
+    found : mapping of str to mapping of str to Validation
+        Output to kind to what it comes to on the bags.
+
+    Returns
+    -------
+    tuple of Change
+        One for each channel of which the bundle knows; a model has changed where its error has
+        grown by 30 %, its relative error by 15 %, and both by more than chance.
+
+    """
+    said = []
+    for output, kinds in found.items():
+        for kind, validation in kinds.items():
+            now = spread(validation)
+            for channel, score in validation.score.channels.items():
+                try:
+                    known = facts['validation'][output][kind]
+                    old = known['validation']['channels'][channel]
+                    then, relative = float(old['rmse']), float(old['relative_error'])
+                    doubt = float(known.get('spread', {}).get(channel, UNKNOWN))
+                except (KeyError, TypeError, ValueError):
+                    continue  # of a bundle made by hand, of which nothing is known
+                error = math.hypot(max(doubt, LEAST), max(now[channel], LEAST))
+                growth = score.rmse / max(then, 1e-300)
+                sigmas = 2.0 * math.log(max(growth, 1e-12)) / error
+                said.append(Change(
+                    output, kind, channel, then, score.rmse, relative, score.relative_error,
+                    sigmas, growth > FACTOR and sigmas > SIGMAS
+                    and score.relative_error > RELATIVE * relative))
+    return tuple(said)
