@@ -235,6 +235,14 @@ def test_down_is_where_the_efforts_say(
         assert found == list(gravity) or 'make sure of axis and sign' in capsys.readouterr().out
 
 
+def test_positions_alone(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The arm is described, and it is said that this is not enough to learn from."""
+    if not (place / 'alone').exists():
+        write(place / 'alone', effort=None)
+    assert len(run(place, 'alone', '--urdf', 'pair.urdf')['joints']) == 2
+    assert 'neither efforts nor strains are in the bags' in capsys.readouterr().out
+
+
 def test_nothing_is_written_over(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A file that is there stays, unless asked."""
     out = place / 'mine.yaml'

@@ -167,6 +167,9 @@ class _Writer:
         gauges = [self._gauge(*item) for item in enumerate(self._gauges)]
         if gauges:
             content['gauges'] = gauges
+        elif not any('topic' in joint.get('effort', ()) for joint in content['joints']):
+            self.draft.notes.append('neither efforts nor strains are in the bags: nothing can be '
+                                    'learned from them, record them as well')
         return self.draft
 
     @property
