@@ -38,7 +38,7 @@ def test_predictions_over_topics(
     bags = [str(root / f'bags/two_blade_train_{i}') for i in (1, 2)]
     assert main(['fit', *bags, '--models', fourth_kind, '--arm',
                  str(root / 'config/two_blade_arm.yaml'), '--out', str(tmp_path / 'm')]) == 0
-    bundle = load_bundle(tmp_path / 'm')
+    bundle = load_bundle(tmp_path / 'm').beside_robot()
     filtering = world.add(JointStateFilterNode, model=str(tmp_path / 'm'))
     node = world.add(DynamicsPredictorNode, model=str(tmp_path / 'm'), kind=fourth_kind)
     assert not node.fault
