@@ -61,8 +61,10 @@ def test_bags_that_say_what_they_carry(arm: str, tmp_path: Path, capsys) -> None
     assert said['strain']['analytical']['validation']['fit'] > 98.0
     assert main(['evaluate', '--model', model, test, '--json']) == 0
     right = json.loads(capsys.readouterr().out)
-    assert main(['evaluate', '--model', model, test, '--payload', '0.1', '--json']) == 0
+    # the bag is not as the model knows it with that payload
+    assert main(['evaluate', '--model', model, test, '--payload', '0.1', '--json']) == 1
     wrong = json.loads(capsys.readouterr().out)
+    assert wrong['as_it_was'] is False and right['as_it_was'] is True
     assert right['strain']['analytical']['fit'] > 98.0
     assert wrong['strain']['analytical']['fit'] < 90.0
     assert '0.25' in (tmp_path / 'model' / 'model.yaml').read_text()
