@@ -38,9 +38,9 @@ from tudor_dynamics.models.estimation.estimators import (
 from tudor_dynamics.models.estimation.products import Products
 from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
+from tudor_dynamics.models.parts import AnalyticalPart, read
 from tudor_dynamics.models.regressor import plain_regressor, Regressor
-from tudor_dynamics.models.serialise import (
-    Group, groups_from_list, groups_to_list, has_constants)
+from tudor_dynamics.models.serialise import Group, groups_of, groups_to_list
 from tudor_dynamics.models.training import Blocks, check_block, check_motion
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.typing import FloatArray
@@ -292,10 +292,10 @@ class AnalyticalModel(MemorylessModel):
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:
         """Build it from its coefficients; see ``Model``."""
-        regressor = plain_regressor(arm, output, str(content.get('form')),
-                                    shared=has_constants(content))
-        groups = groups_from_list(content['groups'], regressor, arm, output)
-        model = cls(regressor, len(arm.active_joints), estimator=str(content['estimator']),
+        part = read(AnalyticalPart, content)
+        regressor = plain_regressor(arm, output, str(part.form), shared=part.shared)
+        groups = groups_of(part.groups, regressor, arm, output)
+        model = cls(regressor, len(arm.active_joints), estimator=part.estimator,
                     base=tuple(group.base for group in groups))
         model.groups_ = groups
         return model

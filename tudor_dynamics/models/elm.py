@@ -32,7 +32,7 @@ from scipy.special import expit
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.serialise import MAX_COEFFICIENT, plausible
+from tudor_dynamics.models.parts import ElmPart, MAX_COEFFICIENT, read
 from tudor_dynamics.models.training import Blocks, check_block, check_motion, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
@@ -262,20 +262,20 @@ def restored(
         If an array is missing, of another shape, or not finite.
 
     """
-    channels, hidden = channels_of(arm, output), int(content['hidden'])
-    if not 1 <= hidden <= MAX_HIDDEN or list(content['channels']) != list(channels):
-        msg = f'ELM of {hidden} neurons for {content["channels"]}; expected {list(channels)}'
+    part, channels = read(ElmPart, content), channels_of(arm, output)
+    hidden = part.hidden
+    if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:
+        msg = f'ELM of {hidden} neurons for {list(part.channels)}; expected {list(channels)}'
         raise ModelError(msg)
-    model = made(channels, {
-        'hidden': hidden, 'ridge': float(content['ridge']), 'seed': int(content['seed']),
-        'clip': bool(content['clip'])})
+    model = made(channels, part.model_dump(include={'hidden', 'ridge', 'seed', 'clip'}))
     n_inputs = 3 * len(arm.active_joints) + extra
     shapes = dict(zip(ARRAYS, (
         (2, n_inputs), (2, len(channels)), (n_inputs, hidden), (hidden,),
         (hidden, len(channels))), strict=True))
     for name, shape in shapes.items():
         array = content.get(name)
-        if not isinstance(array, np.ndarray) or array.shape != shape or not plausible(array):
+        if not isinstance(array, np.ndarray) or array.shape != shape or not np.all(
+                np.abs(array) <= MAX_COEFFICIENT):
             found = f'shape {array.shape}' if isinstance(array, np.ndarray) else 'nothing'
             msg = (f'elm.npz: {output}_elm_{name}: found {found}, expected finite values of '
                    f'{shape}, none beyond {MAX_COEFFICIENT:g}')

@@ -37,10 +37,10 @@ from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
 from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.memoryless import ModelSettings
+from tudor_dynamics.models.parts import PayloadElmPart, PayloadPart, read
 from tudor_dynamics.models.regressor import (
     EffortRegressor, plain_regressor, Regressor, StrainRegressor)
-from tudor_dynamics.models.serialise import (
-    Group, groups_from_list, has_constants, payloads_of)
+from tudor_dynamics.models.serialise import Group, groups_of
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 
@@ -212,12 +212,12 @@ class PayloadModel(AnalyticalModel):
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:
         """Build it from its coefficients; see ``Model``."""
+        part = read(PayloadPart, content)
         regressor = payload_regressor(
-            plain_regressor(arm, output, str(content.get('form')),
-                            shared=has_constants(content)), arm)
-        groups = groups_from_list(content['groups'], regressor, arm, output)
-        model = cls(regressor, len(arm.active_joints), payloads_of(content),
-                    estimator=str(content['estimator']),
+            plain_regressor(arm, output, str(part.form), shared=part.shared), arm)
+        groups = groups_of(part.groups, regressor, arm, output)
+        model = cls(regressor, len(arm.active_joints), part.payload_range,
+                    estimator=part.estimator,
                     base=tuple(group.base for group in groups))
         model.groups_ = groups
         return model
@@ -298,7 +298,7 @@ class PayloadELM(ExtremeLearningMachine):
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadELM:
         """Build it from settings and arrays; see ``Model``."""
-        payloads = payloads_of(content)
+        payloads = read(PayloadElmPart, content).payload_range
         return restored(lambda channels, more: cls(channels, payloads, **more),
                         content, arm, output, extra=1)
 

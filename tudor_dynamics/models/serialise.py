@@ -23,15 +23,12 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.base import Range
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.estimation.torque_constants import Constants
+from tudor_dynamics.models.parts import GroupPart
 from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.models.units import column_unit
-
-MAX_COEFFICIENT = 1e15
-"""Beyond it, one rad or A stands above all digits of a double: no fit gives that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,59 +51,6 @@ class Group:
     base: BaseSet
     estimate: Estimate
     constants: Constants | None = None
-
-
-def plausible(values: Any) -> bool:
-    """
-    Say whether all numbers of a model are finite and far from overflowing anything.
-
-    Parameters
-    ----------
-    values : array
-        Numbers of a model, as they were read.
-
-    """
-    return bool(np.all(np.abs(values) <= MAX_COEFFICIENT))  # NaN is not
-
-
-def payloads_of(content: dict[str, Any]) -> Range:
-    """
-    Read the payloads that a model was fitted to.
-
-    Parameters
-    ----------
-    content : dict
-        Plain values of a model of all payloads.
-
-    Returns
-    -------
-    (float, float)
-        Smallest and largest [kg].
-
-    Raises
-    ------
-    ModelError
-        If they are no range of masses.
-
-    """
-    low, high = (float(value) for value in content['payload_range'])
-    if not 0.0 <= low < high <= MAX_COEFFICIENT:
-        msg = f'payload range {low} to {high} kg; expected two masses'
-        raise ModelError(msg)
-    return low, high
-
-
-def has_constants(content: dict[str, Any]) -> bool:
-    """
-    Say whether channels of a model share their parameters up to torque constants.
-
-    Parameters
-    ----------
-    content : dict
-        Plain values of an analytical model.
-
-    """
-    return any('torque_constants' in item for item in content['groups'])
 
 
 def groups_to_list(
@@ -154,16 +98,16 @@ def groups_to_list(
     return found
 
 
-def groups_from_list(
-    content: list[dict[str, Any]], regressor: Regressor, arm: Arm, output: str,
+def groups_of(
+    parts: tuple[GroupPart, ...], regressor: Regressor, arm: Arm, output: str,
 ) -> tuple[Group, ...]:
     """
-    Read base parameters from plain values.
+    Make base parameters of what was read.
 
     Parameters
     ----------
-    content : list of dict
-        As from `groups_to_list`.
+    parts : tuple of GroupPart
+        Groups of a bundle.
     regressor : Regressor
         Rows that they belong to.
     arm : Arm
@@ -179,50 +123,31 @@ def groups_from_list(
     Raises
     ------
     ModelError
-        If columns or channels are not those of the arm, or a number is not finite.
+        If columns or channels are not those of the arm.
 
     """
     index = {name: i for i, name in enumerate(regressor.columns)}
+    channels = {name: i for i, name in enumerate(regressor.channels)}
+    listed = [name for part in parts for name in part.channels]
+    if sorted(listed) != sorted(channels):
+        msg = f'{output} channels {listed} where {list(channels)} were expected'
+        raise ModelError(msg)
     groups = []
-    for item in content:
-        channels = tuple(regressor.channels.index(name) for name in item['channels'])
-        rows = item['coefficients']
-        unknown = [row['column'] for row in rows if row['column'] not in index]
+    for part in parts:
+        rows = part.coefficients
+        unknown = [row.column for row in rows if row.column not in index]
         if unknown:
             msg = f'parameter {unknown[0]!r} does not exist in the arm {arm.name!r}'
             raise ModelError(msg)
-        values = np.array([float(row['value']) for row in rows])
-        errors = np.array([float(row['standard_error']) for row in rows])
-        if not plausible(values) or np.any(np.isnan(errors)):
-            msg = (f'a coefficient of {item["channels"]} is not finite, or beyond '
-                   f'{MAX_COEFFICIENT:g}')
-            raise ModelError(msg)
-        base = BaseSet(channels, np.array([index[row['column']] for row in rows], dtype=np.intp),
-                       tuple(str(row['name']) for row in rows))
-        unexcited = tuple(k for k, row in enumerate(rows) if not row['excited'])
-        noise = np.array([float(v) for v in item['residual_std']])
-        if len(noise) != len(channels) or not plausible(noise) or np.any(noise < 0.0):
-            msg = f'residual_std {noise.tolist()} of {item["channels"]}; expected 0 or more each'
-            raise ModelError(msg)
-        groups.append(Group(base, Estimate(values, errors, float(item['condition']), unexcited,
-                                           noise ** 2), _constants(item, len(channels))))
-    listed = sorted(channel for group in groups for channel in group.base.channels)
-    if listed != list(range(len(regressor.channels))):
-        msg = f'{output} channels {listed} where {list(regressor.channels)} were expected'
-        raise ModelError(msg)
+        constants = part.torque_constants and Constants(
+            np.array([item.value for item in part.torque_constants]),
+            np.array([item.relative_error for item in part.torque_constants]))
+        groups.append(Group(
+            BaseSet(tuple(channels[name] for name in part.channels),
+                    np.array([index[row.column] for row in rows], dtype=np.intp),
+                    tuple(row.name for row in rows)),
+            Estimate(np.array([row.value for row in rows]),
+                     np.array([row.standard_error for row in rows]), part.condition,
+                     tuple(k for k, row in enumerate(rows) if not row.excited),
+                     np.array(part.residual_std) ** 2), constants or None))
     return tuple(groups)
-
-
-def _constants(content: dict[str, Any], channels: int) -> Constants | None:
-    rows = content.get('torque_constants')
-    if rows is None:
-        return None
-    values = np.array([float(row['value']) for row in rows])
-    errors = np.array([float(row['relative_error']) for row in rows])
-    bounded = (plausible(values) and plausible(1.0 / values) if np.all(values > 0.0) else False)
-    if [row['channel'] for row in rows] != content['channels'] or not bounded or np.any(
-            ~(errors >= 0.0)):
-        msg = (f'torque_constants {values.tolist()} of {content["channels"]}; expected one above '
-               '0 for each')
-        raise ModelError(msg)
-    return Constants(values, errors)

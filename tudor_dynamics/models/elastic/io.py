@@ -26,7 +26,7 @@ from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.elastic.arm import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
-from tudor_dynamics.models.serialise import MAX_COEFFICIENT, payloads_of, plausible
+from tudor_dynamics.models.parts import ElasticPart, read
 from tudor_dynamics.models.units import output_units
 
 Elastic = TypeVar('Elastic', bound=FittedElastic)
@@ -103,43 +103,26 @@ def elastic_from_dict(
         If a parameter, channel or column is not one of the arm, or a number is not finite.
 
     """
-    physical = []
-    for item in content['physical']:
-        error = item['standard_error']
-        physical.append(PhysicalParameter(
-            str(item['name']), float(item['value']), str(item['unit']),
-            math.nan if error is None else float(error), bool(item['shown'])))
-        if not plausible(physical[-1].value):
-            msg = f'parameter {physical[-1].name} is {physical[-1].value:g}, which no fit gives'
-            raise ModelError(msg)
-    payloads = payloads_of(content) if 'payload_range' in content else None
-    model = made(arm, output, tuple(physical), payload_range=payloads)
+    part = read(ElasticPart, content)
+    physical = tuple(PhysicalParameter(
+        item.name, item.value, item.unit,
+        math.nan if item.standard_error is None else item.standard_error, item.shown)
+        for item in part.physical)
+    model = made(arm, output, physical, payload_range=part.payload_range)
     known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
     for parameter in physical:
         if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
             msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
                    f'{physical_unit(arm, parameter.name)!r}')
             raise ModelError(msg)
-    channels = [str(item['channel']) for item in content['channels']]
-    if channels != list(model.channels):
-        msg = f'{output} channels {channels} where {list(model.channels)} were expected'
+    channels = tuple(item.channel for item in part.channels)
+    columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
+    if channels != model.channels or columns != model.columns:
+        msg = (f'{output} channels {list(channels)} with the columns {list(columns)} where '
+               f'{list(model.channels)} with {list(model.columns)} were expected')
         raise ModelError(msg)
-    values, errors = [], []
-    for columns, item in zip(model.columns, content['channels'], strict=True):
-        rows = item['coefficients']
-        if [str(row['column']) for row in rows] != list(columns):
-            msg = (f'columns of {item["channel"]}: {[row["column"] for row in rows]} where '
-                   f'{list(columns)} were expected')
-            raise ModelError(msg)
-        values.append(np.array([float(row['value']) for row in rows]))
-        errors.append(np.array([float(row['standard_error']) for row in rows]))
-        if not plausible(values[-1]) or np.any(np.isnan(errors[-1])):
-            msg = (f'a coefficient of {item["channel"]} is not finite, or beyond '
-                   f'{MAX_COEFFICIENT:g}')
-            raise ModelError(msg)
-    model.coefficients_, model.standard_errors_ = tuple(values), tuple(errors)
-    model.noise_ = np.array([float(item['residual_std']) for item in content['channels']])
-    if not plausible(model.noise_) or np.any(model.noise_ < 0.0):
-        msg = f'residual_std {model.noise_.tolist()} of {channels}; expected 0 or more'
-        raise ModelError(msg)
+    model.coefficients_, model.standard_errors_ = (tuple(
+        np.array([getattr(row, value) for row in item.coefficients]) for item in part.channels)
+        for value in ('value', 'standard_error'))
+    model.noise_ = np.array([item.residual_std for item in part.channels])
     return model
