@@ -38,7 +38,7 @@ from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.models.elastic.live import OBSERVERS
 from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 
@@ -67,7 +67,7 @@ def resampled(recording: Recording, rate: float) -> Recording:
 
 def measure(bundle: ModelBundle, recording: Recording, settings: MonitorSettings) -> Taken:
     """Run a recording through."""
-    rehearse(bundle, settings)
+    warm_up(bundle, settings)
     monitor = Monitor(bundle, settings)
     predict = monitor.predictor.step
     inside = [0]

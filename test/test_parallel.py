@@ -16,17 +16,19 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from pathlib import Path
 import subprocess
 import sys
 import time
 
+import numpy as np
 from patience import PATIENCE
 from piece_making import square
 import pytest
 
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.parallel import in_processes, in_threads
+from tudor_dynamics.parallel import _watch, in_processes, in_threads
 
 
 @pytest.mark.parametrize('jobs', [1, 2])
@@ -36,6 +38,16 @@ def test_pieces_keep_their_order(jobs: int) -> None:
     assert in_processes(square, range(1, 6), jobs, counts.append) == [1, 4, 9, 16, 25]
     assert counts[-1] == 15 and counts == sorted(counts)
     assert in_threads(lambda piece: piece**2, range(1, 6), jobs) == [1, 4, 9, 16, 25]
+
+
+def test_work_that_is_done_before_the_first_look_is_counted(tmp_path: Path) -> None:
+    """Progress reaches its end, however quick the work was."""
+    future: Future[list[int]] = Future()
+    future.set_result([1])
+    board = np.memmap(tmp_path / 'board', np.int64, 'w+', shape=(1, 2))
+    board[0, 0] = 7
+    counts: list[int] = []
+    assert _watch(future, board, counts.append) == [1] and counts == [7]
 
 
 @pytest.mark.parametrize('jobs', [1, 2])

@@ -125,7 +125,9 @@ def _watch(
     while not future.done():
         wait([future], LOOK)
         progress(int(board[:, STEPS].sum()))
-    return future.result()
+    found = future.result()
+    progress(int(board[:, STEPS].sum()))  # also of work that was done before the first look
+    return found
 
 
 def _run_all(

@@ -36,8 +36,8 @@ from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
-from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.state_filter import StateFilter
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.signals import prepare
 
@@ -171,10 +171,10 @@ def test_without_strain_there_is_no_observer(bundle: ModelBundle) -> None:
         Predictor(bundle, 'elm')
 
 
-def test_rehearsal(bundle: ModelBundle) -> None:
+def test_warm_up(bundle: ModelBundle) -> None:
     """The chain runs at rest before the robot does."""
     for observer in ('off', 'ringing', 'contact'):
-        rehearse(bundle, MonitorSettings(kind='elastic', observer=observer))
+        warm_up(bundle, MonitorSettings(kind='elastic', observer=observer))
 
 
 @pytest.fixture(scope='module')

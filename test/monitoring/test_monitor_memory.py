@@ -27,7 +27,7 @@ import pytest
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.bundle import load_bundle, ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings
 
 PERIOD = 1_000_000
@@ -49,7 +49,7 @@ class Life:
 
     def __init__(self, bundle: ModelBundle, methods: tuple[str, ...]) -> None:
         settings = MonitorSettings(methods=methods)
-        rehearse(bundle, settings)
+        warm_up(bundle, settings)
         self.monitor = Monitor(bundle, settings)
         assert self.monitor.watch.stages
         self.stamp = 10**18

@@ -20,7 +20,8 @@ import math
 from typing import Annotated, Any, TypeVar
 
 from pydantic import (
-    AfterValidator, BaseModel, ConfigDict, Field, model_validator, ValidationError)
+    AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator,
+    ValidationError)
 
 from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.errors import ModelError
@@ -58,6 +59,9 @@ Coefficient = Annotated[float, AfterValidator(_within)]
 Deviation = Annotated[float, AfterValidator(_known)]
 Noise = Annotated[float, AfterValidator(_size)]
 Payloads = Annotated[tuple[float, float], AfterValidator(_masses)]
+Text = Annotated[str, BeforeValidator(str)]
+Flag = Annotated[bool, BeforeValidator(bool)]
+Whole = Annotated[int, BeforeValidator(int)]
 Found = TypeVar('Found', bound='Part')
 
 
@@ -70,7 +74,7 @@ class Part(BaseModel):
 class CoefficientPart(Part):
     """A coefficient on one column, with its standard error: infinite where it is not shown."""
 
-    column: str
+    column: Text
     value: Coefficient
     standard_error: Deviation
 
@@ -78,8 +82,8 @@ class CoefficientPart(Part):
 class BasePart(CoefficientPart):
     """A base parameter."""
 
-    name: str
-    excited: bool
+    name: Text
+    excited: Flag
 
 
 class ConstantPart(Part):
@@ -113,8 +117,8 @@ class GroupPart(Part):
 class AnalyticalPart(Part):
     """Analytical model."""
 
-    estimator: str
-    form: str | None = None
+    estimator: Text
+    form: Text | None = None
     groups: tuple[GroupPart, ...]
 
     @property
@@ -133,10 +137,10 @@ class ElmPart(Part):
     """ELM, whose arrays stand in a file of their own."""
 
     channels: tuple[str, ...]
-    hidden: int
+    hidden: Whole
     ridge: float
-    seed: int
-    clip: bool
+    seed: Whole
+    clip: Flag
 
 
 class PayloadElmPart(ElmPart):
@@ -148,17 +152,17 @@ class PayloadElmPart(ElmPart):
 class PhysicalPart(Part):
     """Physical parameter of an elastic model; without an error where it was not searched."""
 
-    name: str
+    name: Text
     value: Coefficient
-    unit: str
+    unit: Text
     standard_error: float | None
-    shown: bool
+    shown: Flag
 
 
 class ChannelPart(Part):
     """Coefficients of one channel of an elastic model."""
 
-    channel: str
+    channel: Text
     residual_std: Noise
     coefficients: tuple[CoefficientPart, ...]
 

@@ -24,8 +24,8 @@ from typing import Any
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.rehearsal import rehearse
 from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
@@ -54,7 +54,7 @@ class CollisionDetectorNode(DetectNode):
 
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
-        rehearse(bundle, self.settings())
+        warm_up(bundle, self.settings())
         return Watch(bundle, self.settings())
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
@@ -78,7 +78,7 @@ class CollisionDetectorNode(DetectNode):
                         bundle.arm, topic, partial(self._on_measured, output, topic))
 
     def _on_motion(self, message: PointSample) -> None:
-        self.outlets.look(self.meter.begin())
+        self.listened.look(self.meter.begin())
         self.came(JOINT_MOTION, message.stamp)
         if self.watch is None or self._motion_reader is None:
             return
@@ -132,7 +132,7 @@ class CollisionDetectorNode(DetectNode):
     def _on_measured(self, output: str, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self.outlets.look(begun)
+        self.listened.look(begun)
         try:
             self.measured(output, topic, message)
         except TudorError as err:

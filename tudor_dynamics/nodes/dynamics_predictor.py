@@ -26,12 +26,12 @@ from sensor_msgs.msg import JointState
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.predictor import Predictor
-from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.listened import ListenedPublishers
 from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.common.model_node import ModelNode
-from tudor_dynamics.nodes.common.outlets import Outlets
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, PointSample
 
@@ -44,15 +44,15 @@ class DynamicsPredictorNode(ModelNode):
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
         self._gauges: list[Any] = []
-        self._listeners = Outlets()
-        self._outlets = {output: self._listeners.add(self.publish_on(JointState, topic))
-                         for output, topic in PREDICTED.items()}
+        self._listened = ListenedPublishers()
+        self._predicted = {output: self._listened.add(self.publish_on(JointState, topic))
+                           for output, topic in PREDICTED.items()}
         self.start()
         self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
 
     def prepare(self, bundle: ModelBundle) -> Predictor:
         """Build the predictor."""
-        rehearse(bundle, MonitorSettings(kind=self.value('kind')))
+        warm_up(bundle, MonitorSettings(kind=self.value('kind')))
         return Predictor(bundle, self.value('kind'), self.value('observer'))
 
     def use(self, bundle: ModelBundle, prepared: Predictor) -> None:
@@ -89,13 +89,13 @@ class DynamicsPredictorNode(ModelNode):
         motion = self._reader.read(message)
         if motion is None:
             return
-        self._listeners.look(begun)
-        wanted = [output for output, outlet in self._outlets.items() if outlet.wanted]
+        self._listened.look(begun)
+        wanted = [output for output, publisher in self._predicted.items() if publisher.wanted]
         predicted = self.predictor.step(motion, wanted)
         if predicted is None:
             return
         for output, values in predicted.items():
-            self._outlets[output].publish(self._encoders[output].encode(motion.stamp, values))
+            self._predicted[output].publish(self._encoders[output].encode(motion.stamp, values))
         self.meter.end(begun)
 
     def status(self) -> tuple[bytes, str, dict[str, str]]:

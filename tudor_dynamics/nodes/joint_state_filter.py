@@ -27,13 +27,13 @@ from trajectory_msgs.msg import JointTrajectory
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import load_bundle
-from tudor_dynamics.monitoring.rehearsal import rehearse_filter
 from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
+from tudor_dynamics.monitoring.warm_up import warm_up_filter
 from tudor_dynamics.nodes.common.base import TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
+from tudor_dynamics.nodes.common.listened import ListenedPublishers
 from tudor_dynamics.nodes.common.messages import NamedReader
-from tudor_dynamics.nodes.common.outlets import Outlets
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
 
@@ -57,11 +57,11 @@ class JointStateFilterNode(TudorNode):
                 spec, topic = bundle.preprocessing, bundle.arm.spec.joint_topic
                 self._names = self._names or list(bundle.arm.active_joints)
                 self._robot = bundle.arm.name
-        rehearse_filter(spec)
+        warm_up_filter(spec)
         self.filter = StateFilter(spec, self.value('gap'))
         self._effort = LowPass(spec.output_cutoff)
-        self._outlets = Outlets()
-        self._states = self._outlets.add(self.publish_on(JointState, FILTERED_JOINT_STATES))
+        self._listened = ListenedPublishers()
+        self._states = self._listened.add(self.publish_on(JointState, FILTERED_JOINT_STATES))
         self._motion = self.publish_on(JointTrajectory, JOINT_MOTION)
         self.serve(RESET, self._reset)
         self._subscription = self.hear_joint_states(topic, self._on_joints)
@@ -100,7 +100,7 @@ class JointStateFilterNode(TudorNode):
         effort = self._reader.read(message, 'effort', optional=True)
         if effort is not None:
             effort = self._effort.step(motion.dt, effort)
-        self._outlets.look(begun)
+        self._listened.look(begun)
         if self._states.wanted:
             states = (row[:n], row[n:2 * n])
             self._states.publish(

@@ -27,7 +27,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.rehearsal import rehearse
+from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import Found, Watch
 from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
@@ -43,8 +43,8 @@ class MonitorNode(DetectNode):
         super().__init__('monitor', **kwargs)
         self.monitor: Monitor | None = None
         self._joints: NamedReader | None = None
-        self._motion = self.outlets.add(self.publish_on(JointTrajectory, JOINT_MOTION))
-        self._predicted = {output: self.outlets.add(self.publish_on(JointState, topic))
+        self._motion = self.listened.add(self.publish_on(JointTrajectory, JOINT_MOTION))
+        self._predicted = {output: self.listened.add(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
@@ -53,7 +53,7 @@ class MonitorNode(DetectNode):
 
     def prepare(self, bundle: ModelBundle) -> Monitor:
         """Build the monitor."""
-        rehearse(bundle, self.settings())
+        warm_up(bundle, self.settings())
         return Monitor(bundle, self.settings())
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
@@ -91,9 +91,9 @@ class MonitorNode(DetectNode):
         if q is None:
             return
         velocity = reader.read(message, 'velocity', optional=True)
-        self.outlets.look(begun)
-        monitor.wanted = {output for output, outlet in self._predicted.items()
-                          if outlet.wanted or output in monitor.watch.outputs}
+        self.listened.look(begun)
+        monitor.wanted = {output for output, publisher in self._predicted.items()
+                          if publisher.wanted or output in monitor.watch.outputs}
         found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
@@ -102,9 +102,9 @@ class MonitorNode(DetectNode):
                 self._motion.publish(self._motion_encoder.encode(
                     motion.stamp, round(motion.elapsed * 1e9), motion.row))
             for output, values in (monitor.predicted or {}).items():
-                outlet = self._predicted[output]
-                if outlet.wanted:
-                    outlet.publish(self._prediction_encoders[output].encode(
+                publisher = self._predicted[output]
+                if publisher.wanted:
+                    publisher.publish(self._prediction_encoders[output].encode(
                         motion.stamp, values))
         self.tell(found)
         for output in self._carried[self._own]:
@@ -114,7 +114,7 @@ class MonitorNode(DetectNode):
     def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self.outlets.look(begun)
+        self.listened.look(begun)
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)

@@ -25,7 +25,7 @@ import time
 from patience import PATIENCE
 import pytest
 from ros_world import World
-from tudor_dynamics.nodes.common.outlets import LOOK, Outlets
+from tudor_dynamics.nodes.common.listened import ListenedPublishers, LOOK
 from tudor_dynamics.nodes.common.runner import Halt, spin_for
 
 BUSY = """
@@ -85,14 +85,14 @@ def test_the_loop_turns(kind: str) -> None:
 def test_listeners_are_noticed_within_a_look(world: World) -> None:
     """Nothing is wanted without listeners; one that comes is seen at the next look."""
     from sensor_msgs.msg import JointState
-    outlets = Outlets()
-    publisher = world.probe.create_publisher(JointState, 'outlet', 10)
-    outlet = outlets.add(publisher)
-    outlets.look(0.0)
-    assert not outlet.wanted
-    world.listen('outlet')
+    listened = ListenedPublishers()
+    publisher = world.probe.create_publisher(JointState, 'listened', 10)
+    counted = listened.add(publisher)
+    listened.look(0.0)
+    assert not counted.wanted
+    world.listen('listened')
     assert world.spin(lambda: publisher.get_subscription_count() == 1)
-    outlets.look(0.5 * LOOK)
-    assert not outlet.wanted  # not counted yet
-    outlets.look(1.5 * LOOK)
-    assert outlet.wanted
+    listened.look(0.5 * LOOK)
+    assert not counted.wanted  # not counted yet
+    listened.look(1.5 * LOOK)
+    assert counted.wanted

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.elastic.gear import gear, Gears
-from tudor_dynamics.models.elastic.shortening import lean_mass
+from tudor_dynamics.models.elastic.shortening import shorten_mass
 from tudor_dynamics.models.elastic.statics import (
     ACC, DDZ, DZ, Equations, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
 from tudor_dynamics.simulation.mechanics.chain import Chain
@@ -169,7 +169,7 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
             residual(vectors, gears, chain, loaded)
             if step == 0 and correction == 0:
                 mass_matrix(z, chain, driven.composite, equations.matrices[MASS])
-                lean_mass(z, chain.body_int, chain.body_float, equations.matrices[MASS])
+                shorten_mass(z, chain.body_int, chain.body_float, equations.matrices[MASS])
             if not factorise(equations, gears, speed_gain, place_gain):
                 return False
             for a in range(m):
@@ -253,7 +253,7 @@ def move(driven: Driven, q: NDArray, dt: float, inner: float, loaded: bool) -> b
 
 
 @compiled
-def draw(equations: Equations, gains: NDArray, unexpected: float, gauge: int) -> None:
+def apply_gains(equations: Equations, gains: NDArray, unexpected: float, gauge: int) -> None:
     """Change the state by what one gauge reads and nobody predicted, see ``follow``."""
     vectors, free = equations.vectors, equations.free
     for a in range(free.shape[0]):
@@ -309,5 +309,5 @@ def follow(
             return k
         sense(driven, loaded, moment[k], torque[k])
         for g in range(measured.shape[1]):
-            draw(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
+            apply_gains(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
     return q.shape[0]

@@ -29,7 +29,7 @@ from tudor_dynamics.simulation.mechanics.equations import hermite_slope
 
 
 @compiled
-def lean_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
+def shortening_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
     """Give what bending does along a beam of one element, by coordinates 1, 5, 2, 4 of its end."""
     gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
     gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
@@ -50,8 +50,8 @@ def shorten(
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k, length = body_int[b, at.FIRST], body_float[b, at.LENGTH]
-        g1, g5, g2, g4 = lean_rows(z, k, length)
-        r1, r5, r2, r4 = lean_rows(dz, k, length)
+        g1, g5, g2, g4 = shortening_rows(z, k, length)
+        r1, r5, r2, r4 = shortening_rows(dz, k, length)
         z[k] = -0.5 * (g1 * z[k + 1] + g5 * z[k + 5] + g2 * z[k + 2] + g4 * z[k + 4])
         dz[k] = -(g1 * dz[k + 1] + g5 * dz[k + 5] + g2 * dz[k + 2] + g4 * dz[k + 4])
         ddz[k] = -(g1 * ddz[k + 1] + g5 * ddz[k + 5] + g2 * ddz[k + 2] + g4 * ddz[k + 4]
@@ -59,7 +59,7 @@ def shorten(
 
 
 @compiled
-def add_lean(
+def add_shortening(
     z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
 ) -> None:
     """
@@ -73,7 +73,7 @@ def add_lean(
             continue
         k = body_int[b, at.FIRST]
         pressure = -force[k]
-        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
+        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
         force[k + 1] += pressure * g1
         force[k + 5] += pressure * g5
         force[k + 2] += pressure * g2
@@ -81,18 +81,18 @@ def add_lean(
 
 
 @compiled
-def lean_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
+def shorten_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
     """
     Turn the mass matrix into that of beams which keep their length.
 
-    A congruence, so it stays positive: with the lean in the forces alone, the corrections of a
-    strongly bent arm would not converge.
+    A congruence, so it stays positive: with the shortening in the forces alone, the corrections
+    of a strongly bent arm would not converge.
     """
     for b in range(body_int.shape[0]):
         if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
             continue
         k = body_int[b, at.FIRST]
-        g1, g5, g2, g4 = lean_rows(z, k, body_float[b, at.LENGTH])
+        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
         for j in range(mass.shape[0]):
             along = mass[k, j]
             mass[k + 1, j] -= g1 * along

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.elastic.gear import gear, Gears
-from tudor_dynamics.models.elastic.shortening import add_lean, shorten
+from tudor_dynamics.models.elastic.shortening import add_shortening, shorten
 from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import cholesky, solve
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
@@ -64,7 +64,7 @@ def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None
     z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
     shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
     inverse_dynamics(z, dz, vectors[DDZ], chain, loaded, 1.0, force)
-    add_lean(z, chain.body_int, chain.body_float, force)
+    add_shortening(z, chain.body_int, chain.body_float, force)
     for s in range(gears.place.shape[0]):
         i = gears.place[s]
         force[i] += gear(gears.springs[s], z[i] - gears.aim[s], dz[i] - gears.aim_rate[s])[0]

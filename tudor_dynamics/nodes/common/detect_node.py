@@ -40,9 +40,9 @@ from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOU
 from tudor_dynamics.nodes.common.base import ERROR, OK, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
+from tudor_dynamics.nodes.common.listened import ListenedPublisher, ListenedPublishers
 from tudor_dynamics.nodes.common.messages import NamedReader, time_message
 from tudor_dynamics.nodes.common.model_node import ModelNode
-from tudor_dynamics.nodes.common.outlets import Outlet, Outlets
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder
 from tudor_dynamics.small_arrays import largest_size
 
@@ -77,10 +77,10 @@ class DetectNode(ModelNode):
         self._unserved = ''
         self.coverage = Coverage()
         self.gathering: dict[str, Gathering] = {}
-        self.outlets = Outlets()
-        self._residuals = {m: self.outlets.add(self.publish_on(JointState, RESIDUALS[m]))
+        self.listened = ListenedPublishers()
+        self._residuals = {m: self.listened.add(self.publish_on(JointState, RESIDUALS[m]))
                            for m in METHODS}
-        self._thresholds = {m: self.outlets.add(self.publish_on(JointState, THRESHOLDS[m]))
+        self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
                             for m in METHODS}
         self._encoders: dict[str, JointStateEncoder] = {}
         self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
@@ -210,20 +210,20 @@ class DetectNode(ModelNode):
         for method, residual in found.residuals:
             if self._calibration is not None and method in self._calibration.channels:
                 self._collect(method, residual)
-            outlet = self._residuals[method]
-            if outlet.wanted:
-                self._publish(outlet, method, residual.motion.stamp, residual.value)
+            publisher = self._residuals[method]
+            if publisher.wanted:
+                self._publish(publisher, method, residual.motion.stamp, residual.value)
         for method, excess in found.excesses:
-            outlet = self._thresholds[method]
-            if outlet.wanted:
-                self._publish(outlet, method, excess.residual.motion.stamp, excess.threshold)
+            publisher = self._thresholds[method]
+            if publisher.wanted:
+                self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
             self._tell_event(event)
         if self.watch is not None and found.excesses:
             self._tell_level(self.watch.level)
 
-    def _publish(self, outlet: Outlet, method: str, stamp: int, values: Any) -> None:
-        outlet.publish(self._encoders[method].encode(stamp, values))
+    def _publish(self, publisher: ListenedPublisher, method: str, stamp: int, values: Any) -> None:
+        publisher.publish(self._encoders[method].encode(stamp, values))
 
     def _tell_level(self, level: Level) -> None:
         for of, publisher in self._flags.items():

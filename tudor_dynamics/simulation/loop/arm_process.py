@@ -143,7 +143,7 @@ class ArmProcess:
         self._rest()
 
     def _rest(self) -> None:
-        self.loop.reset(self.loop._described())
+        self.loop.reset(self.loop.described)
         count = len(self.loop.arm.active_joints)
         self._speed = np.zeros(count)
         self._age = np.inf

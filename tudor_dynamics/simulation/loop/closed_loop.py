@@ -127,9 +127,11 @@ class ClosedLoop:
             np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
         self._acting = self._loaded = False
         self._done = 0
-        self.reset(self._described())
+        self.reset(self.described)
 
-    def _described(self) -> FloatArray:
+    @property
+    def described(self) -> FloatArray:
+        """Angles of the active joints where the description lets them start [rad]."""
         spec = self.arm.spec
         hold = {joint.name: joint.hold for joint in spec.joints}
         return np.array([spec.simulation.initial.get(name, hold[name])

@@ -37,7 +37,7 @@ PERIOD = 10_000_000
 """Time between samples [ns]."""
 
 
-def rehearse(bundle: ModelBundle, settings: MonitorSettings) -> None:
+def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
     """
     Run the whole chain on an arm at rest.
 
@@ -63,9 +63,9 @@ def rehearse(bundle: ModelBundle, settings: MonitorSettings) -> None:
             monitor.add_measured(output, k * PERIOD, np.zeros(sizes[output]))
 
 
-def rehearse_filter(spec: PreprocessingSpec) -> None:
+def warm_up_filter(spec: PreprocessingSpec) -> None:
     """Filter an arm at rest, with velocities and without."""
     for measured in (None, np.zeros(1)):
-        rehearsed = StateFilter(spec)
+        warmed = StateFilter(spec)
         for k in range(3):
-            rehearsed.step(k * PERIOD, np.zeros(1), measured)
+            warmed.step(k * PERIOD, np.zeros(1), measured)

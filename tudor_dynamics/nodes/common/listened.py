@@ -24,7 +24,7 @@ LOOK = 0.01
 """Time between two counts of the subscriptions, which take 2 us each [s]."""
 
 
-class Outlet:
+class ListenedPublisher:
     """
     A publisher with the knowledge whether anybody listens.
 
@@ -53,21 +53,21 @@ class Outlet:
         self._publisher.publish(message)
 
 
-class Outlets:
-    """All outlets of a node; `look`, called at every sample, counts from time to time."""
+class ListenedPublishers:
+    """All such publishers of a node; `look`, called at every sample, counts from time to time."""
 
     def __init__(self) -> None:
-        self._all: list[Outlet] = []
+        self._all: list[ListenedPublisher] = []
         self._looked = -math.inf
 
-    def add(self, publisher: Publisher) -> Outlet:
+    def add(self, publisher: Publisher) -> ListenedPublisher:
         """Add one."""
-        self._all.append(Outlet(publisher))
+        self._all.append(ListenedPublisher(publisher))
         return self._all[-1]
 
     def look(self, now: float) -> None:
         """Count the subscriptions where the last count is too old; ``now`` is monotonic [s]."""
         if now - self._looked >= LOOK:
             self._looked = now
-            for outlet in self._all:
-                outlet.look()
+            for publisher in self._all:
+                publisher.look()
