@@ -146,7 +146,7 @@ def start_rows(starts: Sequence[Start]) -> tuple[StartRow, ...]:
     Parameters
     ----------
     starts : sequence of Start
-        Starts compared.
+        Starts of the search that were compared.
 
     Returns
     -------

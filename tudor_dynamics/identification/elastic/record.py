@@ -79,7 +79,15 @@ class Record:
                       self.payload, self.before)
 
     def thinned(self, dt: float) -> Record:
-        """Leave out samples until they are this far apart, for coarse steps [s]."""
+        """
+        Leave out samples, for coarse steps.
+
+        Parameters
+        ----------
+        dt : float
+            Time that samples shall be apart [s].
+
+        """
         stride = int(dt / float(np.median(self.dt[1:])) + 0.5) if len(self.dt) > 1 else 1
         if stride < 2:
             return self

@@ -99,7 +99,7 @@ def shared(
     names : tuple of str
         Parameters to be searched.
     x : ndarray of shape (n_names,)
-        Their logarithms.
+        Logarithms of the parameters as described.
     share : float or None
         Compliance of a gear over that of both, at the end of the beam; None to change nothing.
 
