@@ -35,6 +35,8 @@ LEAST = {'effort': 0.015, 'strain': 0.015, 'velocity': 0.03}
 """Smaller ones are the filters of drivers, which every arm has [s]."""
 LEAST_GAIN = {'effort': 0.1, 'strain': 0.1, 'velocity': 0.5}
 """What is left has to become less by this sum of log ratios."""
+EXPLAINED = 0.6
+"""Relative residual that a lag leaves at most; where it leaves more, something else is wrong."""
 KINDS = {'effort': 'effort_late', 'strain': 'strain_late', 'velocity': 'velocity_late'}
 REMEDIES = {
     'effort': 'let the driver stamp efforts when they are measured, or take the efforts of the '
@@ -181,6 +183,8 @@ def lag_told(recording: Recording, name: str, lag: Lag) -> Finding | None:
     """
     if abs(lag.seconds) < LEAST[name] or lag.gain < LEAST_GAIN[name]:
         return None
+    if lag.otherwise > EXPLAINED or not LAGS[0] < lag.seconds < LAGS[-1] - 1e-9:
+        return None  # it is not the lag that the residual comes from
     kinds = {'effort': 'efforts', 'strain': 'strains', 'velocity': 'velocities'}
     way = 'late' if lag.seconds > 0.0 else 'early'
     size = round(lag.seconds, 4)

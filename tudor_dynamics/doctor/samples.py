@@ -38,7 +38,7 @@ FLAT = 4
 """Samples in a row at the end of the range that make a saturation."""
 FLAT_SHARE = 0.004
 """... and the share of all samples there."""
-STANDSTILL = 2.0
+STANDSTILL = 3.0
 """Ends without motion that are longer are told of [s]."""
 
 

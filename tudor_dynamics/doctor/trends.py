@@ -23,13 +23,15 @@ from tudor_dynamics.doctor.explained import Explained
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.typing import FloatArray
 
-DRIFT_GAIN = 0.4
+DRIFT_GAIN = 0.6
 """Log ratio by which a straight line in time has to lessen what is left."""
 DRIFT_SIZE = 0.15
 """Part of the channel's standard deviation that it has to drift over the recording."""
 WINDOWS = 10
 QUIET = 0.2
 """A channel that is dead moves by less than this part of what it did."""
+LIVES = 0.5
+"""Relative residual of a channel while it lives."""
 KNOWN = 0.8
 """Relative residual above which nobody knows what to expect."""
 FOLLOWS, FOLLOWS_NOT = 0.7, 0.35
@@ -96,9 +98,11 @@ def _words(name: str) -> str:
 
 def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | None:
     """Say from when on a channel does not follow what is expected of it, to the end."""
+    if t[-1] - t[0] < WINDOWS:
+        return None  # in less than a second each, windows tell nothing
     edges = np.linspace(t[0], t[-1], WINDOWS + 1)
     spread = float(np.std(expected))
-    slopes, quiet = np.full(WINDOWS, np.nan), np.full(WINDOWS, np.nan)
+    slopes, quiet, rest = np.full((3, WINDOWS), np.nan)
     for k in range(WINDOWS):
         inside = (t >= edges[k]) & (t <= edges[k + 1])
         if inside.sum() < 10:
@@ -108,12 +112,15 @@ def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | 
         if np.std(x) > 0.3 * spread:
             slopes[k] = float(x @ y) / float(x @ x)
             quiet[k] = float(np.std(y))
+            rest[k] = float(np.std(y - x)) / max(float(np.std(y)), 1e-300)
     told = np.flatnonzero(np.isfinite(slopes))
     if len(told) < 4 or not np.all(np.abs(slopes[told[-2:]]) < FOLLOWS_NOT):
         return None
     well = told[slopes[told] > FOLLOWS]
     if not len(well) or np.median(slopes[told[:max(2, len(told) // 3)]]) < FOLLOWS:
         return None
+    if np.median(rest[well]) > LIVES:
+        return None  # nobody knows what it did before
     if np.max(quiet[told[-2:]]) > QUIET * float(np.median(quiet[well])):
         return None  # it moves, if not as expected
     last = int(well[-1])
