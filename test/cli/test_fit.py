@@ -325,3 +325,22 @@ def test_traces_that_cannot_be_saved(
                     'full', '--save', target)
     assert line.startswith(f'tudor evaluate: --save {target}: cannot be written (')
     assert sorted(place.iterdir()) == before
+
+
+def test_a_gauge_that_no_bag_has_is_left_out(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A description may have more gauges than were recorded: models of the others, and a word."""
+    content = yaml.safe_load((root / 'config/two_blade_arm.yaml').read_text(encoding='utf-8'))
+    content['gauges'].append({'name': 'link3_mid', 'joint': 'joint3', 'distance': 0.2})
+    content['sensors'] = [{'gauge': 'link3_mid', 'gain': 100.0, 'noise': 2.0}]
+    arm, out = tmp_path / 'arm.yaml', tmp_path / 'model'
+    arm.write_text(yaml.safe_dump(content), encoding='utf-8')
+    bag = root / 'bags/two_blade_train_1'
+    capsys.readouterr()
+    assert main(['fit', str(bag), '--models', 'analytical', '--arm', str(arm), '--out', str(out),
+                 '--force']) == 0
+    said = capsys.readouterr()
+    assert 'no bag has the gauges link3_mid' in said.err
+    found = run_json(capsys, 'evaluate', '--model', out, bag, '--json')
+    assert set(found['strain']['analytical']['channels']) == {'link2_hub', 'link3_hub'}

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import hashlib
@@ -206,6 +206,20 @@ class Arm:
         joints = tuple(joint.model_copy(update=dict(changes.get(joint.name, {})))
                        for joint in self.spec.joints)
         return replace(self, spec=self.spec.model_copy(update={'joints': joints}))
+
+    def with_gauges(self, names: Collection[str]) -> Arm:
+        """
+        Give the same arm with some of its gauges.
+
+        Parameters
+        ----------
+        names : collection of str
+            Gauges that stay.
+
+        """
+        return replace(self, spec=self.spec.model_copy(update={
+            'gauges': tuple(gauge for gauge in self.spec.gauges if gauge.name in names),
+            'sensors': tuple(item for item in self.spec.sensors if item.gauge in names)}))
 
     def with_open_friction(self) -> Arm:
         """Give the same arm without a word on the friction of its joints, for a fit to choose."""

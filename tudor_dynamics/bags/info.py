@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from tudor_dynamics.bags.guess import guess_plan
 from tudor_dynamics.bags.joint_states import JointStates, LAYOUTS, load_joint_states
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.plan import Plan, plan_from_arm
+from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
 from tudor_dynamics.bags.reader import assemble, planned_topics, stated_payload
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage.raw import Bag
@@ -255,6 +255,35 @@ def _verdict(
     return {'effort_model': 'effort' in models, 'strain_model': 'strain' in models,
             'verdict': f'{" and ".join(models)} model{reason}', 'samples': len(found.stamp),
             'dropped': dict(found.dropped), 'recording': found}
+
+
+def recorded_names(path: str | Path, topics: Collection[str]) -> frozenset[str]:
+    """
+    List whom the joint-state messages of some topics speak of.
+
+    Parameters
+    ----------
+    path : str or Path
+        rosbag2 directory, ``.mcap`` or ``.db3``.
+    topics : collection of str
+        Topics as a description names them, of which some may not be there.
+
+    Returns
+    -------
+    frozenset of str
+        Names of joints or gauges.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+
+    """
+    bag = open_bag(path, Notes(str(path), quiet=True))
+    there = {resolve(topic, bag.topics, str(path), JOINT_STATE) for topic in topics}
+    states = load_joint_states(bag, sorted(topic for topic in there if topic is not None))
+    return frozenset(name for item in states.values() for block in item.blocks
+                     for name in block.layout.names)
 
 
 def describe(path: str | Path, arm: Arm | None = None) -> BagReport:

@@ -37,7 +37,8 @@ from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Level
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
-from tudor_dynamics.library.from_bags import check_choices, fit_bags, read_bags
+from tudor_dynamics.library.from_bags import (
+    check_choices, fit_bags, read_bags, with_recorded_gauges)
 from tudor_dynamics.models.bundle import check_target, save_bundle
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
@@ -164,11 +165,12 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
     arm = described(args)
-    check_kinds(args.models, arm)
     preprocessing = chosen_preprocessing(args, arm)
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]
     check_choices(training, test)
+    arm = with_recorded_gauges(arm, [*training, *test])
+    check_kinds(args.models, arm)
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,

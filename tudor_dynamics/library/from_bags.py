@@ -24,6 +24,7 @@ from pathlib import Path
 import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of
@@ -103,6 +104,45 @@ def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> N
                 msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
                        'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
                 raise UsageError(msg)
+
+
+def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
+    """
+    Leave out gauges of the description that no bag has, where bags have others.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm as described.
+    bags : sequence of BagChoice
+        Bags to learn from and to judge by.
+
+    Returns
+    -------
+    Arm
+        With the gauges that were recorded; as described where all or none were, or the damper
+        needs one that was not.
+
+    Raises
+    ------
+    BagError
+        If a bag cannot be read.
+
+    """
+    if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
+                                  for gauge in arm.gauges):
+        return arm
+    topics = {gauge.topic for gauge in arm.gauges}
+    found = frozenset[str]().union(*(recorded_names(path, topics)
+                                     for path in dict.fromkeys(bag.path for bag in bags)))
+    missing = [name for name in arm.gauge_names if name not in found]
+    damped = () if arm.spec.damper is None else arm.spec.damper.joints
+    if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
+        return arm
+    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
+           'models are of the others alone')
+    warnings.warn(msg, TudorWarning, stacklevel=2)
+    return arm.with_gauges(found)
 
 
 def read_bags(
@@ -289,6 +329,7 @@ def fit(
     check_choices(training, judging)
     if out is not None:
         check_target(Path(out), overwrite=overwrite)
+    arm = with_recorded_gauges(arm, [*training, *judging])
     check_kinds(settings.kinds, arm)
     spec = arm.spec.preprocessing if preprocessing is None else preprocessing
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
