@@ -99,7 +99,7 @@ class Fits:
             '_paper' if strain_form == 'paper' else '')
         text = name.replace('_', ' ')
         campaign.progress(text, 0.0)
-        settings = FitSettings(kinds=kinds, strain_form=strain_form)
+        settings = FitSettings(kinds=kinds, strain_form=strain_form).settled()
         arm = campaign.carrying(payload)
         depends = {**campaign.described(payload, damped=damped), 'split': split, 'kinds': kinds,
                    'form': strain_form}

@@ -69,7 +69,7 @@ def result() -> FitResult:
 
 @pytest.fixture(scope='module')
 def worth(result: FitResult) -> Assessment:
-    """What it is worth."""
+    """Judge what it is worth."""
     return assess(result)
 
 
