@@ -112,3 +112,31 @@ class Knowledge:
 
     start: dict[str, float] = field(default_factory=dict)
     width: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters to be searched."""
+        return tuple(self.start)
+
+    @property
+    def center(self) -> FloatArray:
+        """Logarithms of the starting values, shape (n_names,)."""
+        return np.log([self.start[name] for name in self.names])
+
+    @property
+    def width_of(self) -> FloatArray:
+        """Standard deviations of the logarithms, shape (n_names,)."""
+        return np.array([self.width[name] for name in self.names])
+
+    def without(self, kind: str) -> Knowledge:
+        """
+        Leave a parameter out of the search.
+
+        Parameters
+        ----------
+        kind : str
+            Name of the parameter, such as ``lag``; one that is not there is no matter.
+
+        """
+        return Knowledge({k: v for k, v in self.start.items() if k != kind},
+                         {k: v for k, v in self.width.items() if k != kind})

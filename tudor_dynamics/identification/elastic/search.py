@@ -52,6 +52,8 @@ LATE = 0.03
 """Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
 CANDIDATES = 2
 """Starts of different shares that the first stages are done from."""
+CLEARLY = 0.9
+"""Part of the error that another start must not exceed: less says nothing about unseen motion."""
 AS_GOOD, APART = 1.05, 0.2
 """Ends of searches with errors up to the former times the best tell nothing about a stiffness in
 which they differ by more than the latter, as a logarithm."""
@@ -121,33 +123,41 @@ def identify(
         raise FitError(msg)
     known = knowledge or knowledge_of(
         arm, payload=any(record.payload is None for record in records))
-    names = tuple(known.start)
-    center = np.log([known.start[name] for name in names])
-    width = np.array([known.width[name] for name in names])
     starts: tuple[Start, ...] = ()
     untold: tuple[str, ...] = ()
     runs = 0
     if warm is not None:
-        x = np.log([max(warm.get(name, known.start[name]), 1e-12) for name in names])
+        known = known if warm.get('lag') else known.without('lag')
+        x = np.log([max(warm.get(name, value), 1e-12) for name, value in known.start.items()])
     else:
-        compared = compare_starts(arm, records, names, center, width, progress)
-        part = Problem(arm, [record.thinned(2.0 * COARSE) for record in _some(records)], names,
-                       {}, center, width)
-        ends: list[FloatArray] = []
+        prompt = known.without('lag')
+        compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
+                                  progress)
+        some = [record.thinned(2.0 * COARSE) for record in _some(records)]
+        runs = compared.runs
 
-        def search(start: FloatArray) -> None:
-            ends.append(descend(part, start, FIRST, lambda k: progress(
-                f'elastic model, first search from start {len(ends) + 1}, '
-                f'stage {k + 1} of {len(FIRST)}')))
+        def search(known: Knowledge, start: FloatArray, number: int) -> tuple[FloatArray, float]:
+            nonlocal runs
+            part = Problem(arm, some, known.names, {}, known.center, known.width_of)
+            end = descend(part, start, FIRST, lambda k: progress(
+                f'elastic model, first search from start {number}, '
+                f'stage {k + 1} of {len(FIRST)}'))
+            fit = part.fits([end])[0]
+            runs += part.runs
+            return end, fit
 
-        for start in compared.best[:CANDIDATES]:
-            search(start)
-        fits = part.fits(ends)
-        search(_late(names, ends[int(np.argmax(fits))]))
-        fits += part.fits(ends[-1:])
-        x = ends[int(np.argmax(fits))]
-        untold = rivals(names, ends, fits)
-        starts, runs = compared.compared, compared.runs + part.runs
+        ends, fits = zip(*[search(prompt, start, k + 1) for k, start in enumerate(
+            compared.best[:CANDIDATES])], strict=True)
+        best = chosen(fits)
+        x, starts = ends[best], compared.compared
+        untold = rivals(prompt.names, ends, fits)
+        if 'lag' in known.start:
+            late, fit = search(known, np.append(x, np.log(LATE)), len(ends) + 1)
+            if chosen((fits[best], fit)):
+                x = late
+            else:
+                known = prompt
+    names, center, width = known.names, known.center, known.width_of
     whole = Problem(arm, records, names, {}, center, width)
     # From parameters that are nearly right, what draws the arm need not be renewed.
     stages = LAST if warm is None else LAST[1:]
@@ -156,13 +166,23 @@ def identify(
     return result_of(whole, x, starts, runs, untold)
 
 
-def _late(names: tuple[str, ...], x: FloatArray) -> FloatArray:
-    """Begin with a lag one could see: from next to none, no slope leads there."""
-    x = x.copy()
-    for i, name in enumerate(names):
-        if name == 'lag':
-            x[i] = np.log(LATE)
-    return x
+def chosen(fits: Sequence[float]) -> int:
+    """
+    Choose the first of several searches, or the best that explains clearly more.
+
+    Parameters
+    ----------
+    fits : sequence of float
+        Fit of each on what it learned from, the plainest first [%].
+
+    Returns
+    -------
+    int
+        Which one.
+
+    """
+    best = int(np.argmax(fits))
+    return best if 100.0 - fits[best] < CLEARLY * (100.0 - fits[0]) else 0
 
 
 def rivals(
@@ -186,7 +206,7 @@ def rivals(
         Parameters that the data cannot tell.
 
     """
-    best = int(np.argmax(fits))
+    best = chosen(fits)
     good = [end for end, fit in zip(ends, fits, strict=True)
             if 100.0 - fit <= AS_GOOD * (100.0 - fits[best])]
     apart = np.ptp(good, axis=0)

@@ -62,7 +62,7 @@ class Starts:
     Attributes
     ----------
     best : tuple of ndarray of shape (n_names,)
-        Logarithms of the best start of each share, the best of all first.
+        Logarithms of the best start as described, then of each other share, better ones first.
     compared : tuple of Start
         What was improved and compared.
     runs : int
@@ -179,8 +179,10 @@ def compare_starts(
                'stiffness; check links and motors of the arm description')
         raise FitError(msg)
     starts.sort(key=lambda item: -item[0].fit)
-    first = {start.share: x for start, x in reversed(starts)}
-    order = dict.fromkeys(start.share for start, _ in starts)
+    first: dict[float | None, FloatArray] = {}
+    for start, x in starts:
+        first.setdefault(start.share, x)
+    order = sorted(first, key=lambda share: share is not None)
     return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
                   runs + scan.runs)
 
