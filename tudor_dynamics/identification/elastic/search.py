@@ -128,7 +128,8 @@ def identify(
     runs = 0
     if warm is not None:
         known = known if warm.get('lag') else known.without('lag')
-        x = np.log([max(warm.get(name, value), 1e-12) for name, value in known.start.items()])
+        finalists = [(known, np.log([max(warm.get(name, value), 1e-12)
+                                     for name, value in known.start.items()]))]
     else:
         prompt = known.without('lag')
         compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
@@ -148,21 +149,26 @@ def identify(
 
         ends, fits = zip(*[search(prompt, start, k + 1) for k, start in enumerate(
             compared.best[:CANDIDATES])], strict=True)
-        best = chosen(fits)
-        x, starts = ends[best], compared.compared
-        untold = rivals(prompt.names, ends, fits)
+        starts, untold = compared.compared, rivals(prompt.names, ends, fits)
+        finalists = [(prompt, ends[0])]
+        best = int(np.argmax(fits))
+        if best:
+            finalists.append((prompt, ends[best]))
         if 'lag' in known.start:
-            late, fit = search(known, np.append(x, np.log(LATE)), len(ends) + 1)
+            late, fit = search(known, np.append(ends[best], np.log(LATE)), len(ends) + 1)
             if chosen((fits[best], fit)):
-                x = late
-            else:
-                known = prompt
-    names, center, width = known.names, known.center, known.width_of
-    whole = Problem(arm, records, names, {}, center, width)
+                finalists.append((known, late))
     # From parameters that are nearly right, what draws the arm need not be renewed.
     stages = LAST if warm is None else LAST[1:]
-    x = descend(whole, x, stages, lambda k: progress(
-        f'elastic model, all parameters, stage {k + 1} of {len(stages)}'))
+    done = []
+    for number, (known, x) in enumerate(finalists):
+        whole = Problem(arm, records, known.names, {}, known.center, known.width_of)
+        end = descend(whole, x, stages, lambda k, n=number: progress(  # type: ignore[misc]
+            f'elastic model, all parameters, search {n + 1} of {len(finalists)}, '
+            f'stage {k + 1} of {len(stages)}'))
+        done.append((whole, end, whole.fits([end])[0] if len(finalists) > 1 else 0.0))
+    whole, x, _ = done[chosen([fit for *_, fit in done])]
+    runs += sum(other.runs for other, *_ in done if other is not whole)
     return result_of(whole, x, starts, runs, untold)
 
 

@@ -37,6 +37,8 @@ from tudor_dynamics.typing import FloatArray
 
 RUN_IN = 6.0
 """Left out where a stretch begins in motion whose past is unknown [s]."""
+SETTLE = 0.5
+"""Left out at the beginning of each stretch [s]."""
 STILL = 0.02
 """Speed below which a stretch begins at rest [rad/s or m/s]."""
 UNTOLD = 0.2
@@ -64,8 +66,9 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
     """
     if stretch.strain is None:
         return None
-    skip = int(stretch.decimation.keep[0])
     t = stretch.t - stretch.t[0]
+    # standstill before the motion shows how the links hang, and is left out of figures alone
+    skip = min(int(stretch.decimation.keep[0]), int(np.searchsorted(t, SETTLE)))
     moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
     if moving and stretch.before is None:
         skip = max(skip, int(np.searchsorted(t, RUN_IN)))
