@@ -169,7 +169,6 @@ def run(args: argparse.Namespace) -> int:
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]
     check_choices(training, test)
-    arm = with_recorded_gauges(arm, [*training, *test])
     check_kinds(args.models, arm)
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
@@ -177,6 +176,7 @@ def run(args: argparse.Namespace) -> int:
         random_split=args.random_split, shared=CURRENTS.get(args.currents))
     total = len(training) + len(test) + 4 * len(settings.kinds) + 4
     payloads = parse_payloads(args.payload_of, training + test)
+    arm = with_recorded_gauges(arm, [*training, *test])
     with steps(total) as step:
         data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
         clock.lap('read and filter')

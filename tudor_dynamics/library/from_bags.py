@@ -329,15 +329,14 @@ def fit(
     check_choices(training, judging)
     if out is not None:
         check_target(Path(out), overwrite=overwrite)
-    arm = with_recorded_gauges(arm, [*training, *judging])
     check_kinds(settings.kinds, arm)
     spec = arm.spec.preprocessing if preprocessing is None else preprocessing
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
     if preprocessing is not None:  # what is given is meant, defaults included
         spec = PreprocessingSpec.model_validate(spec.model_dump())
-    data, test_data = read_bags(
-        arm, training, judging, spec,
-        _by_path(payloads or {}, [*training, *judging]), progress)
+    masses = _by_path(payloads or {}, [*training, *judging])
+    arm = with_recorded_gauges(arm, [*training, *judging])
+    data, test_data = read_bags(arm, training, judging, spec, masses, progress)
     result = fit_bags(arm, data, test_data, spec, settings, progress,
                       ignore_payload=ignore_payload)
     progress('collision thresholds')

@@ -115,17 +115,17 @@ class Knowledge:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Parameters to be searched."""
+        """Name the parameters to be searched."""
         return tuple(self.start)
 
     @property
     def center(self) -> FloatArray:
-        """Logarithms of the starting values, shape (n_names,)."""
+        """Give the logarithms of the starting values, shape (n_names,)."""
         return np.log([self.start[name] for name in self.names])
 
     @property
     def width_of(self) -> FloatArray:
-        """Standard deviations of the logarithms, shape (n_names,)."""
+        """Give the standard deviations of the logarithms, shape (n_names,)."""
         return np.array([self.width[name] for name in self.names])
 
     def without(self, kind: str) -> Knowledge:
