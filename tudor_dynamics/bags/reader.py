@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -261,6 +261,18 @@ class Wrenches:
     frames: tuple[str, ...] = ()
 
 
+def _topic_of(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> str | None:
+    """Find a topic of the first of some types; None where it is not there, or is empty."""
+    name = resolve(topic, bag.topics, str(path))
+    if name is None or not bag.topics[name].count:
+        return None
+    if bag.topics[name].msgtype != known[0]:
+        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
+               f'{" or ".join(known)}; name another topic')
+        raise BagError(msg)
+    return name
+
+
 def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches | None:
     """
     Read the wrenches of a bag.
@@ -284,13 +296,9 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches |
 
     """
     bag = open_bag(path)
-    name = resolve(topic, bag.topics, str(path))
-    if name is None or not bag.topics[name].count:
+    name = _topic_of(bag, topic, (WRENCH_STAMPED,), path)
+    if name is None:
         return None
-    if bag.topics[name].msgtype != WRENCH_STAMPED:
-        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-               f'{WRENCH_STAMPED}; name another topic')
-        raise BagError(msg)
     raw = bag.read([name])[name]
     try:
         blocks = decode(raw.data, wrench_layout, name)
@@ -337,13 +345,9 @@ def read_flags(
 
     """
     bag = open_bag(path)
-    name = resolve(topic, bag.topics, str(path))
-    if name is None or not bag.topics[name].count:
+    name = _topic_of(bag, topic, (BOOL, WRENCH_STAMPED), path)
+    if name is None:
         return None
-    if bag.topics[name].msgtype != BOOL:
-        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected {BOOL} or '
-               f'{WRENCH_STAMPED}; name another topic')
-        raise BagError(msg)
     raw = bag.read([name])[name]
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
         msg = f'{path}: topic {name} has messages that are no {BOOL}; the bag is damaged'

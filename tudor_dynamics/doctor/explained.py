@@ -180,8 +180,7 @@ class Explained:
             What is left.
 
         """
-        basis, rows = self._own[channel], self._rows[channel]
-        free = values - basis @ (basis.T @ values)
+        free, rows = self.freed(channel, values), self._rows[channel]
         return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
 
     def extended(self, columns: FloatArray) -> Explained:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -93,8 +93,8 @@ def alternatives(case: Case) -> Iterator[Alternative]:
     yield from gravities(case)
     yield from _directions(case)
     yield from _joint_pairs(case)
-    yield from _effort_pairs(case)
-    yield from _gauge_pairs(case)
+    yield from _channel_pairs(case, 'effort', 'efforts_exchanged', case.arm.active_joints)
+    yield from _channel_pairs(case, 'strain', 'gauges_exchanged', case.arm.gauge_names)
     yield from _scales(case)
 
 
@@ -253,24 +253,15 @@ def _joint_pairs(case: Case) -> Iterator[Alternative]:
                           {'effort': _swapped(effort, i, j)})
 
 
-def _effort_pairs(case: Case) -> Iterator[Alternative]:
-    effort = case.outputs.get('effort')
-    if effort is None:
+def _channel_pairs(
+    case: Case, output: str, kind: str, names: Sequence[str],
+) -> Iterator[Alternative]:
+    values = case.outputs.get(output)
+    if values is None:
         return
-    for i, j in combinations(range(effort.shape[1]), 2):
-        names = case.arm.active_joints[i], case.arm.active_joints[j]
-        yield _judged(case, 'efforts_exchanged', names, case.usual,
-                      {'effort': _swapped(effort, i, j)})
-
-
-def _gauge_pairs(case: Case) -> Iterator[Alternative]:
-    strain = case.outputs.get('strain')
-    if strain is None:
-        return
-    for i, j in combinations(range(strain.shape[1]), 2):
-        names = case.arm.gauge_names[i], case.arm.gauge_names[j]
-        yield _judged(case, 'gauges_exchanged', names, case.usual,
-                      {'strain': _swapped(strain, i, j)})
+    for i, j in combinations(range(values.shape[1]), 2):
+        yield _judged(case, kind, (names[i], names[j]), case.usual,
+                      {output: _swapped(values, i, j)})
 
 
 def _scales(case: Case) -> Iterator[Alternative]:

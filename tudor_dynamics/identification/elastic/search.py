@@ -155,7 +155,9 @@ def identify(
         if best:
             finalists.append((prompt, ends[best]))
         if 'lag' in known.start:
-            late, fit = search(known, np.append(ends[best], np.log(LATE)), len(ends) + 1)
+            found = dict(zip(prompt.names, ends[best].tolist(), strict=True))
+            late, fit = search(known, np.array([
+                found.get(name, np.log(LATE)) for name in known.names]), len(ends) + 1)
             if chosen((fits[best], fit)):
                 finalists.append((known, late))
     # From parameters that are nearly right, what draws the arm need not be renewed.
