@@ -139,14 +139,15 @@ class World:
         self.rest(0.1)
         return len(self.heard[topic])
 
-    def status(self, node: str) -> Any:
-        """Wait for the next diagnosis of a node."""
+    def status(self, node: str, wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+        """Wait for the next diagnosis of a node; of the queued ones, for one that is wanted."""
         heard = self.heard['/diagnostics']
         heard.clear()
 
         def found() -> list[Any]:
-            return [s for array in heard for s in array.status if s.name.startswith(f'{node}: /')]
-        assert self.spin(lambda: bool(found())), f'no diagnosis of {node}'
+            return [s for array in heard for s in array.status
+                    if s.name.startswith(f'{node}: /') and wanted(s)]
+        assert self.spin(lambda: bool(found())), f'no such diagnosis of {node}'
         return found()[-1]
 
     def close(self) -> None:
