@@ -15,7 +15,7 @@
 """
 Entry point of ``tudor``: parse, run the subcommand, turn errors into exit codes.
 
-A subcommand is a module of this package with ``EXAMPLES``, ``configure(parser)`` and
+A subcommand is a module or package of this one with ``EXAMPLES``, ``configure(parser)`` and
 ``run(args) -> int``. It is imported only when it is called, so that ``tudor --help``
 answers at once.
 """

@@ -19,8 +19,8 @@ from __future__ import annotations
 from tudor_dynamics.arm.drives import DamperSpec
 from tudor_dynamics.control.cascade import velocity_lag
 from tudor_dynamics.control.delay_margin import damping_share, position_gain_limit
+from tudor_dynamics.control.guards.swing_watch import SwingWatch
 from tudor_dynamics.control.loop_delay import DelayMeter
-from tudor_dynamics.control.swing_watch import SwingWatch
 from tudor_dynamics.typing import FloatArray
 
 RAMP_TIME = 0.5

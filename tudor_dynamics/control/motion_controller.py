@@ -31,11 +31,11 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
 from tudor_dynamics.control.damper import arm_damping, Damper
 from tudor_dynamics.control.damper_law import moving_share
-from tudor_dynamics.control.encoder_watch import EncoderWatch
 from tudor_dynamics.control.envelope import Envelope
+from tudor_dynamics.control.guards.encoder_watch import EncoderWatch
+from tudor_dynamics.control.guards.reference_gate import ReferenceGate
+from tudor_dynamics.control.guards.takeover import Takeover
 from tudor_dynamics.control.loop_gains import LoopGains
-from tudor_dynamics.control.reference_gate import ReferenceGate
-from tudor_dynamics.control.takeover import Takeover
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray

@@ -35,7 +35,7 @@ from tudor_dynamics.reproduction.stages import Stages
 def default_arm() -> Path:
     """Find the description of the reference arm: in a checkout, or where it was installed."""
     places = [Path('config/tudor.yaml'),
-              Path(__file__).resolve().parents[2] / 'config' / 'tudor.yaml',
+              Path(__file__).resolve().parents[3] / 'config' / 'tudor.yaml',
               Path(sys.prefix) / 'share' / 'tudor_dynamics' / 'config' / 'tudor.yaml']
     for place in places:
         if place.is_file():

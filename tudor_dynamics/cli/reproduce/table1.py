@@ -22,8 +22,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from tudor_dynamics.cli.campaign_options import opened
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.cli.reproduce.campaign_options import opened
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.pages import write_table
 from tudor_dynamics.reproduction.table1 import build, LABELS, MODELS, Table1

@@ -95,5 +95,5 @@ def run(args: argparse.Namespace) -> int:
             msg = f'--{name} is no option of {args.experiment}; it knows ' + ', '.join(
                 f'--{item}' for item in (*own, 'out', 'json'))
             raise UsageError(msg)
-    module = import_module(f'tudor_dynamics.cli.reproduce_{args.experiment}')
+    module = import_module(f'tudor_dynamics.cli.reproduce.{args.experiment}')
     return int(module.run(args))

@@ -20,8 +20,8 @@ import argparse
 from pathlib import Path
 import time
 
-from tudor_dynamics.cli.campaign_options import opened
 from tudor_dynamics.cli.console import finite, print_json
+from tudor_dynamics.cli.reproduce.campaign_options import opened
 from tudor_dynamics.reproduction.figures.catalogue import gallery, write_figures
 from tudor_dynamics.reproduction.fits import Fits
 

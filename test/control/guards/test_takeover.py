@@ -21,7 +21,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.takeover import LOOK, Takeover
+from tudor_dynamics.control.guards.takeover import LOOK, Takeover
 
 ACCELERATION = np.array([3.5, 3.5])
 
