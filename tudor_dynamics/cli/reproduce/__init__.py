@@ -23,6 +23,7 @@ from typing import Any
 
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.reproduction.outlook.parts import PARTS
 
 EXAMPLES = """\
 examples:
@@ -32,6 +33,7 @@ examples:
   tudor reproduce lshape --out out
   tudor reproduce lshape --out out --elements 4 --dt 0.0001 --animate out/l.gif
   tudor reproduce lshape --out out --reference lshape_reference.npz
+  tudor reproduce outlook --out out --only payload
 
 table1: Table I of Malzahn et al.: strain and current of the damped arm, five payloads with ten
 stimuli of 80 s each, every kind of model, and one model for all payloads beside them; terminal,
@@ -44,12 +46,16 @@ steps of torque take it from 135 deg (from hanging) to about 30 deg. Figures as 
 torque (4), elbow and tip acceleration over time and frequency (5 to 8), bending moment in the
 middle of the second link (9). With --reference, a run of an independent computation is repeated
 and compared too.
+outlook: what the first paper names as its outlook, computed on the simulated reference arm, part
+by part; outlook.html with figures and with what must be reached, the numbers in outlook.json.
+With --data also on other recordings: DIR/bags/NAME, DIR/arms/NAME.yaml.
 """
 
-EXPERIMENTS = ('table1', 'figures', 'lshape')
+EXPERIMENTS = ('table1', 'figures', 'lshape', 'outlook')
 OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
        'table1': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'split'),
-       'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs')}
+       'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs'),
+       'outlook': ('arm', 'quick', 'seed', 'jobs', 'only', 'data')}
 """Options that an experiment knows, beside --out and --json."""
 
 
@@ -58,7 +64,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('experiment', choices=EXPERIMENTS, help='experiment')
     parser.add_argument('--out', metavar='DIR', required=True, help='results go there')
     parser.add_argument('--json', action='store_true', help='print figures as JSON')
-    arm = parser.add_argument_group('table1 and figures')
+    arm = parser.add_argument_group('table1, figures and outlook')
     arm.add_argument('--arm', metavar='YAML',
                      help='arm description with links, motors and damper (config/tudor.yaml)')
     arm.add_argument('--models', nargs='+', choices=tuple(KINDS), help='kinds of models (all)')
@@ -73,6 +79,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     arm.add_argument('--seconds', type=float, metavar='S', help='length of each (80)')
     arm.add_argument('--seed', type=int, metavar='N', help='of motions, noise and pushes (0)')
     arm.add_argument('--jobs', type=int, metavar='N', help='processes (one a core)')
+    outlook = parser.add_argument_group('outlook')
+    outlook.add_argument('--only', nargs='+', choices=tuple(PARTS), help='parts (all)')
+    outlook.add_argument('--data', metavar='DIR',
+                         help='recordings that are no part of the package')
     shape = parser.add_argument_group('lshape')
     shape.add_argument('--elements', type=int, help='elements a beam (2)')
     shape.add_argument('--dt', type=float, help='step [s] (0.00025)')

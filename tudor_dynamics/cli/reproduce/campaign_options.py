@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What ``tudor reproduce table1`` and ``figures`` have in common: plan, stages, progress."""
+"""What table1, figures and outlook have in common: plan, stages, progress."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.reproduction.outlook.parts import PARTS
 from tudor_dynamics.reproduction.plan import Campaign, Plan
 from tudor_dynamics.reproduction.stages import Stages
 
@@ -50,8 +51,8 @@ def stage_count(experiment: str, plan: Plan, split: str | None) -> int:
 
     Parameters
     ----------
-    experiment : {'table1', 'figures'}
-        Which of the two is reproduced.
+    experiment : {'table1', 'figures', 'outlook'}
+        What is reproduced.
     plan : Plan
         Size of the campaign.
     split : {'stimulus', 'random'}, optional
@@ -65,6 +66,8 @@ def stage_count(experiment: str, plan: Plan, split: str | None) -> int:
     """
     fits = len({KINDS[kind].model.has_memory for kind in plan.kinds})
     each = 1 + fits
+    if experiment == 'outlook':
+        return len(PARTS)
     if experiment == 'figures':
         return 2 * each * len(plan.payloads) + 8
     return (each + (split == 'random')) * len(plan.payloads) + 1

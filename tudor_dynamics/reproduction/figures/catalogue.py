@@ -16,8 +16,6 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Callable
 from dataclasses import dataclass
 import json
 from pathlib import Path
@@ -25,9 +23,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from tudor_dynamics.report.style import PRINT, style
 from tudor_dynamics.reproduction import experiments
-from tudor_dynamics.reproduction.figures import gasparetto, look, malzahn, own
+from tudor_dynamics.reproduction.figures import gasparetto, malzahn, own
+from tudor_dynamics.reproduction.figures.pictures import draw, Picture
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.pages import render, write_file
@@ -40,29 +38,6 @@ MALZAHN = 'Malzahn, Reinhart, Bertram: dynamics identification of a damped arm'
 GASPARETTO = 'Gasparetto et al.: L-shaped mechanism'
 OWN = 'Beyond the papers'
 SECTIONS = (MALZAHN, GASPARETTO, OWN)
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """
-    A figure to be drawn.
-
-    Attributes
-    ----------
-    name : str
-        File without suffix.
-    section, title, caption : str
-        On the page.
-    draw : callable
-        Gives the figure.
-
-    """
-
-    name: str
-    section: str
-    title: str
-    caption: str
-    draw: Callable[[], Figure]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,33 +57,6 @@ class Gallery:
 
     pictures: tuple[Picture, ...]
     data: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class Shown:
-    """
-    A figure on the page: as a `Picture`, with its content as data URI.
-
-    Attributes
-    ----------
-    name : str
-        Name of the picture's file.
-    section : str
-        Section of the page.
-    title : str
-        Title above it.
-    caption : str
-        Text below it.
-    uri : str
-        Its content as data URI.
-
-    """
-
-    name: str
-    section: str
-    title: str
-    caption: str
-    uri: str
 
 
 def gallery(fits: Fits) -> Gallery:
@@ -164,7 +112,7 @@ def gallery(fits: Fits) -> Gallery:
                                      (6, 'acceleration:motor', True),
                                      (7, 'acceleration:tip', False),
                                      (8, 'acceleration:tip', True), (9, 'moment:corner', False)):
-        def draw(signal: str = signal, *, spectrum: bool = spectrum) -> Figure:
+        def drawn(signal: str = signal, *, spectrum: bool = spectrum) -> Figure:
             chosen = gasparetto.over_frequency if spectrum else gasparetto.over_time
             return chosen(lshape, signal)
         what = gasparetto.LABELS[signal] + (', over frequency' if spectrum else '')
@@ -172,7 +120,7 @@ def gallery(fits: Fits) -> Gallery:
             f'gasparetto_{number}', GASPARETTO, f'Figure {number}: {what}',
             'From 135 deg (from hanging) to about 30 deg by two opposite steps of torque.'
             if number == 4 else 'In global axes; axes in which nothing happens are left out.'
-            if signal.startswith('acceleration') else 'In the axes of the beam.', draw))
+            if signal.startswith('acceleration') else 'In the axes of the beam.', drawn))
     result += [
         Picture('own_damping', OWN, 'Fit with and without damping',
                 'Models learned from half of the stimuli and judged by the other half, for each '
@@ -233,13 +181,7 @@ def write_figures(chosen: Gallery, arm: str, out: Path) -> list[str]:
         Names of the figures.
 
     """
-    shown = []
-    for picture in chosen.pictures:
-        with style(PRINT):
-            look.save(picture.draw(), out, picture.name)
-        content = base64.b64encode((out / f'{picture.name}.svg').read_bytes()).decode('ascii')
-        shown.append(Shown(picture.name, picture.section, picture.title, picture.caption,
-                           f'data:image/svg+xml;base64,{content}'))
+    shown = draw(chosen.pictures, out)
     write_file(out / 'index.html', render('figures.html.j2', arm=arm, sections=SECTIONS,
                                           figures=shown,
                                           table=(out / 'table1.html').is_file()))
