@@ -36,7 +36,8 @@ import rclpy
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.nodes.common.messages import nanoseconds
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
+from tudor_dynamics.simulation.loop.signals import with_payload
 
 BAND = 10.0  # um/m
 MOVE = np.radians([75.0, -45.0])

@@ -45,7 +45,7 @@ from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.simulation.loop.arm_process import Sample
 from tudor_dynamics.simulation.loop.campaign import START
-from tudor_dynamics.simulation.loop.rig import Rig, Trace
+from tudor_dynamics.simulation.loop.rig import Rig, RigLog
 from tudor_dynamics.typing import FloatArray
 
 PAYLOAD = 0.2  # kg
@@ -103,7 +103,7 @@ def drive(
                 left.pop(0)
         rig.step()
         if len(rig.trace.t) > 1000:
-            rig.trace = Trace()  # of no use here, and it grows
+            rig.trace = RigLog()  # of no use here, and it grows
     if rig.process.failure:
         raise SystemExit(rig.process.failure)
     return Signals(np.array([s.t for s in seen]), np.array([s.q for s in seen]),

@@ -35,7 +35,7 @@ from rosbags.rosbag2 import Reader
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.bags.joint_states import load_joint_states
-from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.layouts.messages import JointStateSeries
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.writer import write_bag
 

@@ -36,7 +36,7 @@ import numpy as np
 
 import tudor_dynamics as td
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collision_truth import FREE, Push, Truth
+from tudor_dynamics.identification.collision_truth import FREE, KnownPush, Truth
 from tudor_dynamics.identification.collisions import evaluate_collisions
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.identification.fit import FitSettings
@@ -94,7 +94,7 @@ def hit(recording, output, length, size, seed):
         values[inside] += rng.choice([-1.0, 1.0]) * size * np.sin(
             np.pi * (t[inside] - at) / length)[:, None]
         stamps = recording.stamp[inside]
-        pushes.append(Push(int(stamps[0]), int(stamps[-1])))
+        pushes.append(KnownPush(int(stamps[0]), int(stamps[-1])))
     return replace(recording, **{output: values}), Truth('added', tuple(pushes))
 
 

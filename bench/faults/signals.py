@@ -24,9 +24,9 @@ import numpy as np
 
 from tudor_dynamics.bags.alignment import increasing, set_backs, split_at_gaps
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plan import plan_from_arm
 from tudor_dynamics.bags.plausibility import without_zero_velocities
 from tudor_dynamics.bags.recording import Oddities, SetBack
+from tudor_dynamics.bags.sources import plan_from_arm
 from tudor_dynamics.signals.timing import retimed
 
 

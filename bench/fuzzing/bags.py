@@ -27,10 +27,10 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, open_bag, read_recording, WrenchSeries
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.joint_states import decode_joint_states
-from tudor_dynamics.bags.reader import read_wrenches
+from tudor_dynamics.bags.labels import read_wrenches
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_files import dump_yaml
 import yaml

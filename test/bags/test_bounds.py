@@ -30,8 +30,8 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.bags import open_bag, read_recording
-from tudor_dynamics.bags.cdr_layout import CdrError, joint_state_layout, MAX_NAMES
 from tudor_dynamics.bags.info import describe
+from tudor_dynamics.bags.layouts.cdr_layout import CdrError, joint_state_layout, MAX_NAMES
 from tudor_dynamics.bags.storage import sqlite_scan, unpacking
 from tudor_dynamics.bags.storage.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
 from tudor_dynamics.errors import BagError

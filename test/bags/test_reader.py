@@ -357,7 +357,7 @@ def test_wrenches_are_read(tmp_path):
     np.testing.assert_array_equal(found.stamp, times())
     np.testing.assert_array_equal(found.force, force)
     np.testing.assert_array_equal(found.torque, -force)
-    assert found.frame_id == 'tip'
+    assert set(found.frame_id) == {'tip'} and found.topic == '/applied_wrench'
     assert read_wrenches(make_bag(tmp_path / 'c')) is None
     with pytest.raises(BagError, match='expected geometry_msgs'):
         read_wrenches(bag.parent / 'c', 'joint_states')

@@ -26,11 +26,11 @@ import pytest
 from sample_arms import recording_of
 
 from tudor_dynamics.bags import WrenchSeries
-from tudor_dynamics.bags.reader import BOOL
+from tudor_dynamics.bags.labels import BOOL
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.collision_score import alarms_at, push_of, score, Watched
 from tudor_dynamics.identification.collision_truth import (
-    find_truth, FREE, Push, table_of_pushes, Truth, truth_of_table)
+    find_truth, FREE, KnownPush, table_of_pushes, Truth, truth_of_table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ def test_truth_of_a_wrench(tmp_path: Path) -> None:
         '/applied_wrench', stamp, force, np.zeros((300, 3)), 'tip'))
     found = find_truth(str(bag))
     assert found.known and found.source == 'applied_wrench'
-    assert found.pushes == (Push(int(stamp[50]), int(stamp[89]), 3.0),
-                            Push(int(stamp[200]), int(stamp[219]), 4.0))
+    assert found.pushes == (KnownPush(int(stamp[50]), int(stamp[89]), 3.0),
+                            KnownPush(int(stamp[200]), int(stamp[219]), 4.0))
 
 
 def test_truth_of_a_bool(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     assert not truth.known and truth.pushes == ()
     stamp = times(1000)
     watched = [Watched('a', stamp, np.zeros(1000), truth, ()),
-               Watched('b', stamp, np.zeros(1000), Truth('x', (Push(
+               Watched('b', stamp, np.zeros(1000), Truth('x', (KnownPush(
                    int(stamp[500]), int(stamp[550])),)), ())]
     alarms = [stamp[[10, 20]], stamp[[30, 505]]]
     alone = score(watched[:1], alarms[:1])
@@ -106,8 +106,8 @@ def test_a_table_of_pushes(tmp_path: Path) -> None:
     recording = recording_of(np.zeros((1000, 1)), 100.0)
     whole = truth_of_table(rows, recording, 'pushes.csv')
     first = int(recording.stamp[0])
-    assert whole.pushes[0] == Push(first + 2_000_000_000, first + 2_950_000_000,
-                                   whole.pushes[0].force)
+    assert whole.pushes[0] == KnownPush(first + 2_000_000_000, first + 2_950_000_000,
+                                        whole.pushes[0].force)
     part = truth_of_table(rows, recording, 'pushes.csv', begun=1.5)
     assert part.pushes[0].begin == first + 500_000_000
 
@@ -125,7 +125,7 @@ def test_bad_tables(tmp_path: Path, text: str) -> None:
 
 def test_the_push_of_an_event() -> None:
     """An event belongs to the last push that has begun, until shortly behind its end."""
-    pushes = (Push(0, 10**9), Push(5 * 10**9, 6 * 10**9))
+    pushes = (KnownPush(0, 10**9), KnownPush(5 * 10**9, 6 * 10**9))
     assert [push_of(round(t * 1e9), pushes) for t in (0.5, 2.9, 3.1, 5.0, 9.0)] == [
         0, 0, None, 1, None]
     assert push_of(-1, pushes) is None

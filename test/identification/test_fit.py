@@ -28,7 +28,7 @@ from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
 from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import Regressor
@@ -109,7 +109,7 @@ def test_parameters_are_recovered() -> None:
             assert np.median(estimate.standard_errors / np.abs(truth)) < 0.02
             assert estimate.unexcited == ()
         assert item.validation.method == 'test bag run3'
-        assert item.validation.score.fit > 97 and item.verdict.level is Level.GOOD
+        assert item.validation.score.fit > 97 and item.verdict.level is Grade.GOOD
     assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.35)
     assert result.ringing == () and result.warnings == ()
 
@@ -126,7 +126,7 @@ def test_one_output(effort: bool, strain: bool) -> None:
         assert item.validation.method == 'leave one bag out, 3 bags'
         assert len(item.validation.traces) == 3
         assert item.random is not None and 'optimistic' in item.random.method
-    assert result.fitted[0].verdict.level is Level.GOOD
+    assert result.fitted[0].verdict.level is Grade.GOOD
 
 
 def test_one_bag() -> None:

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.monitoring.coverage import Coverage
-from tudor_dynamics.monitoring.judged import Judged, MEANING, Sight, Stream
+from tudor_dynamics.monitoring.judged import Judged, MEANING, Sight, TopicCount
 from tudor_dynamics.monitoring.stamps import StampGate
 
 MS = 1_000_000
@@ -33,7 +33,7 @@ class Robot:
     """What a detector of strain counts, by hand."""
 
     def __init__(self, settle: float = 0.5) -> None:
-        self.motion, self.strain = Stream('joints'), Stream('strains')
+        self.motion, self.strain = TopicCount('joints'), TopicCount('strains')
         self.motions: Counter[str] = Counter()
         self.measured: Counter[str] = Counter()
         self.judged = Judged('strain', self.motion, [self.strain], [self.strain],

@@ -23,7 +23,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
-from tudor_dynamics.monitoring.pairing import Pair
+from tudor_dynamics.monitoring.pairing import PairedSample
 from tudor_dynamics.monitoring.state_filter import Motion
 
 RATE = 1000.0
@@ -72,7 +72,7 @@ def test_follows_an_external_torque_with_its_lag() -> None:
         motors = model.predict(motion) - external
         values = []
         for k in range(len(t)):
-            found = observer.step(Pair(
+            found = observer.step(PairedSample(
                 Motion(round(t[k] * 1e9), t[k], 1.0 / RATE if k else 0.0, motion[k]), None,
                 motors[k]))
             values.append(np.zeros(2) if found is None else found.value)

@@ -32,11 +32,11 @@ from tudor_dynamics.bags import Recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.ringing import Ringing
-from tudor_dynamics.identification.verdict import Level, Verdict
+from tudor_dynamics.identification.verdict import Grade, Verdict
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.report.data import coverage, joint_pairs, liveliest
 from tudor_dynamics.report.page import render, report_bytes
-from tudor_dynamics.report.plots import Axis, MAX_POINTS, thin
+from tudor_dynamics.report.plots import JointPositions, MAX_POINTS, thin
 from tudor_dynamics.report.tables import coefficient_groups, overall
 from tudor_dynamics.report.wording import number, pretty_unit
 from tudor_dynamics.signals import prepare
@@ -303,13 +303,13 @@ def test_unexcited_coefficients_are_marked() -> None:
 
 
 @pytest.mark.parametrize(('levels', 'word', 'colour'), [
-    ((Level.GOOD, Level.GOOD), 'good', 'good'),
-    ((Level.GOOD, Level.USABLE), 'usable', 'usable'),
-    ((Level.GOOD, Level.DO_NOT_USE), 'usable in part', 'usable'),
-    ((Level.DO_NOT_USE, Level.DO_NOT_USE), 'do not use', 'do_not_use'),
+    ((Grade.GOOD, Grade.GOOD), 'good', 'good'),
+    ((Grade.GOOD, Grade.USABLE), 'usable', 'usable'),
+    ((Grade.GOOD, Grade.DO_NOT_USE), 'usable in part', 'usable'),
+    ((Grade.DO_NOT_USE, Grade.DO_NOT_USE), 'do not use', 'do_not_use'),
 ])
 def test_overall_verdict(
-    result: FitResult, levels: tuple[Level, Level], word: str, colour: str,
+    result: FitResult, levels: tuple[Grade, Grade], word: str, colour: str,
 ) -> None:
     """The whole is refused only where nothing may be used."""
     rigid = [item for item in result.fitted if item.kind == 'analytical']
@@ -320,11 +320,11 @@ def test_overall_verdict(
     if len(set(levels)) > 1:
         assert 'effort analytical' in verdict.sentence
         assert 'strain analytical' in verdict.sentence
-    for elm in (Level.GOOD, Level.DO_NOT_USE):
+    for elm in (Grade.GOOD, Grade.DO_NOT_USE):
         beside = replace(result.fitted[1], kind='elm', verdict=Verdict(elm, ('why',)))
         assert overall([*fitted, beside]) == verdict
     if word == 'do not use':
-        assert overall(fitted, Level.GOOD).word == 'usable to detect collisions'
+        assert overall(fitted, Grade.GOOD).word == 'usable to detect collisions'
 
 
 def test_units_of_mixed_joints() -> None:
@@ -392,8 +392,8 @@ def test_thin_keeps_extremes_and_breaks_at_gaps() -> None:
 
 def test_joints_at_rest_are_not_paired() -> None:
     """Pairs take joints that move only."""
-    still = Axis('b', 'rad', np.zeros(9), np.zeros(0))
-    moving = [Axis(name, 'rad', np.arange(9.0), np.zeros(0)) for name in 'ac']
+    still = JointPositions('b', 'rad', np.zeros(9), np.zeros(0))
+    moving = [JointPositions(name, 'rad', np.arange(9.0), np.zeros(0)) for name in 'ac']
     pairs = joint_pairs([moving[0], still, moving[1]])
     assert [(x.name, y.name) for x, y in pairs] == [('a', 'c')]
 

@@ -30,7 +30,7 @@ from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.one_model import one_model
 from tudor_dynamics.reproduction.plan import Campaign, Plan
 from tudor_dynamics.reproduction.pushes import collisions
-from tudor_dynamics.reproduction.stages import Stages
+from tudor_dynamics.reproduction.result_cache import ResultCache
 from tudor_dynamics.reproduction.table1 import build
 from tudor_dynamics.reproduction.table_text import markdown
 
@@ -75,7 +75,7 @@ def search(monkeypatch: pytest.MonkeyPatch) -> Search:
 
 def test_one_search_for_each_payload(plan: Plan, folder: Path, search: Search) -> None:
     """Strain and effort share a search, which begins where that of the next heavier one ended."""
-    fits = Fits(Campaign(plan, Stages(folder)))
+    fits = Fits(Campaign(plan, ResultCache(folder)))
     table = build(fits, 'stimulus')
     assert [call[:2] for call in search.calls] == [({0.4}, 2), ({0.0}, 2), ({0.0, 0.4}, 2)]
     first, second, together = (call[2] for call in search.calls)
@@ -97,9 +97,9 @@ def test_one_search_for_each_payload(plan: Plan, folder: Path, search: Search) -
 
 def test_finished_searches_are_used_again(plan: Plan, folder: Path, search: Search) -> None:
     """A second table searches nothing; another limit does."""
-    build(Fits(Campaign(plan, Stages(folder))), 'stimulus')
+    build(Fits(Campaign(plan, ResultCache(folder))), 'stimulus')
     assert not search.calls
-    less = Fits(Campaign(replace(plan, elastic_seconds=12.0), Stages(folder)))
+    less = Fits(Campaign(replace(plan, elastic_seconds=12.0), ResultCache(folder)))
     one_model(less)
     # one stimulus at each end it is as before, and it begins at the same values
     assert [call[:2] for call in search.calls] == [({0.4}, 1)]
@@ -107,7 +107,7 @@ def test_finished_searches_are_used_again(plan: Plan, folder: Path, search: Sear
 
 def test_undamped_is_the_same_arm(plan: Plan, folder: Path, search: Search) -> None:
     """Without the damper the search begins at what was found with it; other kinds stand beside."""
-    fits = Fits(Campaign(plan, Stages(folder)))
+    fits = Fits(Campaign(plan, ResultCache(folder)))
     result = fits.separate(0.4, damped=False, kinds=('analytical', 'elastic'))
     assert search.calls[-1][0] == {0.4} and search.calls[-1][2] is not None
     assert {*result.content['strain']} == {'analytical', 'elastic'} == {*result.content['effort']}
@@ -120,7 +120,7 @@ def test_pushes_are_looked_for_with_either_model(
 ) -> None:
     """The elastic model's strain stands beside the rigid methods, and judges the same pushes."""
     small = replace(plan, payloads=(0.0,), stimuli=2, seconds=36.0, elastic_seconds=36.0, pushes=2)
-    fits = Fits(Campaign(small, Stages(folder / 'pushes')))
+    fits = Fits(Campaign(small, ResultCache(folder / 'pushes')))
     methods = collisions(fits, 0.0).content['methods']
     assert {*methods} == {'strain', 'effort', 'momentum', 'elastic strain'}
     forces = [[push['force'] for push in item['pushes']] for item in methods.values()]
@@ -128,7 +128,7 @@ def test_pushes_are_looked_for_with_either_model(
     assert all(item['score']['pushes'] == len(forces[0]) for item in methods.values())
     assert [call[2] is None for call in search.calls] == [True, False]
     assert collisions(fits, 0.0).content['methods'] == methods and len(search.calls) == 2
-    plain = Fits(Campaign(replace(small, kinds=('analytical',)), Stages(folder / 'pushes')))
+    plain = Fits(Campaign(replace(small, kinds=('analytical',)), ResultCache(folder / 'pushes')))
     assert 'elastic strain' not in collisions(plain, 0.0).content['methods']
 
 

@@ -22,21 +22,21 @@ from pathlib import Path
 import pytest
 
 from tudor_dynamics.reproduction.table1 import (
-    Block, Cell, findings, MODELS, PARTS, published, Row, TITLES)
+    Cell, findings, MODELS, PARTS, published, TableBlock, TableRow, TITLES)
 from tudor_dynamics.reproduction.table_text import block_grid
 
 PAYLOADS = (0, 100, 200, 300, 400)
 
 
-def papers_own() -> tuple[Block, ...]:
+def papers_own() -> tuple[TableBlock, ...]:
     """Lay the paper's figures out as if they were ours."""
     known = {(output, part, payload, model): Cell(rmse, sigma, printed, None, {
         'rmse': rmse, 'sigma_e': sigma, 'fit_printed': printed})
         for output, part, payload, model, rmse, sigma, printed in published()['cells']}
     none = Cell(None, None, None, None, {})
-    return tuple(Block(output, TITLES[output], '', (), tuple(
-        Row(1e-3 * payload, part, {model: known.get((output, part, payload, model), none)
-                                   for model in MODELS})
+    return tuple(TableBlock(output, TITLES[output], '', (), tuple(
+        TableRow(1e-3 * payload, part, {model: known.get((output, part, payload, model), none)
+                                        for model in MODELS})
         for part in PARTS for payload in PAYLOADS)) for output in ('strain', 'effort'))
 
 

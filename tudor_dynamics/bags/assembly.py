@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags.alignment import (
     gap_limit, increasing, interpolate, set_backs, split_at_gaps)
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.joint_states import check_lengths, JointStates, ranges_of_others
+from tudor_dynamics.bags.joint_states import check_lengths, DecodedTopic, ranges_of_others
 from tudor_dynamics.bags.layouts.carriers import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plan import Channel, Plan, resolve
 from tudor_dynamics.bags.recording import SetBack
+from tudor_dynamics.bags.sources import ChannelSource, resolve, Sources
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.bags.streams import check_finite, choose_clock, select, Stream
 from tudor_dynamics.errors import BagError
@@ -71,9 +71,9 @@ class Assembly:
     ----------
     bag : Bag
         Bag that was opened.
-    topics : mapping of str to JointStates
+    topics : mapping of str to DecodedTopic
         Decoded topics by name.
-    plan : Plan
+    plan : Sources
         What is wanted from which topic.
     notes : Notes
         Collects what is odd.
@@ -81,7 +81,7 @@ class Assembly:
     """
 
     def __init__(
-        self, bag: Bag, topics: Mapping[str, JointStates], plan: Plan, notes: Notes,
+        self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources, notes: Notes,
     ) -> None:
         self.bag, self.topics, self.plan, self.notes = bag, topics, plan, notes
         self.path = str(bag.path)
@@ -91,7 +91,7 @@ class Assembly:
         self.others: dict[str, float] = {}
         self.clock = choose_clock(topics, notes, self.path)
 
-    def states(self, name: str, channel: Channel | None = None) -> JointStates:
+    def states(self, name: str, channel: ChannelSource | None = None) -> DecodedTopic:
         """
         Give a topic of the bag, which must be of the type wanted.
 
@@ -99,7 +99,7 @@ class Assembly:
         ----------
         name : str
             Name of the topic.
-        channel : Channel, optional
+        channel : ChannelSource, optional
             What is looked for in it; positions by default.
 
         """
@@ -175,12 +175,12 @@ class Assembly:
             self.cuts.append(newest)
             self.set_backs.append(SetBack(float(newest - stamp[0]) * 1e-9, size * 1e-9, lost))
 
-    def _touching(self, states: JointStates) -> NDArray[np.intp]:
+    def _touching(self, states: DecodedTopic) -> NDArray[np.intp]:
         parts = [block.index for block in states.blocks
                  if set(self.plan.joints) & set(block.layout.names)]
         return np.concatenate([np.empty(0, np.intp), *parts])
 
-    def _names_message(self, states: JointStates) -> str:
+    def _names_message(self, states: DecodedTopic) -> str:
         found = sorted({name for block in states.blocks for name in block.layout.names})
         wanted = list(self.plan.joints)
         missing = [name for name in wanted if name not in found]
@@ -190,7 +190,7 @@ class Assembly:
         return (f'no message in {states.topic} has positions of all joints {wanted} '
                 f'(names in the topic: {found}); publish them in one message')
 
-    def _velocity(self, states: JointStates, rows: NDArray[np.intp]) -> FloatArray | None:
+    def _velocity(self, states: DecodedTopic, rows: NDArray[np.intp]) -> FloatArray | None:
         stream, index = select(states, self.plan.joints, 'velocity', self.clock[states.topic])
         if not len(index):
             return None
@@ -211,7 +211,7 @@ class Assembly:
         return check_finite(stream, self.notes, self.path).values
 
     def output(
-        self, motion: Stream, names: Sequence[str], channels: Sequence[Channel],
+        self, motion: Stream, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> Output | None:
         """
         Give efforts or strains on the stamps of the motion; None where there are none.
@@ -222,7 +222,7 @@ class Assembly:
             Positions, whose stamps count.
         names : sequence of str
             Joints or gauges, in the order wanted.
-        channels : sequence of Channel
+        channels : sequence of ChannelSource
             Where the values of each of them stand.
 
         """
@@ -250,7 +250,7 @@ class Assembly:
         return Output(values, found)
 
     def _output_stream(
-        self, names: Sequence[str], channels: Sequence[Channel],
+        self, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> Stream | None:
         who, keys = ', '.join(names), [channel.name for channel in channels]
         wanted, field = channels[0].topic, channels[0].field

@@ -18,26 +18,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.joint_states import JointStates
-from tudor_dynamics.bags.plan import Channel, MANY_TURNS, Plan
+from tudor_dynamics.bags.joint_states import DecodedTopic
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
+from tudor_dynamics.bags.sources import ChannelSource, MANY_TURNS, Sources
 
 STRAIN_WORDS = ('strain', 'gauge')
 """A topic of JointState whose name has one of these carries strains, where no arm is given."""
 
 
-def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
+def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
     """
     Guess what an arm description would say, from the topics alone.
 
     Parameters
     ----------
-    topics : dict of str to JointStates
+    topics : dict of str to DecodedTopic
         Decoded topics by name.
 
     Returns
     -------
-    Plan or None
+    Sources or None
         Joints are those of the topic that ends with ``joint_states``, or else of the topic with
         the most positions; None where no topic has positions.
 
@@ -64,9 +64,9 @@ def guess_plan(topics: Mapping[str, JointStates]) -> Plan | None:
     joints = tuple(dict.fromkeys(positions[topic]))
     sources = [name for name in (topic, *sorted(efforts))
                if set(joints) <= set(efforts.get(name, ()))]
-    strains = {gauge: Channel(name, gauge, 'position') for name, gauges in positions.items()
+    strains = {gauge: ChannelSource(name, gauge, 'position') for name, gauges in positions.items()
                if is_strain(name) for gauge in gauges}
     source = sources[0] if sources else topic
-    return Plan(topic, joints, (False,) * len(joints), (MANY_TURNS,) * len(joints),
-                tuple(Channel(source, joint, 'effort') for joint in joints),
-                tuple(strains), tuple(strains.values()))
+    return Sources(topic, joints, (False,) * len(joints), (MANY_TURNS,) * len(joints),
+                   tuple(ChannelSource(source, joint, 'effort') for joint in joints),
+                   tuple(strains), tuple(strains.values()))

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.alignment import gap_limit, increasing, split_at_gaps
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.guess import guess_plan
-from tudor_dynamics.bags.joint_states import JointStates, LAYOUTS, load_joint_states
+from tudor_dynamics.bags.joint_states import DecodedTopic, LAYOUTS, load_joint_states
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
 from tudor_dynamics.bags.reader import assemble, planned_topics, stated_payload
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.sources import plan_from_arm, resolve, Sources
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError
 
@@ -147,7 +147,7 @@ class BagReport:
         Mass at the tip by the bag's own metadata [kg].
     recording : Recording or None
         What can be learned from, where there is something.
-    plan : Plan or None
+    plan : Sources or None
         Names of its columns.
 
     """
@@ -168,7 +168,7 @@ class BagReport:
     odd: list[str] = field(default_factory=list)
     payload: float | None = None
     recording: Recording | None = field(default=None, repr=False)
-    plan: Plan | None = field(default=None, repr=False)
+    plan: Sources | None = field(default=None, repr=False)
 
     def as_dict(self) -> dict[str, Any]:
         """Give the report as it is printed with ``--json``."""
@@ -195,7 +195,7 @@ def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
 
 
 def _channels(
-    states: JointStates, names: list[str], fields: list[str],
+    states: DecodedTopic, names: list[str], fields: list[str],
 ) -> list[ChannelReport]:
     found: dict[tuple[str, str], list[tuple[float, float, int]]] = {}
     for block in states.blocks:
@@ -226,7 +226,7 @@ def _channels(
     return reports
 
 
-def _topic_report(name: str, msgtype: str, states: JointStates) -> TopicReport:
+def _topic_report(name: str, msgtype: str, states: DecodedTopic) -> TopicReport:
     names = list(dict.fromkeys(one for block in states.blocks for one in block.layout.names))
     fields = list(dict.fromkeys(what for block in states.blocks for what in block.layout.fields
                                 if block.layout.size(what)))
@@ -237,7 +237,7 @@ def _topic_report(name: str, msgtype: str, states: JointStates) -> TopicReport:
 
 
 def _verdict(
-    bag: Bag, topics: Mapping[str, JointStates], plan: Plan | None, notes: Notes,
+    bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None, notes: Notes,
 ) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:

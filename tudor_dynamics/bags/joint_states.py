@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr import Block, decode
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE, joint_state_layout
 from tudor_dynamics.bags.layouts.carriers import (
     array_layout, DYNAMIC_JOINT_STATE, dynamic_layout, FLOAT64_MULTI_ARRAY)
+from tudor_dynamics.bags.layouts.cdr import decode, MessageBatch
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE, joint_state_layout
 from tudor_dynamics.bags.layouts.definitions import check_definition, EXPECTED
 from tudor_dynamics.bags.storage.raw import Bag, RawMessages
 from tudor_dynamics.errors import BagError
@@ -36,7 +36,7 @@ LAYOUTS = {JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
 
 
 @dataclass(frozen=True, eq=False)
-class JointStates:
+class DecodedTopic:
     """
     All messages of a topic of JointState, or of another type with named values.
 
@@ -46,7 +46,7 @@ class JointStates:
         Name of the topic.
     log_time, stamp : ndarray of int64, shape (n,)
         When each was recorded, and its header stamp, zero where it has none [ns].
-    blocks : list of Block
+    blocks : list of MessageBatch
         Messages by layout.
     msgtype : str
         Type of the messages.
@@ -56,7 +56,7 @@ class JointStates:
     topic: str
     log_time: NDArray[np.int64]
     stamp: NDArray[np.int64]
-    blocks: list[Block]
+    blocks: list[MessageBatch]
     msgtype: str = JOINT_STATE
 
     @property
@@ -65,7 +65,7 @@ class JointStates:
         return self.msgtype != FLOAT64_MULTI_ARRAY
 
 
-def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
+def decode_joint_states(raw: RawMessages, path: str) -> DecodedTopic:
     """
     Decode a topic.
 
@@ -78,7 +78,7 @@ def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
 
     Returns
     -------
-    JointStates
+    DecodedTopic
         Arrays.
 
     Raises
@@ -99,10 +99,10 @@ def decode_joint_states(raw: RawMessages, path: str) -> JointStates:
     stamp = np.zeros(len(raw.data), dtype=np.int64)
     for block in blocks:
         stamp[block.index] = block.stamp
-    return JointStates(raw.topic, raw.log_time, stamp, blocks, raw.msgtype)
+    return DecodedTopic(raw.topic, raw.log_time, stamp, blocks, raw.msgtype)
 
 
-def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointStates]:
+def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, DecodedTopic]:
     """
     Read and decode topics of a bag.
 
@@ -115,7 +115,7 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
 
     Returns
     -------
-    dict of str to JointStates
+    dict of str to DecodedTopic
         Decoded topics.
 
     """
@@ -128,13 +128,13 @@ def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, JointState
             for name, raw in bag.read(topics).items()}
 
 
-def ranges_of_others(states: JointStates, names: Sequence[str]) -> dict[str, float]:
+def ranges_of_others(states: DecodedTopic, names: Sequence[str]) -> dict[str, float]:
     """
     Say how far joints move that are not asked for.
 
     Parameters
     ----------
-    states : JointStates
+    states : DecodedTopic
         Topic of the joint states.
     names : sequence of str
         Joints that are asked for.
@@ -158,13 +158,13 @@ def ranges_of_others(states: JointStates, names: Sequence[str]) -> dict[str, flo
     return found
 
 
-def check_lengths(states: JointStates, names: Sequence[str], path: str) -> None:
+def check_lengths(states: DecodedTopic, names: Sequence[str], path: str) -> None:
     """
     Refuse messages whose arrays do not go with their names.
 
     Parameters
     ----------
-    states : JointStates
+    states : DecodedTopic
         Topic that was decoded.
     names : sequence of str
         Names of interest; messages without any of them are not looked at.

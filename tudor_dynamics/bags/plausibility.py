@@ -23,8 +23,8 @@ import math
 import numpy as np
 
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plan import Plan
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.sources import Sources
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
 
@@ -107,7 +107,7 @@ def _is_about(value: float, expected: float) -> bool:
 
 
 @np.errstate(over='ignore', invalid='ignore')  # a damaged value may be as large as any double
-def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
+def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
     """
     Refuse degrees, warn of velocities that do not go with the positions.
 
@@ -118,7 +118,7 @@ def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
     ----------
     recording : Recording
         To be checked.
-    plan : Plan
+    plan : Sources
         Kinds and limits of the joints.
     notes : Notes
         Is told of what is suspicious.
@@ -152,7 +152,7 @@ def check_units(recording: Recording, plan: Plan, notes: Notes) -> None:
         raise BagError(msg, place=recording.path)
 
 
-def without_zero_velocities(recording: Recording, plan: Plan, notes: Notes) -> Recording:
+def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -> Recording:
     """
     Leave velocities out that are all zero for a joint that moves: nobody measures them.
 
@@ -160,7 +160,7 @@ def without_zero_velocities(recording: Recording, plan: Plan, notes: Notes) -> R
     ----------
     recording : Recording
         To be looked at.
-    plan : Plan
+    plan : Sources
         Names and kinds of the joints.
     notes : Notes
         Is told of what is left out.

@@ -16,41 +16,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.alignment import increasing
 from tudor_dynamics.bags.assembly import Assembly
-from tudor_dynamics.bags.cdr import decode
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE, wrench_layout, WRENCH_STAMPED
-from tudor_dynamics.bags.joint_states import JointStates, load_joint_states
+from tudor_dynamics.bags.joint_states import DecodedTopic, load_joint_states
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.plan import Plan, plan_from_arm, resolve
-from tudor_dynamics.bags.plausibility import (
-    check_units, moving_joints, without_zero_velocities)
+from tudor_dynamics.bags.plausibility import check_units, moving_joints, without_zero_velocities
 from tudor_dynamics.bags.recording import Oddities, Recording
+from tudor_dynamics.bags.sources import plan_from_arm, resolve, Sources
 from tudor_dynamics.bags.storage.raw import Bag
 from tudor_dynamics.errors import BagError, check_type
-from tudor_dynamics.typing import FloatArray
 
 MIN_SAMPLES = 50
 MIN_DURATION = 1.0
 """Shorter recordings do not outlast the transients of the filters [s]."""
-BOOL = 'std_msgs/msg/Bool'
-BOOL_BYTES = 5
-"""A Bool behind its encapsulation header."""
 
 
 def assemble(
     bag: Bag,
-    topics: Mapping[str, JointStates],
-    plan: Plan,
+    topics: Mapping[str, DecodedTopic],
+    plan: Sources,
     notes: Notes,
     *,
     need_output: bool = False,
@@ -64,9 +55,9 @@ def assemble(
     ----------
     bag : Bag
         Where they came from.
-    topics : dict of str to JointStates
+    topics : dict of str to DecodedTopic
         Decoded topics by their full names.
-    plan : Plan
+    plan : Sources
         What to look for.
     notes : Notes
         Is told what is odd.
@@ -130,7 +121,7 @@ def stated_payload(bag: Bag, notes: Notes) -> float | None:
 
 
 def _check_use(
-    recording: Recording, plan: Plan, notes: Notes, need_output: bool, need_motion: bool,
+    recording: Recording, plan: Sources, notes: Notes, need_output: bool, need_motion: bool,
 ) -> None:
     moving = moving_joints(recording, plan.prismatic)
     if not any(moving):
@@ -191,7 +182,7 @@ def read_recording(
                         need_motion=need_motion)
 
 
-def planned_topics(bag: Bag, plan: Plan) -> list[str]:
+def planned_topics(bag: Bag, plan: Sources) -> list[str]:
     """Give the topics of a bag that a plan names, by their full names."""
     types = {channel.topic: channel.msgtype for channel in (*plan.efforts, *plan.strains)}
     names = {resolve(name, bag.topics, str(bag.path), types.get(name, JOINT_STATE))
@@ -201,7 +192,7 @@ def planned_topics(bag: Bag, plan: Plan) -> list[str]:
 
 def read_planned(
     path: str | Path,
-    plan: Plan,
+    plan: Sources,
     notes: Notes,
     *,
     need_output: bool = False,
@@ -214,7 +205,7 @@ def read_planned(
     ----------
     path : str or Path
         rosbag2 directory, ``.mcap`` or ``.db3``.
-    plan : Plan
+    plan : Sources
         What to look for.
     notes : Notes
         Is told what is odd.
@@ -232,131 +223,3 @@ def read_planned(
     bag = open_bag(path, notes)
     topics = load_joint_states(bag, planned_topics(bag, plan))
     return assemble(bag, topics, plan, notes, need_output=need_output, need_motion=need_motion)
-
-
-@dataclass(frozen=True, eq=False)
-class Wrenches:
-    """
-    Forces that were applied on purpose: the truth for collisions.
-
-    Attributes
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Header stamps, strictly increasing [ns].
-    force : ndarray of shape (n, 3)
-        In the frame that the messages name [N].
-    torque : ndarray of shape (n, 3)
-        In the same frame [N m].
-    frame_id : str
-        Frame of the first message.
-    frames : tuple of str
-        Frame of each message.
-
-    """
-
-    stamp: NDArray[np.int64]
-    force: FloatArray
-    torque: FloatArray
-    frame_id: str
-    frames: tuple[str, ...] = ()
-
-
-def _topic_of(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> str | None:
-    """Find a topic of the first of some types; None where it is not there, or is empty."""
-    name = resolve(topic, bag.topics, str(path))
-    if name is None or not bag.topics[name].count:
-        return None
-    if bag.topics[name].msgtype != known[0]:
-        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
-               f'{" or ".join(known)}; name another topic')
-        raise BagError(msg)
-    return name
-
-
-def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Wrenches | None:
-    """
-    Read the wrenches of a bag.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topic : str
-        Name, with or without the leading slash.
-
-    Returns
-    -------
-    Wrenches or None
-        None where the bag has no such topic, or no message in it.
-
-    Raises
-    ------
-    BagError
-        If the bag is damaged, or the topic is of another type.
-
-    """
-    bag = open_bag(path)
-    name = _topic_of(bag, topic, (WRENCH_STAMPED,), path)
-    if name is None:
-        return None
-    raw = bag.read([name])[name]
-    try:
-        blocks = decode(raw.data, wrench_layout, name)
-    except BagError as err:
-        raise err.at(path) from None
-    if not blocks:
-        return None
-    order = np.argsort(np.concatenate([block.index for block in blocks]))
-    stamp = np.concatenate([block.stamp for block in blocks])[order]
-    values = np.concatenate([block.values('wrench') for block in blocks])[order]
-    keep = increasing(stamp).keep
-    names = np.concatenate([[block.layout.frame_id] * len(block.index) for block in blocks])
-    frames = tuple(names[order][keep].tolist())
-    return Wrenches(stamp[keep], values[keep, :3], values[keep, 3:], blocks[0].layout.frame_id,
-                    frames)
-
-
-def read_flags(
-    path: str | Path, topic: str, clock: str = 'joint_states',
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
-    """
-    Read a Bool topic, which has no stamps of its own, on the header stamps of another.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topic : str
-        Name, with or without the leading slash.
-    clock : str
-        JointState topic: what its header stamps are apart from its log times (median), the log
-        times of the Bool are moved by.
-
-    Returns
-    -------
-    (ndarray of int64, ndarray of bool), each of shape (n,), or None
-        Times of the messages, not decreasing [ns], and what they say; None where the bag has no
-        such topic, or no message in it.
-
-    Raises
-    ------
-    BagError
-        If the bag is damaged, or the topic is of another type.
-
-    """
-    bag = open_bag(path)
-    name = _topic_of(bag, topic, (BOOL, WRENCH_STAMPED), path)
-    if name is None:
-        return None
-    raw = bag.read([name])[name]
-    if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{path}: topic {name} has messages that are no {BOOL}; the bag is damaged'
-        raise BagError(msg)
-    joints = resolve(clock, bag.topics, str(path))
-    shift = 0
-    if joints is not None:
-        known = load_joint_states(bag, [joints])[joints]
-        if known.stamp.any():
-            shift = int(np.median(known.stamp - known.log_time))
-    order = np.argsort(raw.log_time, kind='stable')
-    return raw.log_time[order] + shift, np.array([data[4] != 0 for data in raw.data])[order]

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.joint_states import JointStates
+from tudor_dynamics.bags.joint_states import DecodedTopic
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
@@ -62,7 +62,7 @@ class Stream:
 
 
 def select(
-    states: JointStates,
+    states: DecodedTopic,
     names: Sequence[str],
     field: str,
     stamp: NDArray[np.int64],
@@ -72,7 +72,7 @@ def select(
 
     Parameters
     ----------
-    states : JointStates
+    states : DecodedTopic
         Decoded topic, lengths checked.
     names : sequence of str
         Names of the columns wanted.
@@ -108,7 +108,7 @@ def select(
 
 
 def choose_clock(
-    topics: Mapping[str, JointStates], notes: Notes, path: str,
+    topics: Mapping[str, DecodedTopic], notes: Notes, path: str,
 ) -> dict[str, NDArray[np.int64]]:
     """
     Take header stamps, or log times where a topic has no header stamps.
@@ -119,7 +119,7 @@ def choose_clock(
 
     Parameters
     ----------
-    topics : dict of str to JointStates
+    topics : dict of str to DecodedTopic
         Decoded topics by name.
     notes : Notes
         Is told where log times are used.

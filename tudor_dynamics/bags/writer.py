@@ -27,7 +27,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.bags.messages import JointStateSeries, Series
+from tudor_dynamics.bags.layouts.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage.raw import one_line
 from tudor_dynamics.errors import BagError

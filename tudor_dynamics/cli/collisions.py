@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from tudor_dynamics.bags.plan import plan_from_arm
+from tudor_dynamics.bags.sources import plan_from_arm
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.collision_score import Watched

@@ -39,7 +39,7 @@ GAP = 2
 """Blanks between columns."""
 
 
-class Steps:
+class StepProgress:
     """
     A progress bar over steps that are named as they begin.
 
@@ -68,7 +68,7 @@ class Steps:
 
 
 @contextmanager
-def steps(total: int) -> Iterator[Steps]:
+def steps(total: int) -> Iterator[StepProgress]:
     """
     Show a progress bar on standard error while a terminal watches.
 
@@ -79,17 +79,17 @@ def steps(total: int) -> Iterator[Steps]:
 
     Yields
     ------
-    Steps
+    StepProgress
         To be called with the name of each step as it begins.
 
     """
     console = Console(file=sys.stderr)
     if not console.is_terminal:
-        yield Steps(None, total)
+        yield StepProgress(None, total)
         return
     columns = (SpinnerColumn(), TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as progress:
-        yield Steps(progress, total)
+        yield StepProgress(progress, total)
 
 
 def print_json(content: Any) -> None:

@@ -35,7 +35,7 @@ from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.trainers import check_kinds
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.library.from_bags import (
     check_choices, fit_bags, read_bags, with_recorded_gauges)
@@ -193,8 +193,8 @@ def run(args: argparse.Namespace) -> int:
     clock.lap('save and report')
     report = out / 'report.html'
     levels = [item.verdict.level for item in headline(result.fitted)]
-    if assessment.detects is Level.GOOD:
-        levels.append(Level.USABLE)  # to detect collisions, whatever its figures are
+    if assessment.detects is Grade.GOOD:
+        levels.append(Grade.USABLE)  # to detect collisions, whatever its figures are
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),
                            'seconds': clock.seconds,
@@ -203,7 +203,7 @@ def run(args: argparse.Namespace) -> int:
                            **assessment.as_dict(), **figures(result)}))
     else:
         _print(result, assessment, report)
-    if any(level is not Level.DO_NOT_USE for level in levels) or args.force:
+    if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
 

@@ -35,8 +35,9 @@ from tudor_dynamics.identification.excitation_report import best_seed, excitatio
 from tudor_dynamics.simulation.loop.campaign import (
     record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
     StimulusSpec)
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.signals import with_payload
 import yaml
 
 EXAMPLES = """\

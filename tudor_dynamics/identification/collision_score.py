@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.identification.collision_truth import Push, Truth
+from tudor_dynamics.identification.collision_truth import KnownPush, Truth
 from tudor_dynamics.monitoring.detector import CollisionEvent
 from tudor_dynamics.typing import FloatArray
 
@@ -145,7 +145,7 @@ class Watched:
         return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
 
 
-def push_of(stamp: int, pushes: Sequence[Push], late: float = AFTERMATH) -> int | None:
+def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) -> int | None:
     """
     Find the push that an event belongs to.
 
@@ -153,7 +153,7 @@ def push_of(stamp: int, pushes: Sequence[Push], late: float = AFTERMATH) -> int 
     ----------
     stamp : int
         Stamp of the event [ns].
-    pushes : sequence of Push
+    pushes : sequence of KnownPush
         Pushes that there were.
     late : float
         Time behind the end of a push that still belongs to it [s].

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags import open_bag, read_flags, read_wrenches, Recording
-from tudor_dynamics.bags.plan import resolve
-from tudor_dynamics.bags.reader import BOOL
+from tudor_dynamics.bags.labels import BOOL
+from tudor_dynamics.bags.sources import resolve
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.typing import FloatArray
@@ -47,7 +47,7 @@ MAX_TABLE = 10_000_000
 
 
 @dataclass(frozen=True)
-class Push:
+class KnownPush:
     """
     A push that was applied on purpose.
 
@@ -74,13 +74,13 @@ class Truth:
     ----------
     source : str
         Where that is known from; empty where it is not.
-    pushes : tuple of Push
+    pushes : tuple of KnownPush
         Pushes that are known, in order.
 
     """
 
     source: str = ''
-    pushes: tuple[Push, ...] = ()
+    pushes: tuple[KnownPush, ...] = ()
 
     @property
     def known(self) -> bool:
@@ -133,24 +133,24 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
     raise BagError(msg)
 
 
-def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[Push, ...]:
+def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
     where = np.flatnonzero(size > FORCE)
     if not len(where):
         return ()
     times = stamp[where]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(times) > MERGE * 1e9) + 1])
     ends = np.concatenate([starts[1:], [len(where)]])
-    return tuple(Push(int(times[a]), int(times[b - 1]), float(size[where[a:b]].max()))
+    return tuple(KnownPush(int(times[a]), int(times[b - 1]), float(size[where[a:b]].max()))
                  for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
 
 
-def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[Push, ...]:
+def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[KnownPush, ...]:
     """Find where a flag that may be published on change alone is up, from rise to fall."""
     change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0))
     rises = [int(stamp[k]) for k in change if touched[k]]
     falls = [int(stamp[k]) for k in change if not touched[k]]
     falls += [int(stamp[-1])] * (len(rises) - len(falls))
-    return tuple(Push(a, b) for a, b in zip(rises, falls, strict=True))
+    return tuple(KnownPush(a, b) for a, b in zip(rises, falls, strict=True))
 
 
 def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
@@ -222,5 +222,5 @@ def truth_of_table(
 
     """
     first = int(recording.stamp[0]) - round(begun * 1e9)
-    return Truth(source, tuple(Push(first + round(begin * 1e9), first + round(end * 1e9))
+    return Truth(source, tuple(KnownPush(first + round(begin * 1e9), first + round(end * 1e9))
                                for begin, end in rows))

@@ -360,7 +360,7 @@ def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
     return f'standstill of {" and ".join(parts)} is left out' if parts else ''
 
 
-def halves(
+def split_bag(
     bag: BagData, held_out: float, preprocessing: PreprocessingSpec,
 ) -> tuple[BagData, BagData]:
     """

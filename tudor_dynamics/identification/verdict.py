@@ -35,7 +35,7 @@ LARGEST_CONDITION = 1e4
 LARGEST_GAP = 10.0
 
 
-class Level(Enum):
+class Grade(Enum):
     """How far a model can be trusted."""
 
     GOOD = 'good'
@@ -50,25 +50,25 @@ class Verdict:
 
     Attributes
     ----------
-    level : Level
+    level : Grade
         How far the model can be trusted.
     reasons : tuple of str
         Why; the first one names the figure that decides.
-    channels : dict of str to Level
+    channels : dict of str to Grade
         The same of each channel.
 
     """
 
-    level: Level
+    level: Grade
     reasons: tuple[str, ...] = field(default=())
-    channels: dict[str, Level] = field(default_factory=dict)
+    channels: dict[str, Grade] = field(default_factory=dict)
 
     def __str__(self) -> str:
         """Write level and reasons on one line."""
         return f'{self.level.value}: {"; ".join(self.reasons)}'
 
 
-def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Level:
+def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Grade:
     """
     Judge figures.
 
@@ -81,19 +81,19 @@ def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Level:
 
     Returns
     -------
-    Level
+    Grade
         By the fit; but an error that is small beside the output makes a model usable whatever
         its fit is, and one that is all that there is to get makes a usable one good.
 
     """
     if score.fit >= GOOD_FIT:
-        return Level.GOOD
+        return Grade.GOOD
     limited = noise > 0.0 and score.rmse <= NOISE_LIMITED * noise
     if score.fit >= USABLE_FIT:
-        return Level.GOOD if limited else Level.USABLE
+        return Grade.GOOD if limited else Grade.USABLE
     if 100.0 * score.relative_error <= USABLE_ERROR:
-        return Level.USABLE
-    return Level.DO_NOT_USE
+        return Grade.USABLE
+    return Grade.DO_NOT_USE
 
 
 def judge(
@@ -130,9 +130,9 @@ def judge(
     floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
     still = [name for name, item in scores.items() if math.isnan(item.fit)]
     if len(still) == len(scores):
-        return Verdict(Level.DO_NOT_USE, (_dead(still, validation.method),),
-                       dict.fromkeys(scores, Level.DO_NOT_USE))
-    levels = {name: Level.DO_NOT_USE if name in still else level_of(item, floors[name])
+        return Verdict(Grade.DO_NOT_USE, (_dead(still, validation.method),),
+                       dict.fromkeys(scores, Grade.DO_NOT_USE))
+    levels = {name: Grade.DO_NOT_USE if name in still else level_of(item, floors[name])
               for name, item in scores.items()}
     total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
     level = level_of(validation.score, total)
@@ -143,7 +143,7 @@ def judge(
     doubts = [_dead(still, validation.method)] if still else []
     doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
                f'{100.0 * scores[name].relative_error:.0f} %: '
-               f'{"do not use it" if levels[name] is Level.DO_NOT_USE else "usable"}'
+               f'{"do not use it" if levels[name] is Grade.DO_NOT_USE else "usable"}'
                for name in sorted(scores, key=lambda key: scores[key].fit)
                if name not in still and _worse(levels[name], level)]
     if training_fit - validation.score.fit > LARGEST_GAP:
@@ -154,14 +154,14 @@ def judge(
         doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')
     elif condition > LARGEST_CONDITION:
         doubts.append(f'condition number {condition:.0f}: richer motion would pin the parameters')
-    if level is Level.GOOD and any(
+    if level is Grade.GOOD and any(
             not text.endswith(': usable') for text in doubts):
-        level = Level.USABLE
+        level = Grade.USABLE
     return Verdict(level, tuple(reasons + doubts), levels)
 
 
-def _worse(one: Level, other: Level) -> bool:
-    order = list(Level)
+def _worse(one: Grade, other: Grade) -> bool:
+    order = list(Grade)
     return order.index(one) > order.index(other)
 
 

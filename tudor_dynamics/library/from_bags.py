@@ -30,7 +30,7 @@ from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.choice.choose import choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, filtered, halves, load, parse_choice, refuse_copies)
+    BagChoice, BagData, filtered, load, parse_choice, refuse_copies, split_bag)
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
@@ -234,12 +234,12 @@ def fit_bags(
     if found is not None:
         settings = _of_all_payloads(settings, found)
     alone = len(training) == 1 and not test
-    known = [halves(training[0], HELD_OUT, preprocessing)[0]] if alone else training
+    known = [split_bag(training[0], HELD_OUT, preprocessing)[0]] if alone else training
     chosen = choose(arm, known, preprocessing, settings, progress)
 
     def fitted(spec: PreprocessingSpec) -> FitResult:
         seen, unseen = ([filtered(bag, spec) for bag in bags] for bags in (training, test))
-        holdout = halves(training[0], HELD_OUT, spec) if alone else None
+        holdout = split_bag(training[0], HELD_OUT, spec) if alone else None
         return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress)
 
     progress('doctor')

@@ -36,7 +36,7 @@ from tudor_dynamics.library.from_bags import choices, Paths
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.data import liveliest
-from tudor_dynamics.report.plots import draw_signal, Series
+from tudor_dynamics.report.plots import ComparedSignal, draw_signal
 from tudor_dynamics.report.roc import picture_path
 from tudor_dynamics.report.style import PAGE, style
 
@@ -104,10 +104,10 @@ class Prediction:
         columns = {name: i for i, name in enumerate(first.channels)}
         column = _known(columns, channel or first.channels[0], 'channel')
         name, trace = first.channels[column], first.traces[0]
-        series = Series(output, name, output_units(self.arm, output)[name], trace.t,
-                        trace.measured[:, column],
-                        {kind: item.traces[0].predicted[:, column]
-                         for kind, item in kinds.items()})
+        series = ComparedSignal(output, name, output_units(self.arm, output)[name], trace.t,
+                                trace.measured[:, column],
+                                {kind: item.traces[0].predicted[:, column]
+                                 for kind, item in kinds.items()})
         with style(PAGE):
             figure = draw_signal(series, liveliest(trace, self.data))
             if target is not None:

@@ -62,16 +62,16 @@ Payloads = Annotated[tuple[float, float], AfterValidator(_masses)]
 Text = Annotated[str, BeforeValidator(str)]
 Flag = Annotated[bool, BeforeValidator(bool)]
 Whole = Annotated[int, BeforeValidator(int)]
-Found = TypeVar('Found', bound='Part')
+Found = TypeVar('Found', bound='BundlePart')
 
 
-class Part(BaseModel):
+class BundlePart(BaseModel):
     """Base of all parts: immutable; keys that only people read are passed over."""
 
     model_config = ConfigDict(frozen=True, extra='ignore')
 
 
-class CoefficientPart(Part):
+class CoefficientPart(BundlePart):
     """A coefficient on one column, with its standard error: infinite where it is not shown."""
 
     column: Text
@@ -86,7 +86,7 @@ class BasePart(CoefficientPart):
     excited: Flag
 
 
-class ConstantPart(Part):
+class ConstantPart(BundlePart):
     """Torque constant of a joint, relative to that of others."""
 
     channel: str
@@ -94,7 +94,7 @@ class ConstantPart(Part):
     relative_error: Annotated[float, Field(ge=0.0)]
 
 
-class GroupPart(Part):
+class GroupPart(BundlePart):
     """Base parameters of channels that share them."""
 
     channels: tuple[str, ...]
@@ -114,7 +114,7 @@ class GroupPart(Part):
         return self
 
 
-class AnalyticalPart(Part):
+class AnalyticalPart(BundlePart):
     """Analytical model."""
 
     estimator: Text
@@ -133,7 +133,7 @@ class PayloadPart(AnalyticalPart):
     payload_range: Payloads
 
 
-class ElmPart(Part):
+class ElmPart(BundlePart):
     """ELM, whose arrays stand in a file of their own."""
 
     channels: tuple[str, ...]
@@ -149,7 +149,7 @@ class PayloadElmPart(ElmPart):
     payload_range: Payloads
 
 
-class PhysicalPart(Part):
+class PhysicalPart(BundlePart):
     """Physical parameter of an elastic model; without an error where it was not searched."""
 
     name: Text
@@ -159,7 +159,7 @@ class PhysicalPart(Part):
     shown: Flag
 
 
-class ChannelPart(Part):
+class ChannelPart(BundlePart):
     """Coefficients of one channel of an elastic model."""
 
     channel: Text
@@ -167,7 +167,7 @@ class ChannelPart(Part):
     coefficients: tuple[CoefficientPart, ...]
 
 
-class ElasticPart(Part):
+class ElasticPart(BundlePart):
     """Elastic model, of one payload or of all."""
 
     physical: tuple[PhysicalPart, ...]
@@ -188,7 +188,7 @@ def read(part: type[Found], content: Any) -> Found:
 
     Returns
     -------
-    Part
+    BundlePart
         Values that a fit can have written.
 
     Raises

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Sequence
 import math
 
-from tudor_dynamics.monitoring.judged import Judged, LOOK, Stream, Verdict
+from tudor_dynamics.monitoring.judged import Judged, JudgedShare, LOOK, TopicCount
 
 
 class Coverage:
@@ -29,14 +29,14 @@ class Coverage:
 
     Attributes
     ----------
-    verdict : Verdict
+    verdict : JudgedShare
         Of the last look, all outputs together.
 
     """
 
     def __init__(self) -> None:
-        self.verdict = Verdict()
-        self._streams: dict[str, Stream] = {}
+        self.verdict = JudgedShare()
+        self._streams: dict[str, TopicCount] = {}
         self._judged: list[Judged] = []
         self._looked = -math.inf
 
@@ -73,8 +73,8 @@ class Coverage:
         self._judged.append(Judged(output, self._stream(motion), [*predicted, *own], own,
                                    motions, measured, settle))
 
-    def _stream(self, topic: str) -> Stream:
-        return self._streams.setdefault(topic, Stream(topic))
+    def _stream(self, topic: str) -> TopicCount:
+        return self._streams.setdefault(topic, TopicCount(topic))
 
     def came(self, topic: str, stamp: int, now: float) -> bool:
         """
@@ -107,7 +107,7 @@ class Coverage:
         stream.stamp = stamp
         return worse
 
-    def look(self, now: float) -> Verdict:
+    def look(self, now: float) -> JudgedShare:
         """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""
         if now - self._looked >= LOOK:
             self._looked = now
@@ -115,14 +115,14 @@ class Coverage:
         return self.verdict
 
 
-def _together(found: Sequence[Verdict]) -> Verdict:
+def _together(found: Sequence[JudgedShare]) -> JudgedShare:
     """Give the worst level with the texts that have it, and the largest shares."""
     if not found:
-        return Verdict()
+        return JudgedShare()
     sight = max(verdict.sight for verdict in found)
     causes: dict[str, float] = {}
     for verdict in found:
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
     texts = dict.fromkeys(v.text for v in found if v.sight == sight and v.text)
-    return Verdict(sight, '; '.join(texts), max(v.share for v in found), causes)
+    return JudgedShare(sight, '; '.join(texts), max(v.share for v in found), causes)

@@ -59,7 +59,7 @@ class Sight(IntEnum):
 
 
 @dataclass(eq=False, slots=True)
-class Stream:
+class TopicCount:
     """
     What came on a topic.
 
@@ -80,7 +80,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class JudgedShare:
     """
     How much was judged.
 
@@ -122,11 +122,11 @@ class Judged:
     ----------
     output : str
         What is measured, for texts.
-    motion : Stream
+    motion : TopicCount
         Topic of the motion.
-    others : sequence of Stream
+    others : sequence of TopicCount
         Topics without which nothing can be judged: measurements, predictions.
-    sensors : sequence of Stream
+    sensors : sequence of TopicCount
         Those of them that measure.
     motions : sequence of collections.Counter
         Counts of motions, `judged` and not, by cause; other keys are no matter.
@@ -137,18 +137,19 @@ class Judged:
 
     Attributes
     ----------
-    verdict : Verdict
+    verdict : JudgedShare
         Of the last look.
 
     """
 
     def __init__(
-        self, output: str, motion: Stream, others: Sequence[Stream], sensors: Sequence[Stream],
-        motions: Sequence[Counter[str]], measured: Sequence[Counter[str]], settle: float,
+        self, output: str, motion: TopicCount, others: Sequence[TopicCount],
+        sensors: Sequence[TopicCount], motions: Sequence[Counter[str]],
+        measured: Sequence[Counter[str]], settle: float,
     ) -> None:
         self.output = output
         self.streams = (motion, *others)
-        self.verdict = Verdict()
+        self.verdict = JudgedShare()
         self._sensors = [self.streams.index(stream) for stream in sensors]
         self._motions, self._measured = tuple(motions), tuple(measured)
         self._patience = settle + 2.0 * WINDOW
@@ -159,7 +160,7 @@ class Judged:
         self._blind: float | None = None
         self._settling: float | None = None
 
-    def look(self, now: float) -> Verdict:
+    def look(self, now: float) -> JudgedShare:
         """
         Compare the counts with those of a second ago.
 
@@ -170,7 +171,7 @@ class Judged:
 
         Returns
         -------
-        Verdict
+        JudgedShare
             How much was judged since then.
 
         """
@@ -216,7 +217,7 @@ class Judged:
             while offsets and new.time - offsets[0][0] > WINDOW:
                 offsets.popleft()
 
-    def _judge(self, new: _Past, old: _Past) -> Verdict:
+    def _judge(self, new: _Past, old: _Past) -> JudgedShare:
         of_motions, of_measured = self._shares(new, old)
         share = max(sum(of_motions.values()), sum(of_measured.values()))
         causes = {cause: max(of_motions.get(cause, 0.0), of_measured.get(cause, 0.0))
@@ -239,16 +240,16 @@ class Judged:
         full = self._flowing is not None and new.time - max(old.time, self._flowing) >= WINDOW
         sight = Sight.CLEAR if not told else (
             Sight.BLIND if full and lasting >= MANY else Sight.DIM)
-        return Verdict(sight, '; '.join(told), share, causes)
+        return JudgedShare(sight, '; '.join(told), share, causes)
 
-    def _say_blind(self, new: _Past, old: _Past, causes: dict[str, float]) -> Verdict:
+    def _say_blind(self, new: _Past, old: _Past, causes: dict[str, float]) -> JudgedShare:
         """Say why nothing was judged for a second: the plainest reason first."""
         causes = causes or {'no_measurement': 1.0}
         silent = self._silent(new.time)
         why = (f'nothing on {", ".join(silent)}' if silent
                else self._apart(new, old) or _main(causes))
-        return Verdict(Sight.BLIND, f'no sample of {self.output} judged for {WINDOW:g} s: {why}',
-                       1.0, causes)
+        text = f'no sample of {self.output} judged for {WINDOW:g} s: {why}'
+        return JudgedShare(Sight.BLIND, text, 1.0, causes)
 
     def _shares(self, new: _Past, old: _Past) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.monitoring.pairing import Pair
+from tudor_dynamics.monitoring.pairing import PairedSample
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.typing import FloatArray
 
@@ -63,13 +63,13 @@ class MomentumObserver:
         self._observed: FloatArray | None = None
         self._last = 0
 
-    def step(self, pair: Pair) -> Residual | None:
+    def step(self, pair: PairedSample) -> Residual | None:
         """
         Observe one sample.
 
         Parameters
         ----------
-        pair : Pair
+        pair : PairedSample
             Motion and measured effort; no prediction is needed.
 
         Returns

@@ -29,7 +29,7 @@ WAITING = 400
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
-class Pair:
+class PairedSample:
     """
     A motion with its prediction and the measurement at the same time.
 
@@ -80,7 +80,7 @@ class Pairing:
         self._motions.clear()
         self._measured.clear()
 
-    def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[Pair]:
+    def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[PairedSample]:
         """
         Add a motion, later than those before it.
 
@@ -93,7 +93,7 @@ class Pairing:
 
         Returns
         -------
-        list of Pair
+        list of PairedSample
             What is complete now, in order.
 
         """
@@ -108,7 +108,7 @@ class Pairing:
         self._motions.append((motion, predicted))
         return self._complete()
 
-    def add_measured(self, stamp: int, values: FloatArray) -> list[Pair]:
+    def add_measured(self, stamp: int, values: FloatArray) -> list[PairedSample]:
         """
         Add a measurement.
 
@@ -121,7 +121,7 @@ class Pairing:
 
         Returns
         -------
-        list of Pair
+        list of PairedSample
             What is complete now, in order.
 
         """
@@ -140,8 +140,8 @@ class Pairing:
         self._measured.append((stamp, values))
         return self._complete()
 
-    def _complete(self) -> list[Pair]:
-        pairs: list[Pair] = []
+    def _complete(self) -> list[PairedSample]:
+        pairs: list[PairedSample] = []
         motions, measured = self._motions, self._measured
         while motions and measured:
             motion, predicted = motions[0]
@@ -149,7 +149,7 @@ class Pairing:
                 measured.popleft()
             stamp, values = measured[0]
             if stamp == motion.stamp:
-                pairs.append(Pair(motion, predicted, values))
+                pairs.append(PairedSample(motion, predicted, values))
             elif stamp > motion.stamp:
                 self.drops['no_neighbour'] += 1
             elif len(measured) == 1:
@@ -160,7 +160,7 @@ class Pairing:
                     self.drops['no_neighbour'] += 1
                 else:
                     weight = (motion.stamp - stamp) / (after - stamp)
-                    pairs.append(Pair(motion, predicted,
-                                      (1 - weight) * values + weight * later))
+                    pairs.append(PairedSample(motion, predicted,
+                                              (1 - weight) * values + weight * later))
             motions.popleft()
         return pairs

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tudor_dynamics.monitoring.pairing import Pair
+from tudor_dynamics.monitoring.pairing import PairedSample
 from tudor_dynamics.monitoring.state_filter import LowPass, Motion
 from tudor_dynamics.typing import FloatArray
 
@@ -65,13 +65,13 @@ class ResidualStage:
         self._filter = LowPass(cutoff)
         self._last = 0
 
-    def step(self, pair: Pair) -> Residual | None:
+    def step(self, pair: PairedSample) -> Residual | None:
         """
         Take the difference.
 
         Parameters
         ----------
-        pair : Pair
+        pair : PairedSample
             Motion, prediction, measurement.
 
         Returns

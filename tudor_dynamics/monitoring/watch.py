@@ -29,7 +29,7 @@ from tudor_dynamics.monitoring.detector import (
     CollisionDetector, CollisionEvent, DetectorSettings, Level)
 from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
-from tudor_dynamics.monitoring.pairing import Pair, Pairing
+from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.thresholds.excess import Excess, ExcessStage, Rates
@@ -321,7 +321,7 @@ class Watch:
             self._judge(output, self.pairing[output].add_measured(stamp, values), found)
         return found
 
-    def _judge(self, output: str, pairs: Sequence[Pair], found: Found) -> None:
+    def _judge(self, output: str, pairs: Sequence[PairedSample], found: Found) -> None:
         for pair in pairs:
             before = len(found.excesses)
             plain = self._residual[output].step(pair)

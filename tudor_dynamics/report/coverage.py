@@ -24,7 +24,7 @@ from matplotlib.patches import Patch
 import numpy as np
 
 from tudor_dynamics.report.figure import label, new_figure, plain_text, to_uri
-from tudor_dynamics.report.plots import Axis
+from tudor_dynamics.report.plots import JointPositions
 from tudor_dynamics.report.style import PAGE, style
 from tudor_dynamics.typing import FloatArray
 
@@ -34,7 +34,7 @@ MAX_DOTS = 700
 TRAINING_COLOUR, TEST_COLOUR = '#b5b5b5', '#0072b2'
 
 
-def _edges(axis: Axis) -> FloatArray:
+def _edges(axis: JointPositions) -> FloatArray:
     values = np.concatenate([axis.training, axis.test])
     low, high = float(values.min()), float(values.max())
     if high - low < 1e-9:
@@ -42,13 +42,13 @@ def _edges(axis: Axis) -> FloatArray:
     return np.linspace(low, high, BINS + 1)
 
 
-def density_figure(joints: Sequence[Axis]) -> str:
+def density_figure(joints: Sequence[JointPositions]) -> str:
     """
     Draw how often each position was visited.
 
     Parameters
     ----------
-    joints : sequence of Axis
+    joints : sequence of JointPositions
         Positions of two joints.
 
     Returns
@@ -78,13 +78,13 @@ def density_figure(joints: Sequence[Axis]) -> str:
         return to_uri(figure)
 
 
-def pair_figure(pairs: Sequence[tuple[Axis, Axis]]) -> str:
+def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> str:
     """
     Draw which combinations of two joints' positions were visited.
 
     Parameters
     ----------
-    pairs : sequence of (Axis, Axis)
+    pairs : sequence of (JointPositions, JointPositions)
         Pairs of joints, one to three.
 
     Returns

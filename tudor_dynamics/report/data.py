@@ -26,7 +26,7 @@ from tudor_dynamics.identification.dataset import all_stretches, BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.validation import Trace
 from tudor_dynamics.models.units import output_units
-from tudor_dynamics.report.plots import Axis, Series
+from tudor_dynamics.report.plots import ComparedSignal, JointPositions
 from tudor_dynamics.typing import FloatArray
 
 DETAIL = 10.0
@@ -35,7 +35,7 @@ MAX_PAIRS = 3
 
 
 @dataclass(frozen=True)
-class Coverage:
+class JointCoverage:
     """
     Where a joint has been, in training and in validation.
 
@@ -65,7 +65,7 @@ class Coverage:
     test_acceleration: float | None = None
 
 
-def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[Series]:
+def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSignal]:
     """
     Collect what the models of one output say of the first validation bag.
 
@@ -78,15 +78,15 @@ def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[Series]:
 
     Returns
     -------
-    list of Series
+    list of ComparedSignal
         One for each channel.
 
     """
     traces = {item.kind: item.validation.traces[0] for item in fitted}
     first = next(iter(traces.values()))
     units = output_units(arm, fitted[0].output)
-    return [Series(fitted[0].output, name, units[name], first.t, first.measured[:, i],
-                   {kind: trace.predicted[:, i] for kind, trace in traces.items()})
+    return [ComparedSignal(fitted[0].output, name, units[name], first.t, first.measured[:, i],
+                           {kind: trace.predicted[:, i] for kind, trace in traces.items()})
             for i, name in enumerate(fitted[0].validation.channels)]
 
 
@@ -155,11 +155,11 @@ def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
     return float(t[best]), float(t[best]) + length
 
 
-def joint_axes(result: FitResult) -> list[Axis]:
+def joint_axes(result: FitResult) -> list[JointPositions]:
     """Collect the positions of each joint at the samples used, in training and in validation."""
     training, test = _kept(result.training, 'q'), _kept(result.test, 'q')
-    return [Axis(joint.name, 'm' if result.arm.is_prismatic(joint.name) else 'rad',
-                 training[:, i], test[:, i] if len(test) else np.zeros(0))
+    return [JointPositions(joint.name, 'm' if result.arm.is_prismatic(joint.name) else 'rad',
+                           training[:, i], test[:, i] if len(test) else np.zeros(0))
             for i, joint in enumerate(result.arm.joints)]
 
 
@@ -168,13 +168,13 @@ def _kept(data: Sequence[BagData], signal: str) -> FloatArray:
     return np.vstack(parts) if parts else np.zeros((0, 0))
 
 
-def joint_pairs(axes: Sequence[Axis]) -> list[tuple[Axis, Axis]]:
+def joint_pairs(axes: Sequence[JointPositions]) -> list[tuple[JointPositions, JointPositions]]:
     """Pair neighbours among the joints that move; their combinations matter most."""
     moving = [axis for axis in axes if np.ptp(axis.training) > 1e-3]
     return list(zip(moving, moving[1:], strict=False))[:MAX_PAIRS]
 
 
-def coverage(result: FitResult) -> list[Coverage]:
+def coverage(result: FitResult) -> list[JointCoverage]:
     """
     Say where each joint has been and how fast.
 
@@ -185,7 +185,7 @@ def coverage(result: FitResult) -> list[Coverage]:
 
     Returns
     -------
-    list of Coverage
+    list of JointCoverage
         One for each active joint.
 
     """
@@ -196,10 +196,11 @@ def coverage(result: FitResult) -> list[Coverage]:
         low, high = float(axis.training.min()), float(axis.training.max())
         seen, unseen = peaks
         assert seen is not None  # there is a training bag in every fit
-        row = Coverage(axis.name, axis.unit, (low, high), float(seen[0][i]), float(seen[1][i]))
+        row = JointCoverage(
+            axis.name, axis.unit, (low, high), float(seen[0][i]), float(seen[1][i]))
         if unseen is not None:
             beyond = np.mean((axis.test < low) | (axis.test > high))
-            row = Coverage(
+            row = JointCoverage(
                 row.joint, row.unit, row.training, row.speed, row.acceleration,
                 (float(axis.test.min()), float(axis.test.max())), 100.0 * float(beyond),
                 float(unseen[0][i]), float(unseen[1][i]))

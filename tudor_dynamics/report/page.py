@@ -40,7 +40,7 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 
 @dataclass(frozen=True, eq=False)
-class Section:
+class PageSection:
     """
     A section of the page.
 
@@ -178,7 +178,7 @@ def render(
 def sections(
     result: FitResult, assessment: Assessment, outputs: Sequence[OutputSection],
     elastic: ElasticSection | None, ringing: bool,
-) -> list[Section]:
+) -> list[PageSection]:
     """
     List the sections of the page, each with all that it shows.
 
@@ -197,7 +197,7 @@ def sections(
 
     Returns
     -------
-    list of Section
+    list of PageSection
         In the order of the page.
 
     """
@@ -208,38 +208,38 @@ def sections(
     axes = report_data.joint_axes(result)
     pairs = report_data.joint_pairs(axes)
     found = [
-        Section('verdict', 'Verdict', 'verdict', {
+        PageSection('verdict', 'Verdict', 'verdict', {
             **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings,
             'assessment': assessment}),
-        Section('doctor', 'Doctor', 'doctor', {'findings': result.findings}),
-        Section('figures', 'Figures', 'figures', {'outputs': outputs}),
-        *(Section(output.key, f'{output.title} over time', 'signals', {'output': output})
+        PageSection('doctor', 'Doctor', 'doctor', {'findings': result.findings}),
+        PageSection('figures', 'Figures', 'figures', {'outputs': outputs}),
+        *(PageSection(output.key, f'{output.title} over time', 'signals', {'output': output})
           for output in outputs)]
     if analytical:
-        found.append(Section('coefficients', 'Coefficients', 'coefficients', {
+        found.append(PageSection('coefficients', 'Coefficients', 'coefficients', {
             'outputs': outputs, 'uncertain': report_tables.UNCERTAIN}))
     if elastic is not None:
-        found.append(Section('elastic', 'Elastic arm', 'elastic', {
+        found.append(PageSection('elastic', 'Elastic arm', 'elastic', {
             'elastic': elastic, 'joints': result.arm.active_joints}))
     if result.choices or result.causal is not None:
-        found.append(Section('choices', 'What was chosen', 'choices', {
+        found.append(PageSection('choices', 'What was chosen', 'choices', {
             'choices': result.choices,
             'causal': () if result.causal is None else result.causal.fitted}))
     return [
         *found,
-        Section('coverage', 'Coverage', 'coverage', {
+        PageSection('coverage', 'Coverage', 'coverage', {
             'separate': bool(result.test), 'coverage': report_data.coverage(result),
             'density': density_figure(axes), 'pairs': pair_figure(pairs) if pairs else None}),
-        Section('bags', 'Bags and warnings', 'bags', {
+        PageSection('bags', 'Bags and warnings', 'bags', {
             'bags': bags, 'warnings': warnings, 'n_warnings': number_of_warnings}),
-        Section('settings', 'Preprocessing and settings', 'settings', {
+        PageSection('settings', 'Preprocessing and settings', 'settings', {
             **kinds, 'outputs': outputs, 'settings': result.settings,
             'preprocessing': report_tables.preprocessing_rows(
                 result.preprocessing, report_tables.sample_rate(result))}),
-        Section('reading', 'How to read this', 'reading', {
+        PageSection('reading', 'How to read this', 'reading', {
             **kinds, 'good_fit': GOOD_FIT, 'usable_fit': USABLE_FIT,
             'good_condition': report_tables.GOOD_CONDITION}),
-        Section('next', 'What to do next', 'next', {'steps': assessment.steps})]
+        PageSection('next', 'What to do next', 'next', {'steps': assessment.steps})]
 
 
 def _environment() -> jinja2.Environment:

@@ -35,7 +35,7 @@ BINS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class ComparedSignal:
     """
     One channel of a bag with what the models say of it.
 
@@ -61,7 +61,7 @@ class Series:
 
 
 @dataclass(frozen=True, eq=False)
-class Axis:
+class JointPositions:
     """
     One joint's positions, in training and in validation.
 
@@ -130,13 +130,13 @@ def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
     return min(max(sizes), 4.0 * min(sizes)) or max(sizes) or 1.0
 
 
-def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
+def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> str:
     """
     Draw a channel for the report.
 
     Parameters
     ----------
-    series : Series
+    series : ComparedSignal
         Channel with its predictions.
     stretch : (float, float)
         Begin and end of the detail [s].
@@ -151,13 +151,13 @@ def signal_figure(series: Series, stretch: tuple[float, float]) -> str:
         return to_uri(draw_signal(series, stretch))
 
 
-def draw_signal(series: Series, stretch: tuple[float, float]) -> Figure:
+def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
     """
     Draw measured against predicted, the residual, and a stretch in detail.
 
     Parameters
     ----------
-    series : Series
+    series : ComparedSignal
         Channel with its predictions.
     stretch : (float, float)
         Begin and end of the detail [s].

@@ -23,7 +23,7 @@ import math
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.verdict import LARGEST_CONDITION, Level
+from tudor_dynamics.identification.verdict import Grade, LARGEST_CONDITION
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.serialise import Group
@@ -166,7 +166,7 @@ def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
 
 
 def overall(
-    fitted: Sequence[FittedOutput], detects: Level | None = None,
+    fitted: Sequence[FittedOutput], detects: Grade | None = None,
 ) -> Overall:
     """
     Sum the verdicts up.
@@ -175,7 +175,7 @@ def overall(
     ----------
     fitted : sequence of FittedOutput
         Models of all outputs.
-    detects : Level, optional
+    detects : Grade, optional
         How well the best of them detects collisions, where that is known.
 
     Returns
@@ -186,21 +186,21 @@ def overall(
     """
     fitted = headline(fitted)
     names = {level: [model_name(item) for item in fitted if item.verdict.level is level]
-             for level in Level}
-    levels = [level for level in Level if names[level]]
+             for level in Grade}
+    levels = [level for level in Grade if names[level]]
     if len(levels) == 1:
         sentence = {
-            Level.GOOD: 'Every model may be used on motion like that of the bags.',
-            Level.USABLE: 'Every model may be used with care: mind the reasons below.',
-            Level.DO_NOT_USE: 'None of the models predicts well enough to be relied on.'}
+            Grade.GOOD: 'Every model may be used on motion like that of the bags.',
+            Grade.USABLE: 'Every model may be used with care: mind the reasons below.',
+            Grade.DO_NOT_USE: 'None of the models predicts well enough to be relied on.'}
         only = levels[0]
-        if only is Level.DO_NOT_USE and detects is Level.GOOD:
-            return Overall(Level.USABLE.name.lower(), 'usable to detect collisions',
+        if only is Grade.DO_NOT_USE and detects is Grade.GOOD:
+            return Overall(Grade.USABLE.name.lower(), 'usable to detect collisions',
                            sentence[only] + ' But they detect collisions: see below.')
         return Overall(only.name.lower(), only.value, sentence[only])
     text = '; '.join(f'{level.value}: {", ".join(names[level])}' for level in levels) + '.'
-    worst = Level.USABLE
-    word = 'usable in part' if names[Level.DO_NOT_USE] else 'usable'
+    worst = Grade.USABLE
+    word = 'usable in part' if names[Grade.DO_NOT_USE] else 'usable'
     return Overall(worst.name.lower(), word, text[0].upper() + text[1:])
 
 

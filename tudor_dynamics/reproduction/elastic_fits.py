@@ -32,7 +32,7 @@ from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
 from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 Progress = Callable[[str], None]
 
@@ -110,18 +110,18 @@ class ElasticFit:
             {'thresholds': thresholds})
 
 
-def merged(first: Result, second: Result) -> Result:
+def merged(first: Cached, second: Cached) -> Cached:
     """
     Put the figures of more kinds of models beside those of some.
 
     Parameters
     ----------
-    first, second : Result
+    first, second : Cached
         ``content[output][kind]``, and arrays on the same recording.
 
     Returns
     -------
-    Result
+    Cached
         Both; what is not by output is that of the first where both have it.
 
     """
@@ -129,4 +129,4 @@ def merged(first: Result, second: Result) -> Result:
     for name, value in second.content.items():
         known = content.get(name)
         content[name] = {**known, **value} if isinstance(known, dict) else known or value
-    return Result(content, {**second.arrays, **first.arrays})
+    return Cached(content, {**second.arrays, **first.arrays})

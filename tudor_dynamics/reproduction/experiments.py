@@ -24,7 +24,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import free_of_positions
 from tudor_dynamics.reproduction.lshape import run_paper
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
-from tudor_dynamics.reproduction.stages import RECORDING, Result
+from tudor_dynamics.reproduction.result_cache import Cached, RECORDING
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
 from tudor_dynamics.simulation.loop.campaign import stimulus_motion, stimulus_seeds
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
@@ -43,7 +43,7 @@ JOINT = 1e-6
 LSHAPE = ('effort:motor', 'acceleration:motor', 'acceleration:tip', 'moment:corner')
 
 
-def damping_move(campaign: Campaign, payload: float) -> Result:
+def damping_move(campaign: Campaign, payload: float) -> Cached:
     """
     Move two joints at once, with and without damping, as in Figure 2 of Malzahn et al.
 
@@ -56,12 +56,12 @@ def damping_move(campaign: Campaign, payload: float) -> Result:
 
     Returns
     -------
-    Result
+    Cached
         ``t`` [s], ``end`` of the reference [s], and for ``damped`` and ``undamped`` ``_q`` [rad],
         ``_strain`` [units of the gauges] and ``_current`` [A]; ``q_ref`` [rad].
 
     """
-    def make() -> Result:
+    def make() -> Cached:
         arrays: dict[str, FloatArray] = {}
         for name, damping in (('damped', 1.0), ('undamped', 0.0)):
             # The paper's move begins below the range of its stimuli.
@@ -78,12 +78,12 @@ def damping_move(campaign: Campaign, payload: float) -> Result:
             arrays |= {'t': seen.t, 'q_ref': seen.q_ref, f'{name}_q': seen.q,
                        f'{name}_strain': seen.strain, f'{name}_current': seen.current}
             moving = np.flatnonzero(np.abs(seen.dq_ref).max(axis=1) > 1e-9)
-        return Result({'end': float(arrays['t'][moving[-1]])}, arrays)
+        return Cached({'end': float(arrays['t'][moving[-1]])}, arrays)
 
     return _staged(campaign, f'move_{grams(payload)}', {'payload': payload, 'move': MOVE}, make)
 
 
-def _staged(campaign: Campaign, name: str, depends: dict[str, Any], make: Any) -> Result:
+def _staged(campaign: Campaign, name: str, depends: dict[str, Any], make: Any) -> Cached:
     text = name.replace('_', ' ')
     campaign.progress(text, 0.0)
     result = campaign.stages.result(name, {'arm': arm_content(campaign.arm), **depends}, make,
@@ -102,7 +102,7 @@ def _at_joints(arm: Arm) -> Arm:
     return Arm(spec, arm.full_model, arm.source, arm.urdf)
 
 
-def gauge_moments(campaign: Campaign, payload: float) -> Result:
+def gauge_moments(campaign: Campaign, payload: float) -> Cached:
     """
     Compare the bending moments at the gauges with those at the joints before them.
 
@@ -117,14 +117,14 @@ def gauge_moments(campaign: Campaign, payload: float) -> Result:
 
     Returns
     -------
-    Result
+    Cached
         ``t`` [s], and for each joint ``JOINT_0`` and ``JOINT_DISTANCE in mm``: bending moments at
         the joint and at its gauges [N m].
 
     """
     plan = campaign.plan
 
-    def make() -> Result:
+    def make() -> Cached:
         arm = campaign.carrying(payload)
         gain = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
         arrays: dict[str, FloatArray] = {}
@@ -138,24 +138,24 @@ def gauge_moments(campaign: Campaign, payload: float) -> Result:
             for index, gauge in enumerate(variant.gauges):
                 name = f'{gauge.joint}_{1000 * gauge.distance:.0f}'
                 arrays[name] = seen.strain[:, index] / gain[gauge.name]
-        return Result({}, arrays)
+        return Cached({}, arrays)
 
     return _staged(campaign, 'gauge_moments',
                    {'payload': payload, 'seed': plan.seed, 'seconds': plan.seconds}, make)
 
 
-def l_shape_run(campaign: Campaign) -> Result:
+def l_shape_run(campaign: Campaign) -> Cached:
     """
     Repeat the experiment of Gasparetto et al. on the L-shaped mechanism.
 
     Returns
     -------
-    Result
+    Cached
         ``t`` [s], and for each of `LSHAPE` its curves, ``SIGNAL spectrum`` and ``f`` [Hz]; labels
         and units in ``content[SIGNAL]``.
 
     """
-    def make() -> Result:
+    def make() -> Cached:
         plant, run = run_paper(2, 2.5e-4)
         arrays: dict[str, FloatArray] = {'t': run.t}
         content: dict[str, Any] = {}
@@ -165,6 +165,6 @@ def l_shape_run(campaign: Campaign) -> Result:
             arrays['f'], arrays[f'{name} spectrum'] = spectrum(
                 signal.values, float(run.t[1] - run.t[0]))
             content[name] = {'labels': list(signal.labels), 'unit': signal.unit}
-        return Result(content, arrays)
+        return Cached(content, arrays)
 
     return _staged(campaign, 'lshape', {}, make)

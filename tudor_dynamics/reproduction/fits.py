@@ -29,9 +29,9 @@ from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.elastic_fits import (
     ElasticFit, FOUND, KIND, merged, stimuli_for_search)
-from tudor_dynamics.reproduction.judging import figures, halves, judged, read
+from tudor_dynamics.reproduction.judging import figures, judged, read, training_and_test
 from tudor_dynamics.reproduction.plan import Campaign, grams
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 from tudor_dynamics.typing import FloatArray
 
 SPLITS = ('stimulus', 'random')
@@ -54,7 +54,7 @@ class Fits:
     def separate(
         self, payload: float, *, damped: bool = True, split: str = 'stimulus',
         strain_form: str = 'exact', kinds: tuple[str, ...] | None = None,
-    ) -> Result:
+    ) -> Cached:
         """
         Fit models of one payload.
 
@@ -73,7 +73,7 @@ class Fits:
 
         Returns
         -------
-        Result
+        Cached
             ``content[output][kind]['training' | 'test']`` are figures; the arrays are those of
             one test recording: ``t``, and ``OUTPUT_measured``, ``OUTPUT_KIND`` [units of output].
 
@@ -81,7 +81,7 @@ class Fits:
         campaign = self.campaign
         kinds = campaign.plan.kinds if kinds is None else kinds
         quick = tuple(kind for kind in kinds if not KINDS[kind].model.has_memory)
-        result = Result({}, {})
+        result = Cached({}, {})
         if quick:
             result = self._quick(payload, damped, split, strain_form, quick)
         # single samples have no past: the elastic model has no random split
@@ -91,7 +91,7 @@ class Fits:
 
     def _quick(
         self, payload: float, damped: bool, split: str, strain_form: str, kinds: tuple[str, ...],
-    ) -> Result:
+    ) -> Cached:
         campaign = self.campaign
         paths = campaign.record(payload, damped=damped)
         name = f'fit_{grams(payload)}_{"damped" if damped else "undamped"}'
@@ -104,7 +104,7 @@ class Fits:
         depends = {**campaign.described(payload, damped=damped), 'split': split, 'kinds': kinds,
                    'form': strain_form}
 
-        def make() -> Result:
+        def make() -> Cached:
             if split == 'random':
                 return _at_random(arm, read(arm, paths), settings)
             return _by_stimulus(arm, paths, settings,
@@ -114,7 +114,7 @@ class Fits:
         campaign.progress(text, 1.0)
         return result
 
-    def elastic(self, payload: float, *, damped: bool = True) -> Result:
+    def elastic(self, payload: float, *, damped: bool = True) -> Cached:
         """
         Identify the elastic model of one payload.
 
@@ -127,7 +127,7 @@ class Fits:
 
         Returns
         -------
-        Result
+        Cached
             As ``separate``; the training figures are those of what the search was given, and
             ``content['identified']`` are the physical parameters.
 
@@ -139,8 +139,8 @@ class Fits:
         text = name.replace('_', ' ')
         campaign.progress(text, 0.0)
 
-        def make() -> Result:
-            first, second = halves(paths)
+        def make() -> Cached:
+            first, second = training_and_test(paths)
             arm = campaign.carrying(payload)
             training, test = read(arm, first[:self.stimuli_for_search()]), read(arm, second)
             fit = ElasticFit(arm, training, warm, None,
@@ -156,7 +156,7 @@ class Fits:
                 trace = validation.traces[0]
                 arrays |= {'t': trace.t, f'{output}_measured': trace.measured,
                            f'{output}_{KIND}': trace.predicted}
-            return Result(content, arrays)
+            return Cached(content, arrays)
 
         depends = {**campaign.described(payload, damped=damped), 'warm': warm,
                    'search': self.stimuli_for_search()}
@@ -184,8 +184,8 @@ class Fits:
 
 def _by_stimulus(
     arm: Arm, paths: Sequence[Path], settings: FitSettings, progress: Any,
-) -> Result:
-    first, second = (read(arm, part) for part in halves(paths))
+) -> Cached:
+    first, second = (read(arm, part) for part in training_and_test(paths))
     found = fit_models(arm, first, second, None, arm.spec.preprocessing, settings, progress)
     content: dict[str, Any] = {}
     arrays: dict[str, FloatArray] = {}
@@ -199,10 +199,10 @@ def _by_stimulus(
         arrays[f'{item.output}_{item.kind}'] = trace.predicted
     content['ringing'] = [{'channel': item.channel, 'frequency': item.frequency, 'rms': item.rms}
                           for item in found.ringing]
-    return Result(content, arrays)
+    return Cached(content, arrays)
 
 
-def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Result:
+def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Cached:
     """Train on a random half of the samples of all recordings, test on the other."""
     generator = np.random.default_rng(0)
     stretches = [s for bag in bags for s in bag.stretches]
@@ -219,4 +219,4 @@ def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Resu
             content.setdefault(output, {})[kind] = {
                 'training': figures(arm, output, values[train], predicted[train]),
                 'test': figures(arm, output, values[~train], predicted[~train])}
-    return Result(content, {})
+    return Cached(content, {})

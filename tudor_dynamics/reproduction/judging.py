@@ -58,7 +58,7 @@ def read(arm: Arm, paths: Sequence[Path]) -> list[BagData]:
         return [load(BagChoice(str(path)), arm, arm.spec.preprocessing) for path in paths]
 
 
-def halves(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def training_and_test(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """
     Split recordings into those for training and those for testing.
 

@@ -23,9 +23,9 @@ from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.elastic_fits import ElasticFit, FOUND, KIND, merged
 from tudor_dynamics.reproduction.fits import Fits
-from tudor_dynamics.reproduction.judging import halves, judged, read
+from tudor_dynamics.reproduction.judging import judged, read, training_and_test
 from tudor_dynamics.reproduction.plan import grams
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 TEXT = 'one model of all payloads'
 
@@ -56,11 +56,11 @@ def one_model(fits: Fits) -> dict[str, Any]:
     stages = campaign.stages
     campaign.progress(TEXT, 0.0)
 
-    def make() -> Result:
+    def make() -> Cached:
         arm = campaign.arm
-        training = [bag for end in ends for bag in read(arm, halves(recorded[end])[0])]
+        training = [bag for end in ends for bag in read(arm, training_and_test(recorded[end])[0])]
         test = [(grams(payload), bag) for payload in payloads
-                for bag in read(arm, halves(recorded[payload])[1])]
+                for bag in read(arm, training_and_test(recorded[payload])[1])]
         found = fit_models(
             arm, training, [bag for _, bag in test], None, arm.spec.preprocessing,
             FitSettings(kinds=quick, payloads=ends),
@@ -72,7 +72,7 @@ def one_model(fits: Fits) -> dict[str, Any]:
                     item.validation.traces, test, strict=True) if of == name]
                 content[name].setdefault(item.output, {})[item.kind] = judged(
                     arm, item.output, own)
-        return Result(content, {})
+        return Cached(content, {})
 
     together: dict[str, Any] = {grams(payload): {} for payload in payloads}
     if quick:
@@ -82,7 +82,7 @@ def one_model(fits: Fits) -> dict[str, Any]:
         more = stages.result(
             'elastic_all_payloads', {**depends, 'warm': warm, 'search': _at_each_end(fits)},
             lambda: _elastic(fits, recorded, ends, warm)).content
-        together = {name: merged(Result(outputs, {}), Result(more[name], {})).content
+        together = {name: merged(Cached(outputs, {}), Cached(more[name], {})).content
                     for name, outputs in together.items()}
     campaign.progress(TEXT, 1.0)
     return together
@@ -96,14 +96,14 @@ def _at_each_end(fits: Fits) -> int:
 def _elastic(
     fits: Fits, recorded: dict[float, list[Path]], ends: tuple[float, float],
     warm: dict[str, float],
-) -> Result:
+) -> Cached:
     campaign = fits.campaign
     arm = campaign.arm
     training = [bag for end in ends
-                for bag in read(arm, halves(recorded[end])[0][:_at_each_end(fits)])]
+                for bag in read(arm, training_and_test(recorded[end])[0][:_at_each_end(fits)])]
     fit = ElasticFit(arm, training, warm, ends,
                      lambda what: campaign.progress(f'{TEXT}: {what}', 0.6))
-    return Result({grams(payload): {
+    return Cached({grams(payload): {
         output: {KIND: judged(arm, output, found.traces)}
-        for output, found in fit.judge(read(arm, halves(paths)[1])).items()}
+        for output, found in fit.judge(read(arm, training_and_test(paths)[1])).items()}
         for payload, paths in recorded.items()}, {})

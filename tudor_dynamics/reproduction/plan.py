@@ -26,10 +26,10 @@ from typing import Any
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.reproduction.stages import RECORDING, Stages
-from tudor_dynamics.simulation.loop.campaign import (
-    record_stimuli, stimulus_seeds, StimulusSpec)
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.reproduction.result_cache import RECORDING, ResultCache
+from tudor_dynamics.simulation.loop.campaign import record_stimuli, stimulus_seeds, StimulusSpec
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
+from tudor_dynamics.simulation.loop.signals import with_payload
 
 QUICK_KINDS = ('analytical', 'elm')
 """Kinds of models that are fitted in a second."""
@@ -101,7 +101,7 @@ class Campaign:
     ----------
     plan : Plan
         Size of the campaign.
-    stages : Stages
+    stages : ResultCache
         Where they are kept.
     progress : callable
         Told what is done.
@@ -109,7 +109,7 @@ class Campaign:
     """
 
     plan: Plan
-    stages: Stages
+    stages: ResultCache
     progress: Progress = lambda text, share: None  # noqa: E731
 
     def __post_init__(self) -> None:

@@ -29,9 +29,9 @@ from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.reproduction.elastic_fits import ElasticFit, FOUND, KIND
 from tudor_dynamics.reproduction.fits import Fits
-from tudor_dynamics.reproduction.judging import halves, read
+from tudor_dynamics.reproduction.judging import read, training_and_test
 from tudor_dynamics.reproduction.plan import Campaign
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 FALSE_ALARMS = 1.0
 """Per hour, that thresholds are asked for."""
@@ -40,7 +40,7 @@ ELASTIC = 'elastic strain'
 TEXT = 'find collisions'
 
 
-def collisions(fits: Fits, payload: float) -> Result:
+def collisions(fits: Fits, payload: float) -> Cached:
     """
     Let pushes be found by strain, by current, by a momentum observer, and by the elastic model.
 
@@ -56,7 +56,7 @@ def collisions(fits: Fits, payload: float) -> Result:
 
     Returns
     -------
-    Result
+    Cached
         ``content['methods'][METHOD]`` has ``score``, ``roc`` (factor, false alarms per hour,
         detection rate), and for each push its ``force`` [N] and ``latency`` [s] (None: not found).
 
@@ -66,13 +66,13 @@ def collisions(fits: Fits, payload: float) -> Result:
     campaign.record(payload, pushes=campaign.plan.pushes)
     campaign.progress(TEXT, 0.0)
 
-    def rigid() -> Result:
+    def rigid() -> Cached:
         arm = campaign.arm
-        training, test = (read(arm, part) for part in halves(free))
+        training, test = (read(arm, part) for part in training_and_test(free))
         result = fit_models(arm, training, test, None, arm.spec.preprocessing,
                             FitSettings(kinds=('analytical',)))
         campaign.progress(TEXT, 0.2)
-        return Result({'methods': _found(campaign, payload, bundle_of(result))}, {})
+        return Cached({'methods': _found(campaign, payload, bundle_of(result))}, {})
 
     depends = {**campaign.described(payload, damped=True), 'pushes': campaign.plan.pushes}
     methods = campaign.stages.result('collisions', depends, rigid).content['methods']
@@ -80,18 +80,18 @@ def collisions(fits: Fits, payload: float) -> Result:
         campaign.progress(f'{TEXT}: elastic model', 0.4)
         warm = fits.elastic(payload).content[FOUND]
 
-        def elastic() -> Result:
+        def elastic() -> Cached:
             arm = campaign.carrying(payload)
-            training, test = (read(arm, part) for part in halves(free))
+            training, test = (read(arm, part) for part in training_and_test(free))
             fit = ElasticFit(arm, training[:fits.stimuli_for_search()], warm)
             found = _found(campaign, payload, fit.bundle(test))
-            return Result({'methods': {ELASTIC: found['strain']} if 'strain' in found else {}}, {})
+            return Cached({'methods': {ELASTIC: found['strain']} if 'strain' in found else {}}, {})
 
         more = campaign.stages.result('collisions_elastic', {
             **depends, 'warm': warm, 'search': fits.stimuli_for_search()}, elastic)
         methods = {**methods, **more.content['methods']}
     campaign.progress(TEXT, 1.0)
-    return Result({'methods': methods}, {})
+    return Cached({'methods': methods}, {})
 
 
 def _found(campaign: Campaign, payload: float, bundle: ModelBundle) -> dict[str, Any]:

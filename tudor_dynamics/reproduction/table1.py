@@ -70,7 +70,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """
     Cells of all models for one payload, in training or test.
 
@@ -91,7 +91,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Block:
+class TableBlock:
     """
     One output: its unit, the channels counted, and rows.
 
@@ -105,7 +105,7 @@ class Block:
         Unit of the output.
     channels : tuple of str
         Channels that are counted.
-    rows : tuple of Row
+    rows : tuple of TableRow
         A row for each payload and part.
 
     """
@@ -114,7 +114,7 @@ class Block:
     title: str
     unit: str
     channels: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TableRow, ...]
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class Shared:
 
 
 @dataclass(frozen=True)
-class Finding:
+class PaperClaim:
     """
     What the paper found, and whether it holds here.
 
@@ -173,13 +173,13 @@ class Table1:
     ----------
     split : str
         How training and test were told apart.
-    blocks : tuple of Block
+    blocks : tuple of TableBlock
         Strain, then current.
     shared : tuple of Shared
         One model for all payloads beside separate ones.
     trained_at : tuple of float
         Payloads that the one model was fitted to [kg].
-    findings : tuple of Finding
+    findings : tuple of PaperClaim
         The expected shape.
     remarks : tuple of str
         On how ours were fitted.
@@ -191,10 +191,10 @@ class Table1:
     """
 
     split: str
-    blocks: tuple[Block, ...]
+    blocks: tuple[TableBlock, ...]
     shared: tuple[Shared, ...]
     trained_at: tuple[float, float]
-    findings: tuple[Finding, ...]
+    findings: tuple[PaperClaim, ...]
     remarks: tuple[str, ...]
     notes: tuple[str, ...]
     source: str
@@ -274,7 +274,7 @@ def _remarks(fits: Fits, split: str) -> tuple[str, ...]:
             'figures are those of these; it is tested on the same stimuli as the other models.',)
 
 
-def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> Block:
+def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> TableBlock:
     assert output in OUTPUTS
     units = set(output_units(arm, output).values())
     sample = next(iter(next(iter(separate.values()))[output].values()))['training']
@@ -282,28 +282,29 @@ def _block(arm: Arm, output: str, separate: dict[float, dict[str, Any]]) -> Bloc
     if output == 'strain':
         hubs = tuple(arm.gauge_names[i] for i in hub_gauges(arm))
     rows = tuple(
-        Row(payload, part, {model: _cell(output, model, part, payload, content)
-                            for model in MODELS})
+        TableRow(payload, part, {model: _cell(output, model, part, payload, content)
+                                 for model in MODELS})
         for part in PARTS for payload, content in separate.items())
-    return Block(output, TITLES[output], units.pop() if len(units) == 1 else 'mixed', hubs, rows)
+    unit = units.pop() if len(units) == 1 else 'mixed'
+    return TableBlock(output, TITLES[output], unit, hubs, rows)
 
 
 def _test_fit(figures: dict[str, Any] | None) -> float | None:
     return None if figures is None else float(figures['fit'])
 
 
-def findings(blocks: tuple[Block, ...]) -> list[Finding]:
+def findings(blocks: tuple[TableBlock, ...]) -> list[PaperClaim]:
     """
     Compare the shape of the table with that of the paper's.
 
     Parameters
     ----------
-    blocks : tuple of Block
+    blocks : tuple of TableBlock
         Strain, then current.
 
     Returns
     -------
-    list of Finding
+    list of PaperClaim
         Each with the figures that decide, ours and the paper's; none on a model not fitted.
 
     """
@@ -314,7 +315,7 @@ def findings(blocks: tuple[Block, ...]) -> list[Finding]:
         return [math.nan if value is None else value for value in found]
 
     ours, theirs = (_claims(partial(column, paper=paper)) for paper in (False, True))
-    return [Finding(text, holds, figures, paper_holds, paper) for (text, holds, figures), (
+    return [PaperClaim(text, holds, figures, paper_holds, paper) for (text, holds, figures), (
         _, paper_holds, paper) in zip(ours, theirs, strict=True) if 'nan' not in figures]
 
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import io
 
 from tudor_dynamics.reproduction.table1 import (
-    Block, Cell, FIGURES, LABELS, MODELS, PRINTED, Table1)
+    Cell, FIGURES, LABELS, MODELS, PRINTED, Table1, TableBlock)
 
 EMPTY = ''
 PAPER = ('rmse', 'sigma_e', 'fit_printed')
@@ -124,7 +124,7 @@ def _cells(cell: Cell, digits: int, *, with_paper: bool) -> tuple[str, ...]:
     return own if not with_paper else (*own, *(_number(cell.paper.get(name), 2) for name in PAPER))
 
 
-def block_grid(block: Block) -> Grid:
+def block_grid(block: TableBlock) -> Grid:
     """Lay one output out: a row for payload and part, the paper's columns behind ours."""
     digits = 1 if block.output == 'strain' else 3
     groups: list[tuple[str, int]] = [(EMPTY, 2)]

@@ -28,9 +28,9 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin
 
 from tudor_dynamics.bags import read_recording
-from tudor_dynamics.bags.cdr_layout import CdrError
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.layouts.carriers import array_layout, dynamic_layout
+from tudor_dynamics.bags.layouts.cdr_layout import CdrError
 from tudor_dynamics.errors import BagError, TudorWarning
 
 

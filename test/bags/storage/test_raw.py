@@ -28,8 +28,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags import open_bag, read_recording
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.info import describe
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.storage.mcap_scan import scan_mcap
 from tudor_dynamics.bags.storage.unpacking import Damaged
 from tudor_dynamics.errors import BagError, TudorWarning

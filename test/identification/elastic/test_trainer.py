@@ -30,13 +30,13 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, halves
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, split_bag
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.trainer import ElasticTrainer, record_of, RUN_IN
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.validation import leave_one_bag_out, trace
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals import prepare
 
@@ -147,7 +147,7 @@ def test_both_outputs_of_one_search(fitted: FitResult) -> None:
     assert found['strain', 'elastic'].validation.score.fit > (
         found['strain', 'analytical'].validation.score.fit + 10.0)
     assert found['effort', 'elastic'].validation.score.fit > 93.0
-    assert found['strain', 'elastic'].verdict.level is Level.GOOD
+    assert found['strain', 'elastic'].verdict.level is Grade.GOOD
     assert found['strain', 'elastic'].validation.method == 'test bag runs/4'
     assert found['strain', 'elastic'].random is None  # single samples have no past
     assert found['strain', 'analytical'].random is not None
@@ -256,7 +256,7 @@ def test_what_is_held_out_of_an_only_bag(search: Search) -> None:
     known: list[dict[str, float]] = []
     for changed in (False, True):
         whole_bag = bag(lone_recording(3, 12.0), 0.2)
-        kept, held = halves(whole_bag, 0.25, SPEC)
+        kept, held = split_bag(whole_bag, 0.25, SPEC)
         assert held.recording.strain is not None and whole_bag.recording.strain is not None
         if changed:
             strain = whole_bag.recording.strain.copy()

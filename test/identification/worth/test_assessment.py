@@ -29,7 +29,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.noise import noise_floor
 from tudor_dynamics.identification.ringing import Ringing
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.identification.worth.next_steps import next_steps
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
@@ -81,10 +81,10 @@ def test_uses(worth: Assessment) -> None:
         ('effort', 'collision detection (momentum)'), ('effort', 'payload'),
         ('strain', 'prediction'), ('strain', 'collision detection (strain)'),
         ('strain', 'payload')]
-    assert worth.missing == () and worth.detects is Level.GOOD
+    assert worth.missing == () and worth.detects is Grade.GOOD
     said = next(use for use in worth.uses if use.name == 'collision detection (strain)')
     assert 'g1' in said.why and 'um/m in motion' in said.why and 's of free motion' in said.why
-    assert all(use.level is Level.GOOD for use in worth.uses if use.name == 'payload')
+    assert all(use.level is Grade.GOOD for use in worth.uses if use.name == 'payload')
     plain = worth.as_dict()
     assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
 

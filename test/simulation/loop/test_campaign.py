@@ -29,8 +29,9 @@ from tudor_dynamics.bags import read_wrenches
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.loop.campaign import (
     record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusSpec)
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.push_truth import random_pushes
+from tudor_dynamics.simulation.loop.signals import with_payload
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 
 
@@ -67,7 +68,7 @@ def test_bag_of_a_stimulus(root: Path, tmp_path: Path) -> None:
     force = np.array([[m.wrench.force.x, m.wrench.force.y, m.wrench.force.z] for m in wrenches])
     frames = np.array([m.header.frame_id for m in wrenches])
     read = read_wrenches(tmp_path / 'bag')
-    assert read is not None and list(read.frames) == frames.tolist()
+    assert read is not None and list(read.frame_id) == frames.tolist()
     np.testing.assert_array_equal(read.force, force)
     acting = np.linalg.norm(force, axis=1) > 0.0
     assert set(frames[~acting]) == {'base'}

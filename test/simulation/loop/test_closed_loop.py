@@ -28,9 +28,10 @@ from tudor_dynamics.control.sign_test import check_sign, Sign, StepResponse
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
 from tudor_dynamics.signals.ringdown import ring_modes
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, Signals, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.pushes import Push
+from tudor_dynamics.simulation.loop.signals import LoopRecord, with_payload
 from tudor_dynamics.simulation.plant.modes import modes
 
 PATH = Path(__file__).resolve().parents[3] / 'config' / 'tudor.yaml'
@@ -43,13 +44,13 @@ def tudor() -> Arm:
     return load_arm(PATH)
 
 
-def hold(loop: ClosedLoop, q: np.ndarray, seconds: float, every: int = 1) -> Signals:
+def hold(loop: ClosedLoop, q: np.ndarray, seconds: float, every: int = 1) -> LoopRecord:
     """Keep a reference."""
     steps = int(round(seconds / loop.dt))
     return loop.run(np.tile(q, (steps, 1)), np.zeros((steps, q.size)), every=every)
 
 
-def move(loop: ClosedLoop, seconds: float) -> tuple[Signals, float]:
+def move(loop: ClosedLoop, seconds: float) -> tuple[LoopRecord, float]:
     """Make the move of the paper's second figure at 2 s; give the end of its reference, too."""
     start = np.clip(np.zeros(2), planned_limits(loop.arm).lower, planned_limits(loop.arm).upper)
     loop.reset(start)

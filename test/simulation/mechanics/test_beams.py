@@ -25,7 +25,7 @@ from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.mechanics.section import beam_properties, rectangle_torsion
 from tudor_dynamics.simulation.plant.modes import modes
-from tudor_dynamics.simulation.plant.outputs import Probe, Section
+from tudor_dynamics.simulation.plant.outputs import BeamPlace, Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import LARGEST_ROTATION, largest_rotation
 
@@ -102,7 +102,7 @@ def test_deflection_under_a_tip_load():
     """A small weight at the tip gives F L^3 / 3 EI, and the strain F (L - x) c / EI."""
     mass = 0.02
     arm, plant = cantilever(2, 9.81, mass, stretch=False)
-    probe = Probe(plant, [Section('hub', 0.1)], arm)
+    probe = Probe(plant, [BeamPlace('hub', 0.1)], arm)
     seen = probe.observe()
     own = RHO * SIDE**2 * 9.81
     force = mass * 9.81

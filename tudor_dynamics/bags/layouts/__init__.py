@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages beside JointState that carry efforts or strains: where their numbers stand."""
+"""Messages as bytes: where their numbers stand, of JointState, wrenches, arrays, interfaces."""

@@ -21,7 +21,7 @@ The arm description names place or interface.
 
 from __future__ import annotations
 
-from tudor_dynamics.bags.cdr_layout import CdrError, Cursor, Layout, MAX_NAMES
+from tudor_dynamics.bags.layouts.cdr_layout import CdrError, Cursor, Layout, MAX_NAMES
 
 FLOAT64_MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
 DYNAMIC_JOINT_STATE = 'control_msgs/msg/DynamicJointState'

@@ -30,7 +30,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.outlook.parts import PARTS
 from tudor_dynamics.reproduction.plan import Campaign, Plan
-from tudor_dynamics.reproduction.stages import Stages
+from tudor_dynamics.reproduction.result_cache import ResultCache
 
 
 def default_arm() -> Path:
@@ -108,7 +108,7 @@ def opened(args: argparse.Namespace) -> Iterator[Campaign]:
         msg = '--split random: the elastic model has a memory and no random split; name others'
         raise UsageError(msg)
     stages = stage_count(args.experiment, plan, args.split)
-    campaign = Campaign(plan, Stages(args.out))
+    campaign = Campaign(plan, ResultCache(args.out))
     console = Console(file=sys.stderr)
     columns = (TextColumn('{task.description}'), BarColumn(),
                TextColumn('{task.percentage:>3.0f} %'), TimeElapsedColumn())

@@ -47,7 +47,7 @@ Term = tuple[str, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class CandidateRows:
     """
     A part of the training data, its rows and outputs decimated.
 
@@ -143,7 +143,7 @@ class WideRows:
         """Give the number of all columns, friction included."""
         return len(self.columns) + self._widest * len(self.terms)
 
-    def _parts(self, bag: BagData, bags: int, with_payload: bool) -> list[Part]:
+    def _parts(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
         pieces = []
         for stretch in bag.stretches:
             motion = stretch.motion
@@ -159,13 +159,14 @@ class WideRows:
                     speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]
             rows = self._regressor.rows(motion if keep.sos is not None else keep(motion))
             bodies = rows[:, :, self.columns]
-            pieces.append(Part(keep(bodies) if keep.sos is not None else bodies, keep(speed),
-                               keep(getattr(stretch, self.output))))
-        whole = Part(*(np.concatenate([getattr(piece, name) for piece in pieces])
-                       for name in ('bodies', 'speed', 'output')))
+            pieces.append(CandidateRows(
+                keep(bodies) if keep.sos is not None else bodies, keep(speed),
+                keep(getattr(stretch, self.output))))
+        whole = CandidateRows(*(np.concatenate([getattr(piece, name) for piece in pieces])
+                                for name in ('bodies', 'speed', 'output')))
         count = 1 if bags >= PARTS else -(-PARTS // bags)
         edges = np.linspace(0, len(whole.output), count + 1).astype(int)
-        return [Part(whole.bodies[a:b], whole.speed[a:b], whole.output[a:b])
+        return [CandidateRows(whole.bodies[a:b], whole.speed[a:b], whole.output[a:b])
                 for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
     def assume(self, parameters: FloatArray) -> None:
@@ -184,7 +185,7 @@ class WideRows:
         """Give the products of each part and channel, on all columns."""
         return [self._products(part) for part in self.parts]
 
-    def _products(self, part: Part) -> list[Products]:
+    def _products(self, part: CandidateRows) -> list[Products]:
         speed = part.speed
         if self._loads is not None:
             speed = speed.copy()

@@ -35,7 +35,7 @@ FARTHEST = 6.0
 
 
 @dataclass(frozen=True)
-class Stage:
+class SearchPhase:
     """
     A search by all parameters.
 
@@ -108,7 +108,7 @@ def improve(
 
 
 def descend(
-    problem: Problem, x: FloatArray, stages: Sequence[Stage], told: Callable[[int], None],
+    problem: Problem, x: FloatArray, stages: Sequence[SearchPhase], told: Callable[[int], None],
 ) -> FloatArray:
     """
     Improve the parameters stage by stage.
@@ -119,7 +119,7 @@ def descend(
         Problem; follows positions alone afterwards.
     x : ndarray of shape (n_names,)
         Logarithms to start from.
-    stages : sequence of Stage
+    stages : sequence of SearchPhase
         Searches, one after the other.
     told : callable
         Given the number of each stage before it begins.

@@ -28,7 +28,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.elastic.descent import descend, Stage
+from tudor_dynamics.identification.elastic.descent import descend, SearchPhase
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Knowledge, Record
 from tudor_dynamics.identification.elastic.result import Identified, result_of, Start
@@ -41,9 +41,9 @@ Progress = Callable[[str], None]
 
 ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
-FIRST = (Stage(2.0, COARSE, 10, 1e-3), Stage(1.0, COARSE, 10, 1e-3))
+FIRST = (SearchPhase(2.0, COARSE, 10, 1e-3), SearchPhase(1.0, COARSE, 10, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
-LAST = (*[Stage(0.7, INNER_STEP, 7, 1e-5)] * 2, Stage(0.0, INNER_STEP, 8, 1e-5))
+LAST = (*[SearchPhase(0.7, INNER_STEP, 7, 1e-5)] * 2, SearchPhase(0.0, INNER_STEP, 8, 1e-5))
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 Last, as the model will be used, nothing draws."""
 

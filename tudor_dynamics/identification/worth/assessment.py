@@ -21,7 +21,7 @@ from typing import Any
 
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.free_motion import learn_all
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.next_steps import next_steps, NextStep
 from tudor_dynamics.identification.worth.physics import marks
 from tudor_dynamics.identification.worth.uses import Use, uses_of
@@ -55,11 +55,11 @@ class Assessment:
     steps: tuple[NextStep, ...]
 
     @property
-    def detects(self) -> Level | None:
+    def detects(self) -> Grade | None:
         """Give how well the best model detects collisions; None without thresholds."""
         found = [use.level for use in self.uses
                  if use.name.startswith('collision') and use.level is not None]
-        return min(found, key=list(Level).index, default=None)
+        return min(found, key=list(Grade).index, default=None)
 
     def as_dict(self) -> dict[str, Any]:
         """Give verdicts and steps as plain values."""

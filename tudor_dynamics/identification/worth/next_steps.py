@@ -23,7 +23,7 @@ import shlex
 from typing import Any
 
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.verdict import LARGEST_GAP, Level
+from tudor_dynamics.identification.verdict import Grade, LARGEST_GAP
 from tudor_dynamics.identification.worth.uses import Use
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 
@@ -107,7 +107,7 @@ def next_steps(
         found.append(NextStep(
             UNTESTED, 'one bag cannot tell how the model does on another day: record a second, of '
             'another motion', _fit(result, more='BAG')))
-    if not found and any(use.level is not Level.DO_NOT_USE for use in uses):
+    if not found and any(use.level is not Grade.DO_NOT_USE for use in uses):
         found.append(NextStep(0.0, 'try it beside the robot',
                               'ros2 run tudor_dynamics monitor --ros-args -p model:=MODEL'))
     return tuple(sorted(found, key=lambda step: -step.gain))

@@ -25,7 +25,7 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FittedOutput
-from tudor_dynamics.identification.verdict import Level
+from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
@@ -53,7 +53,7 @@ class Use:
         Model, by what it predicts and what it is.
     name : str
         ``prediction``, ``collision detection (METHOD)`` or ``payload``.
-    level : Level or None
+    level : Grade or None
         May it be used; None where that cannot be said.
     why : str
         Figures behind it.
@@ -63,7 +63,7 @@ class Use:
     output: str
     kind: str
     name: str
-    level: Level | None
+    level: Grade | None
     why: str
 
     def __str__(self) -> str:
@@ -125,10 +125,10 @@ def _collisions(
     measured = np.vstack([trace.measured for trace in item.validation.traces])
     span = np.maximum(np.ptp(np.quantile(measured, [0.005, 0.995], axis=0), axis=0), 1e-300)
     share = np.maximum(moving, rest) / span
-    levels = [Level.GOOD if one <= GOOD_SHARE else Level.USABLE if one <= USABLE_SHARE
-              else Level.DO_NOT_USE for one in share.tolist()]
+    levels = [Grade.GOOD if one <= GOOD_SHARE else Grade.USABLE if one <= USABLE_SHARE
+              else Grade.DO_NOT_USE for one in share.tolist()]
     # a touch is felt by all joints before it, so the better half decides
-    level = sorted(levels, key=list(Level).index)[(n - 1) // 2]
+    level = sorted(levels, key=list(Grade).index)[(n - 1) // 2]
     units = output_units(arm, item.output)
     each = ', '.join(
         f'{name} {a:.2g} at rest, {b:.2g} {units[name]} in motion ({100 * c:.0f} % of its range)'
@@ -183,8 +183,8 @@ def _payload(item: FittedOutput, arm: Arm) -> Use | None:
     share = 2.0 * error / np.maximum(span, 1e-300)
     best = int(np.argmin(share))
     name, unit = model.channels[best], output_units(arm, item.output)[model.channels[best]]
-    level = (Level.GOOD if share[best] <= GOOD_WEIGHT else Level.USABLE
-             if share[best] <= USABLE_WEIGHT else Level.DO_NOT_USE)
+    level = (Grade.GOOD if share[best] <= GOOD_WEIGHT else Grade.USABLE
+             if share[best] <= USABLE_WEIGHT else Grade.DO_NOT_USE)
     return Use(item.output, item.kind, 'payload', level,
                f'best seen by {name}: its own weight makes {span[best]:.3g} {unit} over these '
                f'poses, a mean over {MEAN:g} s is off by {error[best]:.2g}, so that '

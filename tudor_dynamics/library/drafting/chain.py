@@ -37,7 +37,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
-class Chain:
+class DraftedChain:
     """
     Kinematics with the names of their joints.
 
@@ -94,7 +94,7 @@ class Chain:
         return [int(self.model.joints[self.model.getJointId(joint)].idx_q) for joint in joints]
 
 
-def chain_of_urdf(path: Path, out: Path) -> Chain:
+def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
     """
     Take the kinematics of a URDF.
 
@@ -115,10 +115,10 @@ def chain_of_urdf(path: Path, out: Path) -> Chain:
         raise ArmError('no joint of this URDF moves', place=path, remedy='give the URDF of an arm')
     relative = os.path.relpath(path.resolve(), out.parent.resolve())
     masses = any(inertia.mass > 0.0 for inertia in list(model.inertias)[1:])
-    return Chain({'urdf': relative}, joints, model, masses, model.name, snapped.note())
+    return DraftedChain({'urdf': relative}, joints, model, masses, model.name, snapped.note())
 
 
-def _from_table(path: Path, table: Table, names: Sequence[str]) -> Chain:
+def _from_table(path: Path, table: Table, names: Sequence[str]) -> DraftedChain:
     rows = table.rows
     flange = int(table.convention == 'modified' and len(rows) == len(names) + 1)
     joints = [row.joint for row in rows[:len(rows) - flange]]
@@ -138,12 +138,12 @@ def _from_table(path: Path, table: Table, names: Sequence[str]) -> Chain:
     note = '' if all(row.joint for row in rows[:len(joints)]) else (
         f'the rows of {path} are taken as those of {", ".join(joints)}, base first, as the bag '
         'names them: make sure of it')
-    return Chain(content, tuple(joints), model, note=note, kinds=kinds)
+    return DraftedChain(content, tuple(joints), model, note=note, kinds=kinds)
 
 
 def chain_of(
     urdf: Path | None, dh: Path | None, names: Sequence[str], out: Path,
-) -> Chain:
+) -> DraftedChain:
     """
     Take the kinematics of a URDF or a table, or leave them open.
 
@@ -161,4 +161,4 @@ def chain_of(
         return chain_of_urdf(urdf, out)
     if dh is not None:
         return _from_table(dh, read_table(dh), names)
-    return Chain({'dh': OPEN}, tuple(names))
+    return DraftedChain({'dh': OPEN}, tuple(names))

@@ -38,7 +38,7 @@ EXPECTED = ('expected rows `a alpha d theta` [m, rad, m, rad], base first, with 
 
 
 @dataclass(frozen=True)
-class Row:
+class DhRow:
     """
     One row of a table.
 
@@ -65,14 +65,14 @@ class Table:
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of DhRow
         One a joint, base first.
     convention : str
         ``standard`` or ``modified``.
 
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[DhRow, ...]
     convention: str = 'standard'
 
 
@@ -87,7 +87,7 @@ def _number(word: str) -> float | None:
         return None
 
 
-def _row(words: list[str], where: str) -> Row:
+def _row(words: list[str], where: str) -> DhRow:
     numbers = [_number(word) for word in words]
     joint = words.pop(0) if numbers and numbers[0] is None else ''
     kind = words.pop() if words and words[-1] in KINDS else ''
@@ -99,7 +99,7 @@ def _row(words: list[str], where: str) -> Row:
     if max(abs(alpha), abs(theta)) > LARGEST_ANGLE:
         raise ArmError(f'an angle of {max(alpha, theta, key=abs):g} looks like degrees',
                        place=where, remedy='give radians; pi/2 may be written so')
-    return Row((a, alpha, d, theta), joint, kind)
+    return DhRow((a, alpha, d, theta), joint, kind)
 
 
 def _from_yaml(content: Any, path: str) -> Table:

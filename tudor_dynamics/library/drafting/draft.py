@@ -29,10 +29,10 @@ from tudor_dynamics.arm.open_values import OPEN, open_values
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.layouts.carriers import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plan import Channel, Plan
 from tudor_dynamics.bags.plausibility import moving_joints
 from tudor_dynamics.bags.reader import read_planned
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.sources import ChannelSource, Sources
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.library.drafting.chain import chain_of, chain_of_urdf, GRAVITY
@@ -139,16 +139,16 @@ class _Writer:
 
     def _read(self, path: str) -> Recording:
         efforts = tuple(
-            Channel(carrier.topic, joint, carrier.field, carrier.msgtype)
+            ChannelSource(carrier.topic, joint, carrier.field, carrier.msgtype)
             for joint, (carrier, _) in self._sources.items() if carrier is not None)
         whole = len(efforts) == len(self._joints)
-        plan = Plan(
+        plan = Sources(
             self._found.positions.topic, self._joints,
             tuple(self._chain.slides(joint) for joint in self._joints),
             (None,) * len(self._joints),
             efforts if whole else (),
             tuple(entry['name'] for _, _, entry in self._gauges),
-            tuple(Channel(carrier.topic, key, carrier.field, carrier.msgtype)
+            tuple(ChannelSource(carrier.topic, key, carrier.field, carrier.msgtype)
                   for carrier, key, _ in self._gauges))
         return read_planned(path, plan, Notes(path, quiet=True))
 

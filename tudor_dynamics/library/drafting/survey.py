@@ -20,10 +20,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 import math
 
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.guess import STRAIN_WORDS
 from tudor_dynamics.bags.info import BagReport
 from tudor_dynamics.bags.layouts.carriers import DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.errors import BagError
 
 EFFORT_WORDS = ('effort', 'torque', 'current', 'tau')

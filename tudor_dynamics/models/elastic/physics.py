@@ -29,7 +29,7 @@ Owner = Literal['link', 'part', 'tip', 'joint', 'arm']
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class LumpedMass:
     """
     A lumped mass as it was described.
 
@@ -64,7 +64,7 @@ class Physics:
 
     Attributes
     ----------
-    parts : dict of str to Part
+    parts : dict of str to LumpedMass
         Lumped masses by ``link,number``, and the payload as ''.
     owners : dict of str to tuple of str
         What there is of each kind of owner: joints, names of parts, '' where there is one.
@@ -88,8 +88,8 @@ class Physics:
             # below zero: linear beams, which nothing draws in
             self.beam(joint)[at.STRETCH] = 0.0 if joint in drawn_in else -1.0
 
-    def _parts(self) -> dict[str, Part]:
-        mechanism, found = self.mechanism, dict[str, Part]()
+    def _parts(self) -> dict[str, LumpedMass]:
+        mechanism, found = self.mechanism, dict[str, LumpedMass]()
         behind = {body: joint for joint, body in mechanism.body_of.items()}
         *bodies, payload = range(len(mechanism.body_int))
         for body in bodies:
@@ -100,9 +100,9 @@ class Physics:
                 found[f'{joint},{count + 1}'] = part
         return {**found, '': self._part(payload)}
 
-    def _part(self, body: int) -> Part:
+    def _part(self, body: int) -> LumpedMass:
         floats = self.mechanism.body_float[body]
-        return Part(body, float(floats[at.MASS]), floats[at.INERTIA:at.INERTIA + 6].copy())
+        return LumpedMass(body, float(floats[at.MASS]), floats[at.INERTIA:at.INERTIA + 6].copy())
 
     def beam(self, joint: str) -> FloatArray:
         """Give the row of the beam behind a joint in the mechanism's table; a view."""

@@ -35,9 +35,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.bags.cdr_layout import (
-    CdrError, HEADER, joint_state_layout, Layout, motion_layout)
 from tudor_dynamics.bags.layouts.carriers import array_layout, DATA
+from tudor_dynamics.bags.layouts.cdr_layout import (
+    CdrError, HEADER, joint_state_layout, Layout, motion_layout)
 from tudor_dynamics.typing import FloatArray
 
 NO_VALUES = np.empty(0)

@@ -31,7 +31,7 @@ from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.pages import render, write_file
 from tudor_dynamics.reproduction.plan import grams
 from tudor_dynamics.reproduction.pushes import collisions
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 from tudor_dynamics.reproduction.table1 import build
 
 MALZAHN = 'Malzahn, Reinhart, Bertram: dynamics identification of a damped arm'
@@ -157,7 +157,7 @@ def gallery(fits: Fits) -> Gallery:
     return Gallery(tuple(result), {'fit': fitted, 'collisions': scores})
 
 
-def _pushes(found: Result) -> int:
+def _pushes(found: Cached) -> int:
     methods = found.content['methods'].values()
     return max((len(item['pushes']) for item in methods), default=0)
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.reproduction.figures import look
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 HIGHEST = 150.0
 """Highest frequency that is shown [Hz]."""
@@ -29,13 +29,13 @@ LABELS = {'effort:motor': 'torque of the motor', 'acceleration:motor': 'accelera
           'moment:corner': 'moment in the middle of link 2'}
 
 
-def over_time(run: Result, signal: str) -> Figure:
+def over_time(run: Cached, signal: str) -> Figure:
     """
     Draw a signal over time.
 
     Parameters
     ----------
-    run : Result
+    run : Cached
         As from `l_shape_run`.
     signal : str
         Of its signals.
@@ -52,13 +52,13 @@ def over_time(run: Result, signal: str) -> Figure:
     return figure
 
 
-def over_frequency(run: Result, signal: str) -> Figure:
+def over_frequency(run: Cached, signal: str) -> Figure:
     """
     Draw the amplitudes of a signal over frequency.
 
     Parameters
     ----------
-    run : Result
+    run : Cached
         As from `l_shape_run`.
     signal : str
         Of its signals.
@@ -79,7 +79,7 @@ def over_frequency(run: Result, signal: str) -> Figure:
     return figure
 
 
-def _curves(axes: object, run: Result, signal: str, x: object, y: object) -> None:
+def _curves(axes: object, run: Cached, signal: str, x: object, y: object) -> None:
     values = np.asarray(y)
     labels, unit = run.content[signal]['labels'], run.content[signal]['unit']
     for column, label in enumerate(labels):

@@ -28,13 +28,13 @@ from tudor_dynamics.report.style import PRINT_MEASURED, PRINT_MODELS
 from tudor_dynamics.reproduction.figures import look
 from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.plan import grams
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 DETAIL = 20.0
 """Length of the stretch in which measured and predicted values are compared [s]."""
 
 
-def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
+def damping(arm: Arm, moves: dict[float, Cached]) -> Figure:
     """
     Show moves with and without the damper, as Figure 2 does.
 
@@ -42,7 +42,7 @@ def damping(arm: Arm, moves: dict[float, Result]) -> Figure:
     ----------
     arm : Arm
         Arm that is simulated.
-    moves : dict of float to Result
+    moves : dict of float to Cached
         Payload [kg] to `damping_move`.
 
     Returns
@@ -112,7 +112,7 @@ def stimuli(arm: Arm, bags: Sequence[BagData]) -> Figure:
     return figure
 
 
-def measured_and_predicted(arm: Arm, output: str, fit: Result) -> Figure:
+def measured_and_predicted(arm: Arm, output: str, fit: Cached) -> Figure:
     """
     Draw measured and predicted values and what is left over (Figures 6 and 7).
 
@@ -122,7 +122,7 @@ def measured_and_predicted(arm: Arm, output: str, fit: Result) -> Figure:
         Arm that is simulated.
     output : {'strain', 'effort'}
         Output that is drawn.
-    fit : Result
+    fit : Cached
         As from ``Fits.separate``.
 
     Returns

@@ -26,7 +26,7 @@ from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.report.style import PRINT_MODELS
 from tudor_dynamics.reproduction.figures import look
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 from tudor_dynamics.reproduction.table1 import LABELS, Shared, TITLES
 
 OUTPUTS = ('strain', 'effort')
@@ -42,13 +42,13 @@ def _payload_axis(axes: Any, payloads: list[float]) -> None:
     axes.set_xlabel('payload [g]')
 
 
-def with_and_without_damping(damped: dict[float, Result], undamped: dict[float, Result]) -> Figure:
+def with_and_without_damping(damped: dict[float, Cached], undamped: dict[float, Cached]) -> Figure:
     """
     Draw the fit on test recordings over the payload, with and without damping.
 
     Parameters
     ----------
-    damped, undamped : dict of float to Result
+    damped, undamped : dict of float to Cached
         Payload [kg] to ``Fits.separate``.
 
     Returns
@@ -120,13 +120,13 @@ def one_model(shared: tuple[Shared, ...], trained_at: tuple[float, float]) -> Fi
     return figure
 
 
-def collisions(found: Result) -> Figure:
+def collisions(found: Cached) -> Figure:
     """
     Draw how pushes are found: detection rate over false alarms, and how soon.
 
     Parameters
     ----------
-    found : Result
+    found : Cached
         As from ``pushes.collisions``.
 
     Returns
@@ -167,7 +167,7 @@ def collisions(found: Result) -> Figure:
     return figure
 
 
-def strain_forms(arm: Arm, moments: Result, exact: Result, paper: Result) -> Figure:
+def strain_forms(arm: Arm, moments: Cached, exact: Cached, paper: Cached) -> Figure:
     """
     Draw what the paper's strain regressor leaves out, and what that costs.
 
@@ -175,9 +175,9 @@ def strain_forms(arm: Arm, moments: Result, exact: Result, paper: Result) -> Fig
     ----------
     arm : Arm
         Arm that is simulated.
-    moments : Result
+    moments : Cached
         As from ``experiments.gauge_moments``.
-    exact, paper : Result
+    exact, paper : Cached
         ``Fits.separate`` with either form, for the payload of the moments.
 
     Returns
@@ -223,7 +223,7 @@ def _moment(gauge: GaugeSpec) -> str:
     return f'{gauge.joint}_{1000 * gauge.distance:.0f}'
 
 
-def _literal_fit(moments: Result, gauge: GaugeSpec) -> float:
+def _literal_fit(moments: Cached, gauge: GaugeSpec) -> float:
     """Fit a scale and an offset of the joint's moment to that at the gauge, free of noise."""
     at_joint, own = moments.arrays[f'{gauge.joint}_0'], moments.arrays[_moment(gauge)]
     rows = np.column_stack([at_joint, np.ones(len(own))])

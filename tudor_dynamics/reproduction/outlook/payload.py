@@ -28,7 +28,7 @@ from tudor_dynamics.reproduction.figures.pictures import Picture
 from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Floor, Section, Setting
 from tudor_dynamics.reproduction.plan import Campaign
-from tudor_dynamics.reproduction.stages import Result
+from tudor_dynamics.reproduction.result_cache import Cached
 
 ENDS = (0.0, 0.4)
 """Payloads that the model is fitted to [kg]."""
@@ -64,7 +64,7 @@ def section(setting: Setting) -> Section:
                  lambda: _draw(content)),), {'masses': content})
 
 
-def _offline(campaign: Campaign) -> Result:
+def _offline(campaign: Campaign) -> Cached:
     arm = campaign.arm
     training = [bag for end in ENDS for bag in read(arm, campaign.record(end))]
     fitted = fit_models(arm, training, [], None, arm.spec.preprocessing, FitSettings(
@@ -87,7 +87,7 @@ def _offline(campaign: Campaign) -> Result:
             centred = one - one.mean(axis=0)  # gauges have offsets
             content.setdefault(f'{payload:g}', []).append(
                 float(ENDS[1] * np.sum(centred * rest) / np.sum(centred ** 2)))
-    return Result(content, {})
+    return Cached(content, {})
 
 
 def _draw(content: dict[str, Any]) -> Figure:

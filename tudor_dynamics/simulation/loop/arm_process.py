@@ -23,8 +23,9 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import drive_stop
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.signals import with_payload
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.typing import FloatArray
 

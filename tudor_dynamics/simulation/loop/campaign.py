@@ -25,17 +25,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.layouts.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference
-from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop, Signals, with_payload
+from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.push_truth import push_wrenches, random_pushes
 from tudor_dynamics.simulation.loop.pushes import Push
+from tudor_dynamics.simulation.loop.signals import LoopRecord, with_payload
 
 START = 1_000_000_000
 """Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
@@ -188,8 +189,8 @@ def record_stimulus(
         parts.append(loop.run(reference.q[part], reference.dq[part], every=every))
         if progress is not None:
             progress(len(reference.q[part]))
-    signals = Signals(*(np.concatenate([getattr(part, name) for part in parts])
-                        for name in Signals.__dataclass_fields__))
+    signals = LoopRecord(*(np.concatenate([getattr(part, name) for part in parts])
+                           for name in LoopRecord.__dataclass_fields__))
     stamp = START + np.round(signals.t * 1e9).astype(np.int64)
     series: list[JointStateSeries | WrenchSeries] = [
         *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
@@ -264,7 +265,7 @@ def steps_per_message(dt: float, rate: float) -> int:
     return int(round(every))
 
 
-def _recording(arm: Arm, signals: Signals, stamp: NDArray[np.int64]) -> Recording:
+def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recording:
     motors = {motor.joint: motor for motor in arm.spec.motors}
     scale = [1.0 if joint.effort.unit == 'A' else motors[joint.name].joint_torque_constant
              for joint in arm.joints]

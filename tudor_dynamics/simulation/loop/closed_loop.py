@@ -39,7 +39,7 @@ from tudor_dynamics.simulation.loop.kernel import (
     ControlTables, DrivenPlant, MISSING, NO_FAULT, run_loop, SensorTables, STUCK)
 from tudor_dynamics.simulation.loop.pushes import Push, push_table
 from tudor_dynamics.simulation.loop.sensors import drive_sensor_row, gauge_rows
-from tudor_dynamics.simulation.loop.signals import Signals, with_payload
+from tudor_dynamics.simulation.loop.signals import LoopRecord
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant import integrator as gen
@@ -47,7 +47,6 @@ from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.typing import FloatArray
 
-__all__ = ['ClosedLoop', 'Signals', 'with_payload']
 
 CHUNK = 2000
 """Steps between two looks from outside."""
@@ -244,7 +243,7 @@ class ClosedLoop:
             raise SimulationError(msg)
         self._sensors.fault[self.arm.gauge_names.index(gauge)] = FAULTS[fault]
 
-    def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> Signals:
+    def step(self, q_ref: ArrayLike, dq_ref: ArrayLike) -> LoopRecord:
         """
         Advance by one step.
 
@@ -255,14 +254,14 @@ class ClosedLoop:
 
         Returns
         -------
-        Signals
+        LoopRecord
             The readings at the start of the step, one row.
 
         """
         return self.run(np.atleast_2d(np.asarray(q_ref, dtype=float)),
                         np.atleast_2d(np.asarray(dq_ref, dtype=float)))
 
-    def run(self, q_ref: FloatArray, dq_ref: FloatArray, *, every: int = 1) -> Signals:
+    def run(self, q_ref: FloatArray, dq_ref: FloatArray, *, every: int = 1) -> LoopRecord:
         """
         Run through a reference.
 
@@ -275,7 +274,7 @@ class ClosedLoop:
 
         Returns
         -------
-        Signals
+        LoopRecord
             Records.
 
         Raises
@@ -307,4 +306,4 @@ class ClosedLoop:
         t = (first + np.arange(rows)) * every * self.dt
         cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
         parts = [np.asarray(part) for part in np.split(out, cuts, axis=1)]
-        return Signals(np.asarray(t, dtype=np.float64), *parts)
+        return LoopRecord(np.asarray(t, dtype=np.float64), *parts)

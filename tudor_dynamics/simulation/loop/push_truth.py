@@ -22,10 +22,10 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.bags.messages import WrenchSeries
+from tudor_dynamics.bags.layouts.messages import WrenchSeries
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.simulation.loop.closed_loop import Signals
 from tudor_dynamics.simulation.loop.pushes import link_length, Push, push_forces, push_table
+from tudor_dynamics.simulation.loop.signals import LoopRecord
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 
@@ -105,7 +105,7 @@ def link_frame(arm: Arm, joint: str) -> str:
 
 
 def push_wrenches(
-    arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: Signals,
+    arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: LoopRecord,
     stamp: NDArray[np.int64],
 ) -> WrenchSeries:
     """
@@ -119,7 +119,7 @@ def push_wrenches(
         Mechanism with the order of its joints.
     pushes : sequence of Push
         Pushes of the run.
-    signals : Signals
+    signals : LoopRecord
         Motion of the run.
     stamp : ndarray of int64, shape (n_samples,)
         Stamps of the signals [ns].

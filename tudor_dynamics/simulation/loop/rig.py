@@ -36,7 +36,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(eq=False)
-class Trace:
+class RigLog:
     """
     What happened, sample by sample.
 
@@ -111,7 +111,7 @@ class Rig:
         None while its node is dead.
     t : float
         Simulated time [s].
-    trace : Trace
+    trace : RigLog
         Record of what happened.
     alter : callable or None
         Changes a sample on its way, or loses it by None.
@@ -131,7 +131,7 @@ class Rig:
         self._random = np.random.default_rng(seed)
         self._share = share
         self.t = 0.0
-        self.trace = Trace()
+        self.trace = RigLog()
         self.alter: Callable[[Sample], Sample | None] | None = None
         self._inward: deque[tuple[float, Sample]] = deque()
         self._outward: deque[tuple[float, FloatArray]] = deque()

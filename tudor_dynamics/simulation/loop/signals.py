@@ -26,7 +26,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class LoopRecord:
     """
     What was recorded, at the times of the samples.
 

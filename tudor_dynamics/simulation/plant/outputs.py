@@ -66,7 +66,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class Section:
+class BeamPlace:
     """
     A place along a beam: joint before it and distance from the beam's start [m].
 
@@ -83,14 +83,14 @@ class Section:
     distance: float
 
 
-def middle_sections(mechanism: Mechanism) -> list[Section]:
+def middle_sections(mechanism: Mechanism) -> list[BeamPlace]:
     """Give the middle of each beam."""
     result = []
     for joint in mechanism.beams:
         body = mechanism.body_of[joint]
         length = (mechanism.body_float[body, at.LENGTH]
                   * mechanism.body_int[body, at.ELEMENTS])
-        result.append(Section(joint, 0.5 * float(length)))
+        result.append(BeamPlace(joint, 0.5 * float(length)))
     return result
 
 
@@ -102,7 +102,7 @@ class Probe:
     ----------
     plant : Plant
         Plant to look at.
-    sections : list of Section
+    sections : list of BeamPlace
         Places of internal loads.
     arm : Arm, optional
         Arm whose gauges are read.
@@ -123,7 +123,7 @@ class Probe:
 
     """
 
-    def __init__(self, plant: Plant, sections: list[Section] | None = None,
+    def __init__(self, plant: Plant, sections: list[BeamPlace] | None = None,
                  arm: Arm | None = None) -> None:
         self.plant = plant
         mechanism = plant.mechanism

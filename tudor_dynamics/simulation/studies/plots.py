@@ -39,7 +39,7 @@ AXES = ('x', 'y', 'z')
 
 
 @dataclass(frozen=True, eq=False)
-class Signal:
+class Curves:
     """
     A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit.
 
@@ -81,7 +81,7 @@ def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
             + [f'strain:{gauge}' for gauge in gauges] + ['energy'])
 
 
-def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: str) -> Signal:
+def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: str) -> Curves:
     """
     Take a signal out of a run.
 
@@ -100,7 +100,7 @@ def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: s
 
     Returns
     -------
-    Signal
+    Curves
         Values and labels.
 
     Raises
@@ -118,20 +118,20 @@ def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: s
         column = mechanism.joints.index(which)
         values = np.asarray(getattr(run, what))[:, [column]]
         unit = {'q': 'deg', 'dq': 'deg/s', 'effort': 'N m'}[what]
-        return Signal(values if what == 'effort' else np.degrees(values), (which,),
+        return Curves(values if what == 'effort' else np.degrees(values), (which,),
                       {'q': 'angle', 'dq': 'speed', 'effort': 'torque'}[what], unit)
     if what in ('position', 'acceleration'):
         point = mechanism.tip if which == 'tip' else mechanism.point(which)
         unit = 'm' if what == 'position' else 'm/s$^2$'
-        return Signal(np.asarray(getattr(run, what))[:, point], AXES, f'{what} of {which}', unit)
+        return Curves(np.asarray(getattr(run, what))[:, point], AXES, f'{what} of {which}', unit)
     if what == 'moment':
         number = list(mechanism.beams).index(which)
-        return Signal(run.moment[:, number], ('torsion', 'about y', 'about z'),
+        return Curves(run.moment[:, number], ('torsion', 'about y', 'about z'),
                       f'moment in the middle of the link behind {which}', 'N m')
     if what == 'strain':
         column = gauges.index(which)
-        return Signal(run.strain[:, [column]], (which,), 'strain', 'unit of the gauge')
-    return Signal(np.column_stack([run.energy, run.energy.sum(axis=1)]),
+        return Curves(run.strain[:, [column]], (which,), 'strain', 'unit of the gauge')
+    return Curves(np.column_stack([run.energy, run.energy.sum(axis=1)]),
                   ('kinetic', 'elastic', 'gravity', 'total'), 'energy', 'J')
 
 
@@ -176,7 +176,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def plot_signal(
-    path: Path, run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
+    path: Path, run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
 ) -> None:
     """
     Draw a signal into a picture.
@@ -193,7 +193,7 @@ def plot_signal(
 
 
 def draw_signal(
-    run: Run, signal: Signal, *, title: str | None = None, highest: float = 150.0,
+    run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
 ) -> Figure:
     """
     Draw a signal over time and over frequency.
@@ -202,7 +202,7 @@ def draw_signal(
     ----------
     run : Run
         Run whose times the signal has.
-    signal : Signal
+    signal : Curves
         What to draw, see ``pick_signal``.
     title : str, optional
         Other title than that of the signal.

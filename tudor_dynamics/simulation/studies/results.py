@@ -22,7 +22,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.bags.messages import ImuSeries, JointStateSeries, Series
+from tudor_dynamics.bags.layouts.messages import ImuSeries, JointStateSeries, Series
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.plant.inertial import InertialSensors

@@ -25,47 +25,48 @@ from tudor_dynamics import __version__
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.reproduction.judging import hub_gauges
-from tudor_dynamics.reproduction.stages import (
-    FITTING, PACKAGE, RECORDING, Result, source_digest, Stages)
+from tudor_dynamics.reproduction.result_cache import (
+    Cached, FITTING, PACKAGE, RECORDING, ResultCache, source_digest)
 
 
 def test_computed_once(tmp_path: Path) -> None:
     """The same settings are read again, from another object too; others are computed."""
     calls = []
 
-    def make() -> Result:
+    def make() -> Cached:
         calls.append(1)
-        return Result({'n': len(calls)}, {'x': np.arange(3.0)})
+        return Cached({'n': len(calls)}, {'x': np.arange(3.0)})
 
-    first = Stages(tmp_path).result('fit', {'seed': 1}, make)
-    second = Stages(tmp_path).result('fit', {'seed': 1}, make)
+    first = ResultCache(tmp_path).result('fit', {'seed': 1}, make)
+    second = ResultCache(tmp_path).result('fit', {'seed': 1}, make)
     assert first.content == second.content == {'n': 1}
     assert second.arrays['x'].tolist() == [0.0, 1.0, 2.0]
-    assert Stages(tmp_path).result('fit', {'seed': 2}, make).content == {'n': 2}
+    assert ResultCache(tmp_path).result('fit', {'seed': 2}, make).content == {'n': 2}
     # one directory a stage: what belongs to older settings is gone
     assert len(list((tmp_path / 'stages').iterdir())) == 1
 
 
 def test_other_stages_are_left_alone(tmp_path: Path) -> None:
     """A stage whose name begins alike, and files of the user, stay when one is replaced."""
-    stages = Stages(tmp_path)
+    stages = ResultCache(tmp_path)
     for name in ('fit_200g', 'fit_200g_damped'):
-        stages.result(name, {'seed': 1}, lambda: Result({}, {}))
+        stages.result(name, {'seed': 1}, lambda: Cached({}, {}))
     mine = stages.root / 'fit_200g-notes'
     mine.mkdir()
-    stages.result('fit_200g', {'seed': 2}, lambda: Result({}, {}))
+    stages.result('fit_200g', {'seed': 2}, lambda: Cached({}, {}))
     assert mine.is_dir()
     assert len(list(stages.root.glob('fit_200g_damped-*'))) == 1
 
 
 def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
     """What is interrupted is not taken for a result."""
-    def fail() -> Result:
+    def fail() -> Cached:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Stages(tmp_path).result('fit', {}, fail)
-    assert Stages(tmp_path).result('fit', {}, lambda: Result({'n': 1}, {})).content == {'n': 1}
+        ResultCache(tmp_path).result('fit', {}, fail)
+    again = ResultCache(tmp_path).result('fit', {}, lambda: Cached({'n': 1}, {}))
+    assert again.content == {'n': 1}
 
 
 def test_the_source_counts() -> None:
@@ -113,7 +114,7 @@ def test_no_directory(tmp_path: Path) -> None:
     """A file where the stages should go is refused."""
     (tmp_path / 'stages').write_text('')
     with pytest.raises(UsageError, match='no directory'):
-        Stages(tmp_path)
+        ResultCache(tmp_path)
 
 
 def test_gauges_near_the_hubs(root: Path) -> None:

@@ -84,7 +84,7 @@ def source_digest(parts: tuple[str, ...], package: Path = PACKAGE) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Cached:
     """
     What a stage came to.
 
@@ -101,7 +101,7 @@ class Result:
     arrays: dict[str, FloatArray]
 
 
-class Stages:
+class ResultCache:
     """
     Results of stages below a directory.
 
@@ -149,9 +149,9 @@ class Stages:
         self,
         name: str,
         depends: dict[str, Any],
-        make: Callable[[], Result],
+        make: Callable[[], Cached],
         parts: tuple[str, ...] = FITTING,
-    ) -> Result:
+    ) -> Cached:
         """
         Compute a stage, or read what was computed before.
 
@@ -168,7 +168,7 @@ class Stages:
 
         Returns
         -------
-        Result
+        Cached
             Values and signals.
 
         """
@@ -182,14 +182,14 @@ class Stages:
         text = json.dumps(found.content, indent=1, allow_nan=False)
         write_directory({'result.json': text.encode(), 'arrays.npz': buffer.getvalue()}, path)
         # what was written and read again, so that a second run sees the same
-        return Result(json.loads(text), found.arrays)
+        return Cached(json.loads(text), found.arrays)
 
 
-def _read(path: Path) -> Result | None:
+def _read(path: Path) -> Cached | None:
     """Read a stage; one that cannot be read is computed again."""
     try:
         content = json.loads((path / 'result.json').read_text(encoding='utf-8'))
         with np.load(path / 'arrays.npz', allow_pickle=False) as file:
-            return Result(content, {name: file[name] for name in file.files})
+            return Cached(content, {name: file[name] for name in file.files})
     except (OSError, ValueError, EOFError):
         return None

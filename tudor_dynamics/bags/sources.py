@@ -22,8 +22,8 @@ import math
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
-from tudor_dynamics.bags.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.layouts.carriers import DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
+from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.bags.storage.raw import TopicInfo
 from tudor_dynamics.errors import BagError
 
@@ -34,7 +34,7 @@ UNLIMITED = 1e6
 
 
 @dataclass(frozen=True)
-class Channel:
+class ChannelSource:
     """
     Where the values of one joint or gauge stand.
 
@@ -57,7 +57,7 @@ class Channel:
     msgtype: str = JOINT_STATE
 
 
-def channel_of(source: SourceSpec, name: str, field: str) -> Channel:
+def channel_of(source: SourceSpec, name: str, field: str) -> ChannelSource:
     """
     Give the channel that a description names.
 
@@ -72,14 +72,14 @@ def channel_of(source: SourceSpec, name: str, field: str) -> Channel:
 
     """
     if source.index is not None:
-        return Channel(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
+        return ChannelSource(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
     if source.interface is not None:
-        return Channel(source.topic, name, source.interface, DYNAMIC_JOINT_STATE)
-    return Channel(source.topic, name, field)
+        return ChannelSource(source.topic, name, source.interface, DYNAMIC_JOINT_STATE)
+    return ChannelSource(source.topic, name, field)
 
 
 @dataclass(frozen=True)
-class Plan:
+class Sources:
     """
     What a recording is made of.
 
@@ -93,11 +93,11 @@ class Plan:
         Kind of each joint.
     reach : tuple of float or None
         Largest plausible ``|q|`` of each joint [rad or m]; None where any is.
-    efforts : tuple of Channel
+    efforts : tuple of ChannelSource
         Where each joint's effort stands.
     gauges : tuple of str
         Names of the gauges.
-    strains : tuple of Channel
+    strains : tuple of ChannelSource
         Where each gauge's reading stands.
 
     """
@@ -106,9 +106,9 @@ class Plan:
     joints: tuple[str, ...]
     prismatic: tuple[bool, ...]
     reach: tuple[float | None, ...]
-    efforts: tuple[Channel, ...]
+    efforts: tuple[ChannelSource, ...]
     gauges: tuple[str, ...] = ()
-    strains: tuple[Channel, ...] = ()
+    strains: tuple[ChannelSource, ...] = ()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ class Plan:
             channel.topic for channel in (*self.efforts, *self.strains)))))
 
 
-def plan_from_arm(arm: Arm) -> Plan:
+def plan_from_arm(arm: Arm) -> Sources:
     """
     Make the plan of an arm.
 
@@ -128,7 +128,7 @@ def plan_from_arm(arm: Arm) -> Plan:
 
     Returns
     -------
-    Plan
+    Sources
         Its active joints, their efforts, all its gauges.
 
     """
@@ -150,7 +150,7 @@ def plan_from_arm(arm: Arm) -> Plan:
             bound = MANY_TURNS
         prismatic.append(slides)
         reach.append(bound)
-    return Plan(
+    return Sources(
         arm.spec.joint_topic, arm.active_joints, tuple(prismatic), tuple(reach),
         tuple(channel_of(joint.effort, joint.name, 'effort') for joint in arm.joints),
         arm.gauge_names,

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr_layout import (
+from tudor_dynamics.bags.layouts.cdr_layout import (
     FIELDS, HEADER, IMU, imu_layout, JOINT_STATE, joint_state_layout, Layout, wrench_layout,
     WRENCH_STAMPED)
 from tudor_dynamics.errors import BagError

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.cdr_layout import CdrError, Layout
+from tudor_dynamics.bags.layouts.cdr_layout import CdrError, Layout
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
 
@@ -39,7 +39,7 @@ MAX_LAYOUTS = 256
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class MessageBatch:
     """
     Messages of one layout.
 
@@ -111,7 +111,7 @@ def decode(
     messages: Sequence[bytes],
     parse: Callable[[bytes], Layout],
     topic: str,
-) -> list[Block]:
+) -> list[MessageBatch]:
     """
     Decode the messages of a topic.
 
@@ -126,7 +126,7 @@ def decode(
 
     Returns
     -------
-    list of Block
+    list of MessageBatch
         One for each layout; their indices make up ``range(len(messages))``.
 
     Raises
@@ -136,7 +136,7 @@ def decode(
 
     """
     lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
-    blocks: list[Block] = []
+    blocks: list[MessageBatch] = []
     for length in np.unique(lengths).tolist():
         index = np.flatnonzero(lengths == length)
         chosen = messages if len(index) == len(messages) else [messages[i] for i in index.tolist()]
@@ -154,6 +154,6 @@ def decode(
                 raise BagError(msg)
             same = _same_layout(rows, layout)
             group = rows if same.all() else rows[same]
-            blocks.append(Block(index[same], layout, group.view(layout.dtype).reshape(-1)))
+            blocks.append(MessageBatch(index[same], layout, group.view(layout.dtype).reshape(-1)))
             index, rows = index[~same], rows[~same]
     return sorted(blocks, key=lambda block: int(block.index[0]))

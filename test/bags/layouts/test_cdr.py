@@ -21,10 +21,10 @@ import pytest
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags import WrenchSeries
-from tudor_dynamics.bags.cdr import decode
-from tudor_dynamics.bags.cdr_layout import (
+from tudor_dynamics.bags.layouts.cdr import decode
+from tudor_dynamics.bags.layouts.cdr_layout import (
     FIELDS, JOINT_STATE, joint_state_layout, wrench_layout, WRENCH_STAMPED)
-from tudor_dynamics.bags.messages import ImuSeries
+from tudor_dynamics.bags.layouts.messages import ImuSeries
 from tudor_dynamics.errors import BagError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
