@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.errors import TudorError
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.library.from_bags import fit
+    from tudor_dynamics.library.payload import carried
     from tudor_dynamics.library.prediction import predict
     from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
     from tudor_dynamics.monitoring.monitor import Monitor
@@ -42,8 +43,8 @@ if TYPE_CHECKING:
 __version__ = '0.1.0'
 __all__ = [
     'Arm', 'FitSettings', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant', 'Recording',
-    'TudorError', 'build_mechanism', 'fit', 'load_arm', 'load_bundle', 'modes', 'predict',
-    'read_recording', 'save_bundle', 'simulate',
+    'TudorError', 'build_mechanism', 'carried', 'fit', 'load_arm', 'load_bundle', 'modes',
+    'predict', 'read_recording', 'save_bundle', 'simulate',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -54,6 +55,7 @@ _HOMES = {
     'tudor_dynamics.errors': ('TudorError',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.library.from_bags': ('fit',),
+    'tudor_dynamics.library.payload': ('carried',),
     'tudor_dynamics.library.prediction': ('predict',),
     'tudor_dynamics.models.bundle': ('ModelBundle', 'load_bundle', 'save_bundle'),
     'tudor_dynamics.monitoring.monitor': ('Monitor',),

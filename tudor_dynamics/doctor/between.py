@@ -22,8 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tudor_dynamics.doctor.case import Case
-from tudor_dynamics.doctor.load import carried_rows, EXPLAINED
+from tudor_dynamics.doctor.load import EXPLAINED
 from tudor_dynamics.identification.finding import Finding
+from tudor_dynamics.payload.rows import LoadRows
 from tudor_dynamics.typing import FloatArray
 
 ALIKE = 0.5
@@ -141,7 +142,8 @@ def pair(one: Case, other: Case, output: str) -> Pair:
     total = np.sum(free ** 2, axis=0)
     safe_size, safe_total = np.maximum(size, 1e-300), np.maximum(total, 1e-300)
     left = free - expected
-    rows, point = carried_rows(other, output)
+    carried = LoadRows(other.arm, output)
+    rows, point = carried.rows(other.motion), carried.point(other.motion)
     after = np.zeros(len(total))
     loads = np.zeros(len(total))
     for i in range(len(total)):

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+import math
 
 from tudor_dynamics.doctor.bags import examine_bag, merged
 from tudor_dynamics.doctor.load import load_of
@@ -26,6 +28,7 @@ from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.payload.offline import estimate_payload
 
 
 def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Finding, ...]:
@@ -62,5 +65,15 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Fi
         found = load_of(examined.case, {output: model.predict(examined.case.motion)
                                         for output, model in known.items()}, str(bag.choice))
         if found is not None:
-            findings[-1].insert(0, found)
+            findings[-1].insert(0, _measured(found, bundle, bag))
     return tuple(merged(findings))
+
+
+def _measured(finding: Finding, bundle: ModelBundle, bag: BagData) -> Finding:
+    """Say of a load what is known of it: how much, and as surely as that is known."""
+    models = {output: kinds['analytical'] for output, kinds in bundle.models.items()
+              if 'analytical' in kinds}
+    told = estimate_payload(bundle.arm, models, bag.stretches, known=bundle.payload or 0.0)
+    size = None if math.isnan(told.mass) else told.mass - told.known
+    return replace(finding, what=f'{finding.what}; {told.sentence}', size=size,
+                   unit='' if size is None else 'kg')

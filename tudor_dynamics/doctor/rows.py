@@ -126,22 +126,3 @@ class BodyRows:
             sharp = max(float(self._sharp[i]), 0.03 * float(np.sqrt(np.mean(dq ** 2))), 1e-9)
             found.append(np.column_stack([ddq, dq, np.tanh(dq / sharp), ones]))
         return found
-
-    def inertial(self, motion: FloatArray) -> FloatArray | None:
-        """
-        Evaluate the efforts of the bodies with the masses of the description itself.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints.
-
-        Returns
-        -------
-        ndarray of shape (n, n_channels) or None
-            In N m or N; None where the description has no masses.
-
-        """
-        values = np.concatenate([inertia.toDynamicParameters()
-                                 for inertia in list(self.model.inertias)[1:]])
-        return self.rows(motion) @ values if values.any() else None

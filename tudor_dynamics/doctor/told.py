@@ -20,8 +20,8 @@ import numpy as np
 
 from tudor_dynamics.doctor.case import Case, relative
 from tudor_dynamics.doctor.structure import Alternative
-from tudor_dynamics.doctor.units import masses
 from tudor_dynamics.identification.finding import Finding
+from tudor_dynamics.payload.scale import described_masses
 
 MEASURE = 'relative residual'
 NEARLY = 2.0
@@ -121,7 +121,7 @@ def opposite(case: Case, hinted: list[int]) -> list[Finding]:
             'correlation of friction and speed', power, -power))
     if findings or 'effort' not in case.outputs:
         return findings
-    known = masses(case, case.outputs['effort'])
+    known = described_masses(case.arm, case.motion, case.outputs['effort'])
     if known is not None and len(known.believed) and np.all(known.believed < 0.0):
         own = np.array(case.arm.spec.gravity)
         ratio = float(np.median(known.believed))

@@ -16,13 +16,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tudor_dynamics.doctor.case import Case
 from tudor_dynamics.identification.finding import Finding
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.payload.scale import BELIEVED, Described, described_masses
 
 LARGEST = {'A': 150.0, 'N m': 3000.0, 'N': 20000.0}
 """No joint of an arm has more, in any of the units of efforts."""
@@ -33,64 +31,6 @@ FEW_TIMES = 3.3
 """Masses of a URDF are wrong by less."""
 THOUSAND = 30.0
 """Factors beyond are those between a unit and its thousandth."""
-CORRELATED = 0.6
-"""Share of a torque that the masses of the URDF have to explain before they are believed."""
-
-
-@dataclass(frozen=True, eq=False)
-class Masses:
-    """
-    Measured efforts over those of the masses of the description.
-
-    Attributes
-    ----------
-    ratio : ndarray of shape (n_joints,)
-        Measured unit per N m or N; 1 for a right URDF in N m.
-    share : ndarray of shape (n_joints,)
-        Part of the effort, friction left out, that they explain.
-
-    """
-
-    ratio: FloatArray
-    share: FloatArray
-
-    @property
-    def believed(self) -> FloatArray:
-        """Ratios of the joints whose efforts the masses explain."""
-        return np.asarray(self.ratio[self.share > CORRELATED])
-
-
-def masses(case: Case, effort: FloatArray) -> Masses | None:
-    """
-    Compare efforts with those of the masses of the description.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    effort : ndarray of shape (n, n_joints)
-        Efforts in their units.
-
-    Returns
-    -------
-    Masses or None
-        None where the description has no masses.
-
-    """
-    bodies = case.bodies['effort']
-    torque = bodies.inertial(case.motion)
-    if torque is None:
-        return None
-    ratios, shares = [], []
-    for i, own in enumerate(bodies.own(case.motion)):
-        friction = own[:, 1:]
-        basis = np.linalg.qr(friction / np.maximum(np.linalg.norm(friction, axis=0), 1e-300))[0]
-        x, y = (values - basis @ (basis.T @ values) for values in (torque[:, i], effort[:, i]))
-        both, size = float(x @ y), float(x @ x)
-        seen = size > 1e-6 * max(float(y @ y), 1e-300) and float(y @ y) > 0.0
-        ratios.append(both / size if seen else 0.0)
-        shares.append(both ** 2 / (size * float(y @ y)) if seen else 0.0)
-    return Masses(np.array(ratios), np.array(shares))
 
 
 def sizes(case: Case) -> list[Finding]:
@@ -118,7 +58,7 @@ def sizes(case: Case) -> list[Finding]:
         if unit != 'A' and 0.0 < limits[i] < UNLIMITED:
             bounds[i] = min(bounds[i], BEYOND * limits[i])
     over = [i for i in range(len(units)) if largest[i] > bounds[i]]
-    known = masses(case, effort)
+    known = described_masses(case.arm, case.motion, effort)
     if not over:
         return [] if known is None else _by_masses(case, known)
     if known is None or units[over[0]] == 'A':
@@ -135,10 +75,10 @@ def sizes(case: Case) -> list[Finding]:
                      float(largest[most]) / 1000.0)]
 
 
-def _by_masses(case: Case, known: Masses) -> list[Finding]:
+def _by_masses(case: Case, known: Described) -> list[Finding]:
     joints = case.arm.joints
     described = [i for i in range(len(joints)) if joints[i].effort.unit != 'A'
-                 and known.share[i] > CORRELATED]
+                 and known.share[i] > BELIEVED]
     if len(described) < 2:
         return []
     ratio = float(np.median(np.abs(known.ratio[described])))

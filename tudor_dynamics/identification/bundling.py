@@ -26,6 +26,7 @@ from tudor_dynamics.identification.free_motion import as_plain
 from tudor_dynamics.identification.metrics import Score
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.identification.worth.comparison import spread
+from tudor_dynamics.identification.worth.payload_errors import payload_errors
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
 
@@ -56,10 +57,12 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
                      'share': r.share} for r in result.ringing],
         'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
-        **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds)}
+        **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
+        'payload_errors': payload_errors(result)}
     causal = None
     if result.causal is not None:
         facts['causal_validation'] = figures(result.causal)
+        facts['causal_payload_errors'] = payload_errors(result.causal)
         causal = CausalModels(result.causal.preprocessing, _models(result.causal))
     return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
 

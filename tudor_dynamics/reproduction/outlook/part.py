@@ -65,11 +65,27 @@ class Setting:
         self.campaign.progress(f'{self.name}: {text}', share)
 
     def bag(self, name: str) -> Path | None:
-        """Give a bag of the other recordings; None where it is not there."""
+        """
+        Give a bag of the other recordings; None where it is not there.
+
+        Parameters
+        ----------
+        name : str
+            Directory of the bag.
+
+        """
         return self._other('bags', name)
 
     def arm(self, name: str) -> Path | None:
-        """Give an arm description of the other recordings; None where it is not there."""
+        """
+        Give an arm description of the other recordings; None where it is not there.
+
+        Parameters
+        ----------
+        name : str
+            File without suffix.
+
+        """
         return self._other('arms', f'{name}.yaml')
 
     def _other(self, folder: str, name: str) -> Path | None:

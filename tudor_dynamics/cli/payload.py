@@ -1,0 +1,113 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor payload``: what the arm carries, from a bag and a model."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
+from tudor_dynamics.identification.dataset import BagData, load, parse_choice
+from tudor_dynamics.identification.payloads import parse_payloads
+from tudor_dynamics.library.payload import payload_of, telling
+from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.payload.estimate import PayloadEstimate, Verdict
+from tudor_dynamics.payload.scale import Source
+
+EXAMPLES = """\
+examples:
+  tudor payload run5 --model model
+  tudor payload run5 run6@20s-60s --model model --json
+  tudor payload run5 --model model --payload-of run5=0.3
+
+Each bag is told by itself: mass, centre and, where the motion shows it, inertia, each with its
+standard deviation. Kilograms come from a model of two known payloads (tudor fit --payload-of),
+from torques or torque constants, from the gains of gauges (sensors of the description) or from
+the masses of the URDF; without any of them the load is a part of the arm's own moment. With
+--payload-of the estimates are compared with what is known. exit codes: 0 each bag told whether
+there is a load; 1 a bag has no information, or the truth is more than three standard deviations
+away; 2 wrong input.
+"""
+FAR = 3.0
+"""Standard deviations from which on an estimate is wrong."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor payload``."""
+    parser.add_argument('bags', nargs='+', metavar='BAG',
+                        help='bag directory or file, or a part of it: BAG@60-100%%')
+    parser.add_argument('--model', required=True, metavar='MODEL', help='bundle of tudor fit')
+    parser.add_argument('--arm', metavar='YAML',
+                        help='refuse the model if it is not of this arm (it carries its own)')
+    parser.add_argument('--kind', choices=('analytical', 'elastic'),
+                        help='kind of model that tells the load (analytical, where there is one)')
+    parser.add_argument('--payload-of', nargs='+', default=[], metavar='BAG=KG',
+                        help='true mass in a bag, to compare with')
+    parser.add_argument('--json', action='store_true', help='print the estimates as JSON')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, estimate, print."""
+    arm = load_arm(args.arm) if args.arm else None
+    bundle = load_bundle(args.model, arm=arm)
+    telling(bundle, args.kind)  # says so if there is none
+    choices = [parse_choice(text) for text in args.bags]
+    truths = parse_payloads(args.payload_of, choices)
+    bags: list[BagData] = []
+    with steps(len(choices)) as step:
+        for choice in choices:
+            step(f'read {choice}')
+            bags.append(load(choice, bundle.arm, bundle.preprocessing))
+    found = [payload_of(bundle, [bag], args.kind) for bag in bags]
+    known = [next((mass for path, mass in truths.items() if path == _resolved(bag)), None)
+             for bag in bags]
+    if args.json:
+        print_json(finite({'model': args.model, 'bags': {
+            str(bag.choice): {**item.as_dict(), **({} if mass is None else {'true_mass': mass})}
+            for bag, item, mass in zip(bags, found, known, strict=True)}}))
+    else:
+        _print(bags, found, known)
+    bad = [item for item, mass in zip(found, known, strict=True)
+           if item.verdict is Verdict.UNKNOWN or (
+               mass is not None and not abs(item.mass - mass) <= FAR * item.mass_std)]
+    return 1 if bad else 0
+
+
+def _resolved(bag: BagData) -> str:
+    return str(Path(bag.choice.path).resolve())
+
+
+def _print(
+    bags: Sequence[BagData], found: Sequence[PayloadEstimate], known: Sequence[float | None],
+) -> None:
+    table = new_table('what each output says of a mass at the tip', names=('bag', 'output'),
+                      figures=('load', '+-', 'unit', 'residual\nwithout %', 'with %'))
+    for bag, item in zip(bags, found, strict=True):
+        plain = item.source is Source.NOTHING
+        for one in item.outputs:
+            size = 100.0 if plain else 1.0
+            table.add_row(str(bag.choice), one.output, f'{size * one.mass:.4g}',
+                          f'{size * one.std:.2g}', '% of arm' if plain else 'kg',
+                          f'{100 * one.before:.1f}', f'{100 * one.after:.1f}')
+    print_table(table)
+    for bag, item, mass in zip(bags, found, known, strict=True):
+        print(f'{bag.choice}: {item.sentence}')
+        if item.known:
+            print(f'  {item.known:g} kg of it are in the model')
+        if mass is not None:
+            print(f'  known: {mass:g} kg, error {item.mass - mass:+.4g} kg')

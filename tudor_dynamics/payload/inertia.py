@@ -1,0 +1,173 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Inertial parameters of a rigid body: linear forms, change of frame, physical consistency.
+
+The ten parameters (mass, first moments, inertia about the origin, in Pinocchio's order) are those
+of a body that can exist if the pseudo-inertia ``[[S, h], [h', m]]``, ``S = tr(I) 1 / 2 - I``, is
+positive semidefinite (Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent
+inertial parameter identification", IEEE RA-L 3(1), 2018, Theorem 1).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+
+from tudor_dynamics.typing import FloatArray
+
+COUNT = 10
+_INDEX = ((4, 5, 7), (5, 6, 8), (7, 8, 9))
+"""Place of each entry of the inertia among the ten parameters."""
+_LOWER = np.tril_indices(4)
+
+
+def pseudo_inertia(parameters: FloatArray) -> FloatArray:
+    """
+    Give the pseudo-inertia of a body.
+
+    Parameters
+    ----------
+    parameters : ndarray of shape (10,)
+        Mass, first moments, inertia about the origin [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    ndarray of shape (4, 4)
+        Second moments of the mass over its first and the mass.
+
+    """
+    inertia = parameters[np.array(_INDEX)]
+    result = np.empty((4, 4))
+    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    result[:3, 3] = result[3, :3] = parameters[1:4]
+    result[3, 3] = parameters[0]
+    return result
+
+
+def parameters_of(pseudo: FloatArray) -> FloatArray:
+    """
+    Give the parameters of a pseudo-inertia.
+
+    Parameters
+    ----------
+    pseudo : ndarray of shape (4, 4)
+        As from `pseudo_inertia`.
+
+    Returns
+    -------
+    ndarray of shape (10,)
+        Mass, first moments, inertia about the origin.
+
+    """
+    second = pseudo[:3, :3]
+    inertia = np.trace(second) * np.eye(3) - second
+    result = np.empty(COUNT)
+    result[0], result[1:4] = pseudo[3, 3], pseudo[:3, 3]
+    for i in range(3):
+        for j in range(i, 3):
+            result[_INDEX[i][j]] = inertia[i, j]
+    return result
+
+
+def reframed(placement: pin.SE3) -> FloatArray:
+    """
+    Give the matrix that takes parameters about one frame to those about another.
+
+    Parameters
+    ----------
+    placement : pinocchio.SE3
+        Other frame in the one of the parameters.
+
+    Returns
+    -------
+    ndarray of shape (10, 10)
+        ``matrix @ parameters`` are the same body about the other frame.
+
+    """
+    into = placement.inverse().homogeneous
+    return np.column_stack([parameters_of(into @ pseudo_inertia(unit) @ into.T)
+                            for unit in np.eye(COUNT)])
+
+
+def point_mass(place: FloatArray) -> FloatArray:
+    """
+    Give the parameters of one kilogram at a place.
+
+    Parameters
+    ----------
+    place : ndarray of shape (3,)
+        Where it is [m].
+
+    """
+    lever = np.append(place, 1.0)
+    return parameters_of(np.outer(lever, lever))
+
+
+def consistent(parameters: FloatArray, information: FloatArray, size: float) -> FloatArray:
+    """
+    Find the body that can exist and explains an estimate best.
+
+    What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
+    of the given size, by so little that no direction that is known moves.
+
+    Parameters
+    ----------
+    parameters : ndarray of shape (10,)
+        Estimate; any values.
+    information : ndarray of shape (10, 10)
+        Inverse of its covariance, positive semidefinite.
+    size : float
+        Radius of gyration of an unknown body [m].
+
+    Returns
+    -------
+    ndarray of shape (10,)
+        Parameters whose pseudo-inertia is positive semidefinite.
+
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    mass = max(float(parameters[0]), 1e-6)
+    # a thousandth of what one standard deviation of a body of this size would weigh
+    shy = 1e-3 / np.array([mass, *3 * [mass * size], *6 * [mass * size ** 2]])
+
+    def body(x: FloatArray) -> FloatArray:
+        lower = np.zeros((4, 4))
+        lower[_LOWER] = x
+        return parameters_of(lower @ lower.T)
+
+    def left(x: FloatArray) -> FloatArray:
+        found = body(x)
+        return np.concatenate([root @ (found - parameters), shy * found])
+
+    def slope(x: FloatArray) -> FloatArray:
+        lower = np.zeros((4, 4))
+        lower[_LOWER] = x
+        columns = []
+        for row, column in zip(*_LOWER, strict=True):
+            turned = np.zeros((4, 4))
+            turned[row] = lower[:, column]
+            columns.append(parameters_of(turned + turned.T))
+        change = np.column_stack(columns)
+        return np.vstack([root @ change, shy[:, None] * change])
+
+    w, v = np.linalg.eigh(pseudo_inertia(parameters))
+    scale = np.array([size, size, size, 1.0])
+    start = (v * np.maximum(w, 0.0)) @ v.T + 1e-6 * mass * np.diag(scale ** 2)
+    found = least_squares(left, np.linalg.cholesky(start)[_LOWER], slope, method='lm',
+                          x_scale='jac', ftol=1e-14, xtol=1e-14, gtol=1e-14, max_nfev=500)
+    return body(found.x)
