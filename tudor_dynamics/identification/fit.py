@@ -27,6 +27,7 @@ from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.elastic.trainer import Searches
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.noise import noise_floor
 from tudor_dynamics.identification.ringing import find_ringing, Ringing
@@ -166,6 +167,8 @@ class FitResult:
         What is odd about the data.
     elastic : Identified or None
         What the elastic model found out about the arm, from all training bags.
+    searches : mapping of tuple of str to Identified
+        The same by names of bags, for what was left out as well.
     findings : tuple of Finding
         What is wrong with the bags or with the description.
     choices : tuple of Choice
@@ -184,6 +187,7 @@ class FitResult:
     ringing: tuple[Ringing, ...] = ()
     warnings: tuple[str, ...] = field(default=())
     elastic: Identified | None = None
+    searches: Searches = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     choices: tuple[Choice, ...] = ()
     causal: FitResult | None = None
@@ -197,6 +201,7 @@ def fit_models(
     preprocessing: PreprocessingSpec,
     settings: FitSettings,
     progress: Progress = lambda _: None,
+    known: Searches | None = None,
 ) -> FitResult:
     """
     Fit every model to the training bags and validate it.
@@ -217,6 +222,8 @@ def fit_models(
         Choices of the fit.
     progress : callable
         Told what is done next.
+    known : mapping of tuple of str to Identified, optional
+        What was searched for before, behind another filter, by names of bags.
 
     Returns
     -------
@@ -245,7 +252,7 @@ def fit_models(
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
     trainers = {kind: trainer_of(kind, arm, settings, progress,
-                                 None if holdout is None else holdout[0])
+                                 None if holdout is None else holdout[0], known)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
     for output in outputs:
@@ -264,7 +271,9 @@ def fit_models(
     return FitResult(arm, preprocessing, settings, tuple(fitted), tuple(training), tuple(test),
                      ringing, tuple(dict.fromkeys(read + notes)),
                      next((found for trainer in trainers.values()
-                           if (found := trainer.identified) is not None), None))
+                           if (found := trainer.identified) is not None), None),
+                     {names: found for trainer in trainers.values()
+                      for names, found in trainer.searches.items()})
 
 
 def _fit_one(

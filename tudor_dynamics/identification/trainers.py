@@ -16,13 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, training_blocks
 from tudor_dynamics.identification.elastic.result import Identified
-from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
+from tudor_dynamics.identification.elastic.trainer import ElasticTrainer, Searches
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
@@ -33,6 +34,8 @@ class Trainer(Protocol):
 
     identified: Identified | None
     """What was found out about the arm from all bags; None for a kind that says nothing of it."""
+    searches: Mapping[tuple[str, ...], Identified]
+    """The same by names of bags, for the parts as well."""
 
     def fit(self, bags: Sequence[BagData], output: str) -> Model:
         """
@@ -95,6 +98,7 @@ class RowTrainer:
     """
 
     identified: Identified | None = None
+    searches: Mapping[tuple[str, ...], Identified] = MappingProxyType({})
 
     def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
         self.kind, self.arm, self.settings = kind, arm, settings
@@ -137,7 +141,7 @@ def check_kinds(
 
 def trainer_of(
     kind: str, arm: Arm, settings: ModelSettings, progress: Callable[[str], None],
-    kept: BagData | None,
+    kept: BagData | None, known: Searches | None = None,
 ) -> Trainer:
     """
     Give the trainer of a kind.
@@ -154,8 +158,10 @@ def trainer_of(
         Told what is done next.
     kept : BagData or None
         Part of the only bag, the rest of which is held out.
+    known : mapping of tuple of str to Identified, optional
+        Names of bags to what was found of them behind another filter.
 
     """
     if kind in TRAINERS:
-        return TRAINERS[kind](arm, settings.payloads, progress, kept=kept)
+        return TRAINERS[kind](arm, settings.payloads, progress, kept=kept, known=known)
     return RowTrainer(kind, arm, settings)

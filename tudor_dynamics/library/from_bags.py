@@ -31,6 +31,7 @@ from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.choice.choose import choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, filtered, load, parse_choice, refuse_copies, split_bag)
+from tudor_dynamics.identification.elastic.trainer import Searches
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
@@ -237,10 +238,11 @@ def fit_bags(
     known = [split_bag(training[0], HELD_OUT, preprocessing)[0]] if alone else training
     chosen = choose(arm, known, preprocessing, settings, progress)
 
-    def fitted(spec: PreprocessingSpec) -> FitResult:
+    def fitted(spec: PreprocessingSpec, known: Searches | None = None) -> FitResult:
         seen, unseen = ([filtered(bag, spec) for bag in bags] for bags in (training, test))
         holdout = split_bag(training[0], HELD_OUT, spec) if alone else None
-        return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress)
+        return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress,
+                          known)
 
     progress('doctor')
     findings = examine_bags(arm, [*training, *test])
@@ -248,7 +250,8 @@ def fit_bags(
     causal = None
     if chosen.preprocessing.filter == 'zero_phase':
         progress('causal models for the robot')
-        causal = fitted(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
+        causal = fitted(chosen.preprocessing.model_copy(update={'filter': 'causal'}),
+                        result.searches)
     return replace(result, findings=findings, choices=chosen.made, causal=causal)
 
 

@@ -30,7 +30,7 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, split_bag
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, split_bag
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.trainer import ElasticTrainer, record_of, RUN_IN
@@ -170,6 +170,27 @@ def test_what_the_arm_is(fitted: FitResult) -> None:
     assert strain.noise_ == pytest.approx([2.0], rel=0.15)
     needed = dict(zip(effort.columns[0], effort.coefficients_[0], strict=True))
     assert {name: needed[name] for name in LONE_EFFORT} == pytest.approx(LONE_EFFORT, rel=0.1)
+
+
+def test_a_search_is_taken_over_behind_another_filter(
+    fitted: FitResult, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same bags behind another filter: no search, the same arm, gauges and figures anew."""
+    def never(*_: object, **__: object) -> Identified:
+        raise AssertionError('searched again')
+
+    monkeypatch.setattr('tudor_dynamics.identification.elastic.trainer.identify', never)
+    spec = PreprocessingSpec(filter='zero_phase', cutoff=20.0, rate=None)
+    again = fit_models(
+        lone_arm(), *([filtered(item, spec) for item in some]
+                      for some in (fitted.training, fitted.test)),
+        None, spec, FitSettings(kinds=('elastic',)), known=fitted.searches)
+    assert again.elastic is not None and fitted.elastic is not None
+    assert {p.name: p.value for p in again.elastic.physical} == pytest.approx(
+        {p.name: p.value for p in fitted.elastic.physical}, rel=1e-9)
+    for item in again.fitted:
+        assert item.validation.score.fit > 90.0, item.output
+    assert not np.array_equal(again.elastic.gauges, fitted.elastic.gauges)
 
 
 class Search:

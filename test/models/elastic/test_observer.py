@@ -55,14 +55,20 @@ def kick() -> FloatArray:
     return force
 
 
-@pytest.mark.parametrize('contact', [False, True])
-def test_ringing_from_a_push_is_taken_over(contact: bool) -> None:
-    """Unknown to the model, a push rings on in the residual; with the observer for a second."""
+@pytest.mark.parametrize(('contact', 'lag'), [
+    (False, 0.0), (True, 0.0), (False, 0.02), (True, 0.02), (False, 0.05)])
+def test_ringing_from_a_push_is_taken_over(contact: bool, lag: float) -> None:
+    """
+    Unknown to the model, a push rings on in the residual; with the observer for a second.
+
+    Gauges that lag show the push later, and are corrected as well.
+    """
     arm = blade_arm()
     q = still(0.4, 0.3)
-    measured = pushed(arm, q, RATE, kick())
+    measured = pushed(arm, q, RATE, kick(), {'lag': lag})
     alone = measured - DrivenArm(arm).follow(q, even(len(q), RATE)).moment
     driven = DrivenArm(arm)
+    driven.set_parameters({'lag': lag})
     driven.start_observer(DEVIATION, 8.0, contact=contact)
     left, _ = observe(driven, q, measured)
     hit, later = (TIME >= 1.0) & (TIME < 1.3), (TIME >= 2.1) & (TIME < 3.1)

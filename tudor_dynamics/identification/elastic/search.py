@@ -174,6 +174,40 @@ def identify(
     return result_of(whole, x, starts, runs, untold)
 
 
+def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:
+    """
+    Take over what a search found out of the same bags behind another filter.
+
+    The arm is the same whatever its recordings pass; gauges and errors are those of these records.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links`` and gauges.
+    records : sequence of Record
+        The same stretches as behind the other filter.
+    found : Identified
+        What the search ended with there.
+
+    Returns
+    -------
+    Identified
+        The same parameters, with gauges and errors of these records.
+
+    Raises
+    ------
+    FitError
+        If the arm cannot follow the records.
+
+    """
+    known = knowledge_of(arm, payload=any(record.payload is None for record in records))
+    values = {p.name: p.value for p in found.physical}
+    known = known if 'lag' in values else known.without('lag')
+    x = np.log([values[name] for name in known.names])
+    whole = Problem(arm, records, known.names, {}, known.center, known.width_of)
+    return result_of(whole, x, found.starts, found.runs, found.untold)
+
+
 def chosen(fits: Sequence[float]) -> int:
     """
     Choose the first of several searches, or the best that explains clearly more.

@@ -27,7 +27,7 @@ from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
-from tudor_dynamics.identification.elastic.search import identify, Progress
+from tudor_dynamics.identification.elastic.search import identify, Progress, taken_over
 from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
 from tudor_dynamics.models.elastic.effort import effort_rows
 from tudor_dynamics.models.elastic.fitted import follow_motion, PhysicalParameter
@@ -45,6 +45,8 @@ UNTOLD = 0.2
 """Relative standard error beyond which a stiffness is not told."""
 LEAST_SECONDS = 8.0
 """Strain below which nothing can be said of oscillations [s]."""
+Searches = Mapping[tuple[str, ...], Identified]
+"""Names of bags to what was found of them."""
 
 
 def record_of(stretch: Stretch, payload: float | None) -> Record | None:
@@ -192,18 +194,22 @@ class ElasticTrainer:
         Physical parameters of an arm that is nearly this one, where every search begins.
     kept : BagData, optional
         Part of the only bag, the rest of which is held out.
+    known : mapping of tuple of str to Identified, optional
+        Names of bags to what searches found of them behind another filter: taken over.
 
     Attributes
     ----------
     identified : Identified or None
         What was found for the first bags, which are all.
+    searches : dict of tuple of str to Identified
+        What was found, by the names of bags.
 
     """
 
     def __init__(
         self, arm: Arm, payload_range: tuple[float, float] | None = None,
         progress: Progress = lambda _: None, warm: Mapping[str, float] | None = None,
-        kept: BagData | None = None,
+        kept: BagData | None = None, known: Searches | None = None,
     ) -> None:
         self.arm = arm
         self.payload_range = payload_range
@@ -212,7 +218,8 @@ class ElasticTrainer:
         self._warm = warm
         self._kept = () if kept is None else (kept,)
         self._all: Sequence[BagData] = ()
-        self._done: dict[tuple[str, ...], Identified] = {}
+        self._known = known or {}
+        self.searches: dict[tuple[str, ...], Identified] = {}
 
     @staticmethod
     def check(arm: Arm, bags: Sequence[BagData] | None = None) -> None:
@@ -277,15 +284,17 @@ class ElasticTrainer:
     def _identify(self, bags: Sequence[BagData]) -> Identified:
         self._all = self._all or bags
         key = _names(bags)
-        if key not in self._done:
+        if key not in self.searches:
             check_arm(self.arm)
-            records = records_of(bags)
-            self._done[key] = identify(self.arm, records, warm=self._begin(bags),
-                                       progress=self.progress)
+            records, known = records_of(bags), self._known.get(key)
+            found = self.searches[key] = (
+                taken_over(self.arm, records, known) if known is not None else
+                identify(self.arm, records, warm=self._begin(bags), progress=self.progress))
             if key == _names(self._all):
-                self.identified = self._done[key]
-                _tell(self.arm, self.identified)
-        return self._done[key]
+                self.identified = found
+                if known is None:  # otherwise it was told
+                    _tell(self.arm, found)
+        return self.searches[key]
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
         """Say where a search begins, by nothing but the bags it is given."""

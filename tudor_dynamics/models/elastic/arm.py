@@ -33,11 +33,12 @@ from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.gear import Gears, SPRING_FLOATS
 from tudor_dynamics.models.elastic.kernel import Driven, Drives, Gauges
-from tudor_dynamics.models.elastic.observer import Linearised, tangents, white_force
+from tudor_dynamics.models.elastic.observer import seen_rows, white_force
 from tudor_dynamics.models.elastic.parameters import apply, change, described
 from tudor_dynamics.models.elastic.physics import Physics
 from tudor_dynamics.models.elastic.setup import (
     moment_rows, moving_coordinates, place_gauges, reduced_mechanism, spring_coordinates)
+from tudor_dynamics.models.elastic.small_motion import Linearised, tangents
 from tudor_dynamics.models.elastic.statics import (
     DAMPING, Equations, MATRICES, STIFFNESS, VECTORS, Z)
 from tudor_dynamics.signals.filters import low_pass
@@ -259,11 +260,12 @@ class DrivenArm:
             If the arm has no equilibrium where it starts.
 
         """
-        m, n = self.size, 2 * self.size + observer.FORCES
+        m, lag = self.size, self._physics.lag
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
-        self._covariance, self._small = np.zeros((n, n)), np.zeros((3, m, m))
-        self._pushed = np.zeros((m, observer.FORCES))
+        self._small, self._pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
         self._shown = moment_rows(self.mechanism, self._gauges, self.tables.equations.free)
+        self._seen = seen_rows(self._shown, lags=lag > 0.0)
+        self._covariance = np.zeros((self._seen.shape[1],) * 2)
         self.contact[:] = 0.0
         self._use_contact()
         self.follow(np.tile(self._vectors[Z, self.tables.gears.place], (2, 1)),
@@ -271,7 +273,7 @@ class DrivenArm:
         self._linearise()
         self._noise = SAMPLE * white_force(
             Linearised(*self._small), self._pushed, self._shown / self._deviation[:, None],
-            bandwidth)
+            bandwidth, lag)
         self._walk = self._noise * CONTACT_BANDWIDTH**2 if contact else 0.0
 
     def forget(self) -> None:
@@ -287,7 +289,7 @@ class DrivenArm:
         Parameters
         ----------
         innovation : ndarray of shape (n_gauges,)
-            Measured less predicted moment at each gauge; NaN for one that does not count [N m].
+            Measured less predicted reading of each gauge; NaN for one that does not count [N m].
         dt : float
             Time since the correction before [s].
 
@@ -299,11 +301,13 @@ class DrivenArm:
         """
         self._linearise()
         mass, damping, stiffness = self._small
-        good = observer.propagate(self._covariance, mass, damping, stiffness, self._pushed, dt,
-                                  self._noise, self._walk)
+        good = observer.propagate(
+            self._covariance, mass, damping, stiffness, self._pushed, self._shown, dt,
+            self._noise, self._walk, self._physics.lag)
         good = good and observer.correct(
-            self._covariance, self._shown, self._deviation**2 * (SAMPLE / dt), innovation, mass,
-            damping, stiffness, self._vectors, self.tables.equations.free, self.contact)
+            self._covariance, self._seen, self._deviation**2 * (SAMPLE / dt), innovation, mass,
+            damping, stiffness, self._vectors, self.tables.equations.free, self.contact,
+            self._reading)
         self._use_contact()
         return bool(good)
 

@@ -29,8 +29,6 @@ from tudor_dynamics.typing import FloatArray
 OBSERVERS = ('off', 'ringing', 'contact')
 BANDWIDTH = 8.0
 """Rate at which the observer forgets what it does not know the cause of [1/s]."""
-LATEST = 0.005
-"""Lag of gauges beyond which measured strain corrects nothing [s]."""
 
 
 class LiveElastic:
@@ -47,8 +45,7 @@ class LiveElastic:
         Output to model.
     observer : {'off', 'ringing', 'contact'}, default='off'
         Whether measured strain corrects the state, and whether a lasting force at the tip is
-        estimated with it. With a contact, the residual forgets a lasting force as well. Off
-        where the gauges lag by more than ``LATEST``.
+        estimated with it. With a contact, the residual forgets a lasting force as well.
     bandwidth : float, default=8.0
         Of the observer [1/s].
 
@@ -69,9 +66,6 @@ class LiveElastic:
         if not models:
             msg = 'no elastic model was given'
             raise ModelError(msg)
-        if any(model.values.get('lag', 0.0) > LATEST for model in models.values()):
-            # what is read late would push the state at the wrong time, and blow up what rings fast
-            observer = 'off'
         self.observer = observer
         self.observing = observer != 'off'
         self._outputs = {output: live_output(model) for output, model in models.items()}

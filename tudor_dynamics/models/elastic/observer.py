@@ -15,16 +15,14 @@
 """
 Extended Kalman filter for a driven arm: strain corrects twists, bending and a force at the tip.
 
-Linearised where it rests, the arm also shows its small vibrations (``tangents``).
-
 Between samples the covariance follows the arm linearised where it is, by the implicit midpoint
 rule, which is stable for the stiffest mode at any sample rate. The unknown is a force at the tip:
 white noise, that lets the state follow what nobody modelled, and a random walk, the contact.
+Readings that lag behind the moments are states themselves, and the gauges show these.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -33,6 +31,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.elastic.gear import gear, Gears
 from tudor_dynamics.models.elastic.kernel import driven_of
+from tudor_dynamics.models.elastic.small_motion import Linearised
 from tudor_dynamics.models.elastic.statics import (
     ACC, DAMPING, DDZ, DZ, Equations, FORCE, MASS, residual, STIFFNESS, Z)
 from tudor_dynamics.simulation.mechanics.chain import Chain
@@ -103,25 +102,30 @@ def linearise(
 @compiled
 def propagate(
     covariance: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray, pushed: NDArray,
-    dt: float, noise: float, walk: float,
+    shown: NDArray, dt: float, noise: float, walk: float, lag: float,
 ) -> bool:
     """
     Carry the covariance over one sample.
 
     Parameters
     ----------
-    covariance : ndarray of shape (2 m + FORCES, 2 m + FORCES)
-        Of coordinates, rates and force; overwritten.
+    covariance : ndarray of shape (n, n)
+        Of coordinates, rates and force, 2 m + FORCES of them, then of the readings of gauges
+        that lag; overwritten.
     mass, damping, stiffness : ndarray of shape (m, m)
         Of the free coordinates.
     pushed : ndarray of shape (m, FORCES)
         Generalised forces of a unit force at the tip.
+    shown : ndarray of shape (n_gauges, m)
+        Moment at each gauge by coordinate [N m].
     dt : float
         Time between the samples [s].
     noise : float
         Power density of the white force [N^2 s].
     walk : float
         Growth of the variance of the contact force [N^2/s].
+    lag : float
+        Of the readings behind the moments, where they are part of the state [s].
 
     Returns
     -------
@@ -130,13 +134,14 @@ def propagate(
 
     """
     m = mass.shape[0]
-    n = 2 * m + FORCES
+    n = covariance.shape[0]
+    inner = 2 * m + FORCES
     s = mass + 0.5 * dt * damping + 0.25 * dt * dt * stiffness
     if not cholesky(s):
         return False
     step = np.zeros((n, n))
     column = np.empty(m)
-    for j in range(n):
+    for j in range(inner):
         for a in range(m):
             if j < m:
                 column[a] = -dt * stiffness[a, j]
@@ -156,11 +161,20 @@ def propagate(
             step[j - m, j] += 0.5 * dt
         else:
             step[j, j] = 1.0
+    # a reading follows the new moment, as ``DrivenArm`` lets it
+    share = -math.expm1(-dt / lag) if n > inner else 1.0
+    for g in range(n - inner):
+        step[inner + g, inner + g] = 1.0 - share
+        for j in range(inner):
+            for a in range(m):
+                step[inner + g, j] += share * shown[g, a] * step[a, j]
     covariance[:] = step @ covariance @ step.T
     for j in range(FORCES):
-        for i in range(2 * m):
-            for k in range(2 * m):
-                covariance[i, k] += (noise / dt) * step[i, 2 * m + j] * step[k, 2 * m + j]
+        felt = step[:, 2 * m + j].copy()
+        felt[2 * m:inner] = 0.0
+        for i in range(n):
+            for k in range(n):
+                covariance[i, k] += (noise / dt) * felt[i] * felt[k]
         covariance[2 * m + j, 2 * m + j] += walk * dt
     return True
 
@@ -169,7 +183,7 @@ def propagate(
 def correct(
     covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray,
     mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
-    contact: NDArray,
+    contact: NDArray, reading: NDArray,
 ) -> bool:
     """
     Correct the state by what the gauges say.
@@ -178,16 +192,18 @@ def correct(
     ----------
     covariance : ndarray of shape (n, n)
         Covariance of the state, overwritten.
-    shown : ndarray of shape (n_gauges, m)
-        Moment at each gauge by coordinate [N m].
+    shown : ndarray of shape (n_gauges, n)
+        What each gauge shows of the state [N m].
     variance : ndarray of shape (n_gauges,)
         Of the measured moments [N^2 m^2].
     innovation : ndarray of shape (n_gauges,)
-        Measured less predicted moments; NaN for a gauge that does not count [N m].
+        Measured less predicted readings; NaN for a gauge that does not count [N m].
     mass, damping, stiffness, vectors, free
         As above; the state in ``vectors`` is changed.
     contact : ndarray of shape (FORCES,)
         Force at the tip, changed [N].
+    reading : ndarray of shape (n_gauges,)
+        Readings that lag, changed where they are part of the state [N m].
 
     Returns
     -------
@@ -205,11 +221,11 @@ def correct(
             continue
         row = np.zeros(n)
         for i in range(n):
-            for a in range(m):
+            for a in range(n):
                 row[i] += covariance[i, a] * shown[g, a]
         spread = variance[g]
         expected = 0.0
-        for a in range(m):
+        for a in range(n):
             spread += row[a] * shown[g, a]
             expected += change[a] * shown[g, a]
         left = innovation[g] - expected
@@ -236,32 +252,35 @@ def correct(
         vectors[ACC, i] += bent[a]
     for j in range(FORCES):
         contact[j] += change[2 * m + j]
+    for g in range(n - 2 * m - FORCES):
+        reading[g] += change[2 * m + FORCES + g]
     return True
 
 
-NUDGE = 1e-6
-"""Of coordinates and rates, for the differences: far below a play's rounding [rad, m, 1/s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
+def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
     """
-    Small motion about an equilibrium, drives held.
+    Give what each gauge shows of the observer's state.
 
-    Attributes
+    Parameters
     ----------
-    mass, damping, stiffness : ndarray of shape (m, m)
-        Of the coordinates that move; with weight, and with the gears as they stand there.
+    shown : ndarray of shape (n_gauges, m)
+        Moment at each gauge by coordinate [N m].
+    lags : bool
+        Whether readings lag behind the moments, and are part of the state.
+
+    Returns
+    -------
+    ndarray of shape (n_gauges, n)
+        By coordinates, rates and force, then by the readings, if they are there.
 
     """
-
-    mass: FloatArray
-    damping: FloatArray
-    stiffness: FloatArray
+    gauges, m = shown.shape
+    still = np.zeros((gauges, m + FORCES))
+    return np.hstack([0.0 * shown, still, np.eye(gauges)] if lags else [shown, still])
 
 
 def white_force(
-    small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float,
+    small: Linearised, pushed: FloatArray, shown: FloatArray, bandwidth: float, lag: float = 0.0,
 ) -> float:
     """
     Give the density of a white force at the tip, for a filter of a given bandwidth.
@@ -279,6 +298,8 @@ def white_force(
         Reading of each gauge by coordinate, in standard deviations of its noise.
     bandwidth : float
         Rate at which an error of the slowest vibration dies out [1/s].
+    lag : float, default=0.0
+        Of the readings, which show less of a vibration for it [s].
 
     Returns
     -------
@@ -289,44 +310,5 @@ def white_force(
     lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
     slowest = float(np.sqrt(np.linalg.eigvals(
         np.linalg.solve(small.mass, small.stiffness)).real.min()))
+    lever /= math.hypot(1.0, slowest * lag)
     return float((2.0 * bandwidth / max(lever * slowest, 1e-12)) ** 2)
-
-
-@compiled
-def tangents(
-    equations: Equations, gears: Gears, chain: Chain, loaded: bool, result: NDArray,
-) -> None:
-    """
-    Differentiate the missing forces by coordinates, rates and accelerations, from rest.
-
-    Parameters
-    ----------
-    equations : Equations
-        State at rest; the same afterwards.
-    gears : Gears
-        Gears with drives that stand still.
-    chain : Chain
-        Tables of the mechanism.
-    loaded : bool
-        Whether a force acts from outside.
-    result : ndarray of shape (3, m, m)
-        Result: stiffness, damping, mass.
-
-    """
-    vectors, free = equations.vectors, equations.free
-    force = vectors[FORCE]
-    for kind in range(3):
-        # linear in the accelerations: there a large nudge is as exact, and rounds less
-        nudge = 1.0 if kind == 2 else NUDGE
-        row = vectors[Z] if kind == 0 else (vectors[DZ] if kind == 1 else vectors[DDZ])
-        for c in range(free.shape[0]):
-            here = row[free[c]]
-            for side in range(2):
-                sign = 1.0 - 2.0 * side
-                row[free[c]] = here + sign * nudge
-                residual(vectors, gears, chain, loaded)
-                for a in range(free.shape[0]):
-                    result[kind, a, c] += sign * force[free[a]] / (2.0 * nudge)
-            row[free[c]] = here
-    # what follows from the coordinates that move is still that of the last nudge
-    residual(vectors, gears, chain, loaded)
