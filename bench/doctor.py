@@ -38,6 +38,7 @@ sys.path.append(str(Path(__file__).parent))
 
 from faults.clean import clean_bags, pieces, STANDS_STILL  # noqa: E402
 from faults.descriptions import of_descriptions, one_joint_of_many  # noqa: E402
+from faults.drives import of_drives  # noqa: E402
 from faults.sets import of_loads, of_sets  # noqa: E402
 from faults.signals import of_channels, of_time, of_units_and_names, still_ends  # noqa: E402
 import numpy as np  # noqa: E402
@@ -121,7 +122,7 @@ def study(args):
         rng = np.random.default_rng([args.seed, number])
         for piece in pieces(bag):
             found.spare(bag, str(piece.data.choice), found.examine(bag.arm, [piece.data]))
-        for source in (of_descriptions, one_joint_of_many, of_units_and_names, of_time,
+        for source in (of_descriptions, one_joint_of_many, of_units_and_names, of_drives, of_time,
                        of_channels, still_ends):
             for fault in source(bag, rng):
                 if args.only in (None, fault.row):

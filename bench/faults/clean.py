@@ -23,7 +23,9 @@ from pathlib import Path
 import numpy as np
 
 from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.couplings import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags import read_recording
+from tudor_dynamics.doctor.drives import with_couplings
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -66,6 +68,9 @@ def described(robot):
     if robot == 'quanser':  # its stage 2 stood still, and its strain was not recorded
         gauges = tuple(gauge for gauge in arm.spec.gauges if gauge.name == 'link1')
         arm = replace(arm, spec=arm.spec.model_copy(update={'gauges': gauges}))
+    if robot == 'tx40':  # its maker says that motor 6 turns with joint 5
+        arm = with_couplings(arm, CouplingsSpec(pairs=(CouplingPair(
+            motor='joint_6', joint='joint_5', ratio=1.0),)))
     return arm
 
 

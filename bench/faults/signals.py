@@ -252,4 +252,13 @@ def still_ends(bag, rng):
     yield Fault('standstill', ('standstill',), arm,
                 (put(data, stamp=stamp, q=q, dq=dq, effort=stretched(r.effort),
                      strain=stretched(r.strain), segments=(slice(0, len(stamp)),)),),
-                size=2.0 * seconds, part=0.5)
+                size=2.0 * seconds + standing(r), part=0.5)
+
+
+def standing(recording):
+    """Give the time for which the arm stands still at the ends of a recording as it is."""
+    q, t = recording.q, recording.t
+    near = 0.01 * np.ptp(q, axis=0)
+    left = np.flatnonzero(np.any(np.abs(q - q[0]) > near, axis=1))
+    back = np.flatnonzero(np.any(np.abs(q - q[-1]) > near, axis=1))
+    return float(t[left[0]] + t[-1] - t[back[-1]])

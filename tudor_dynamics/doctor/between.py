@@ -68,7 +68,8 @@ class Pair:
     Attributes
     ----------
     slope, share : ndarray of shape (n_channels,)
-        Measured over expected output, friction and zero left out, and how much that explains.
+        Measured over expected output, and how much that explains: friction and zero left out
+        where the rest tells enough, otherwise with friction.
     load : ndarray of shape (n_channels,)
         Kilograms at the end of the arm that explain the rest, in units of the output [unit].
     carried : float
@@ -138,9 +139,16 @@ def pair(one: Case, other: Case, output: str) -> Pair:
                                 for i in range(measured.shape[1])])
     free = np.column_stack([explained.freed(i, measured[:, i])
                             for i in range(measured.shape[1])])
-    both, size = np.sum(free * expected, axis=0), np.sum(expected ** 2, axis=0)
+    slope, share = _slope(free, expected)
+    known = one.usual[output]
+    with_friction = np.column_stack([
+        explained.whole(i, parameters[i], known.of_own(i, one.outputs[output][:, i],
+                                                       parameters[i]))
+        for i in range(measured.shape[1])])
+    whole = _slope(measured - measured.mean(axis=0), with_friction - with_friction.mean(axis=0))
+    slope, share = (np.where(share > ALIKE, few, all_of_it)
+                    for few, all_of_it in zip((slope, share), whole, strict=True))
     total = np.sum(free ** 2, axis=0)
-    safe_size, safe_total = np.maximum(size, 1e-300), np.maximum(total, 1e-300)
     left = free - expected
     carried = LoadRows(other.arm, output)
     rows, point = carried.rows(other.motion), carried.point(other.motion)
@@ -154,9 +162,15 @@ def pair(one: Case, other: Case, output: str) -> Pair:
         kilogram = explained.freed(i, point[:, i])
         loads[i] = float(kilogram @ left[:, i]) / max(float(kilogram @ kilogram), 1e-300)
     before = np.sum(left ** 2, axis=0)
-    return Pair(both / safe_size, both ** 2 / safe_size / safe_total, loads,
+    return Pair(slope, share, loads,
                 float(np.sqrt(after.sum() / max(before.sum(), 1e-300))),
                 float(np.sqrt(before.sum() / max(total.sum(), 1e-300))))
+
+
+def _slope(measured: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    both = np.sum(measured * expected, axis=0)
+    size = np.maximum(np.sum(expected ** 2, axis=0), 1e-300)
+    return both / size, both ** 2 / size / np.maximum(np.sum(measured ** 2, axis=0), 1e-300)
 
 
 def _scales(

@@ -20,6 +20,7 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.recording import Recording
@@ -29,6 +30,10 @@ from tudor_dynamics.doctor.thinned import Thinned
 from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
+ENOUGH = 20.0
+"""Shorter recordings have to show more before something is told of them [s]."""
+STILL = 0.02
+"""A joint that goes no farther does not move [rad or m]."""
 
 
 class Case:
@@ -90,9 +95,10 @@ class Case:
 
     def explained(
         self, motion: FloatArray | None = None, gravity: FloatArray | None = None,
+        arm: Arm | None = None,
     ) -> dict[str, Explained]:
         """
-        Build the least squares of all outputs for another motion or gravity.
+        Build the least squares of all outputs for another motion, gravity or description.
 
         Parameters
         ----------
@@ -100,11 +106,15 @@ class Case:
             In place of the recorded one.
         gravity : ndarray of shape (3,), optional
             In place of that of the description [m/s^2].
+        arm : Arm, optional
+            In place of the description, with the same joints and gauges.
 
         """
         x = self.motion if motion is None else motion
+        described = self.bodies if arm is None else {
+            name: BodyRows(arm, name) for name in self.bodies}
         return {name: Explained(bodies.rows(x, gravity), bodies.own(x), bodies.groups)
-                for name, bodies in self.bodies.items()}
+                for name, bodies in described.items()}
 
     def rows(self, output: str) -> FloatArray:
         """
@@ -117,6 +127,32 @@ class Case:
 
         """
         return self.bodies[output].rows(self.motion)
+
+    @property
+    def brevity(self) -> float:
+        """Say how much shorter the recording is than one that tells enough; 1 or more."""
+        return max(1.0, ENOUGH / float(self.thinned.t[-1] - self.thinned.t[0]))
+
+    def surely(self, least: float) -> float:
+        """
+        Give the gain that says something, not less than one that is asked for anyway.
+
+        What is left of a channel is known as well as its independent samples are many, which
+        behind one filter go with time; the log ratios of all channels add up.
+
+        Parameters
+        ----------
+        least : float
+            Gain that is asked for where there is enough.
+
+        """
+        return max(least, 1.5 * float(np.sqrt(len(self.names) * self.brevity / ENOUGH)))
+
+    @cached_property
+    def moves(self) -> NDArray[np.bool_]:
+        """Say which joints move."""
+        n = len(self.arm.active_joints)
+        return np.asarray(np.ptp(self.motion[:, :n], axis=0) > STILL)
 
     @cached_property
     def usual(self) -> dict[str, Explained]:

@@ -223,12 +223,14 @@ def _by_model(case: Case) -> tuple[Alternative, list[Finding]]:
         findings.append(told(case, chosen))
         lags = _lags(case, chosen)
     findings += [finding for finding, _ in lags]
+    trending = [item for name, explained in chosen.explained.items()
+                for item in trends(case, name, explained, chosen.outputs[name])]
     if not lags and chosen is usual:
-        findings += opposite(case, hinted)
+        # what dies has no friction to judge it by
+        dead = {item.channels[0] for item in trending if item.kind == 'dying'}
+        findings += opposite(case, [i for i in hinted if case.arm.active_joints[i] not in dead])
     shown = {name for finding in findings for name in finding.channels}
-    for name, explained in chosen.explained.items():
-        findings += [item for item in trends(case, name, explained, chosen.outputs[name])
-                     if item.channels[0] not in shown]
+    findings += [item for item in trending if item.channels[0] not in shown]
     return chosen, findings
 
 
@@ -253,7 +255,7 @@ def _lags(case: Case, chosen: Alternative) -> list[tuple[Finding, float]]:
     found = []
     for name in chosen.outputs:
         lag = output_lag(case, name, chosen)
-        finding = lag_told(case.recording, name, lag)
+        finding = lag_told(case.recording, name, lag, case.brevity)
         if finding is not None:
             found.append((finding, lag.gain))
     return found

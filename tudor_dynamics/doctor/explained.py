@@ -19,11 +19,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tudor_dynamics.typing import FloatArray
 
 SMALLEST = 1e-9
 """Directions of the scaled Gram matrix below this part of the largest are left out."""
+FORETELLING = 1e-5
+"""The same where samples are foretold that were not learned from."""
 FLOOR = 1e-6
 """No output is taken to be explained better than to this part of its variance."""
 PASSES = 2
@@ -183,6 +186,69 @@ class Explained:
         free, rows = self.freed(channel, values), self._rows[channel]
         return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
 
+    def of_own(self, channel: int, values: FloatArray, parameters: FloatArray) -> FloatArray:
+        """
+        Give what a channel has to itself, beside known parameters of the bodies.
+
+        Parameters
+        ----------
+        channel : int
+            Whose own columns count.
+        values : ndarray of shape (n,)
+            What it measures.
+        parameters : ndarray of shape (n_columns,)
+            Of the bodies.
+
+        Returns
+        -------
+        ndarray of shape (n_own,)
+            Coefficients of its own columns.
+
+        """
+        own, left = self._plain[channel], values - self._bodies[channel] @ parameters
+        return _solve(own.T @ own, own.T @ left)
+
+    def whole(self, channel: int, parameters: FloatArray, own: FloatArray) -> FloatArray:
+        """
+        Give what a channel measures with known parameters.
+
+        Parameters
+        ----------
+        channel : int
+            Whose rows and own columns count.
+        parameters : ndarray of shape (n_columns,)
+            Of the bodies.
+        own : ndarray of shape (n_own,)
+            Coefficients of its own columns.
+
+        """
+        return np.asarray(self._bodies[channel] @ parameters + self._plain[channel] @ own)
+
+    def foretold(
+        self, channel: int, values: FloatArray, known: NDArray[np.bool_],
+    ) -> FloatArray:
+        """
+        Learn one channel from some samples, and foretell all of them.
+
+        Parameters
+        ----------
+        channel : int
+            Whose rows and own columns count.
+        values : ndarray of shape (n,)
+            What it measures.
+        known : ndarray of bool, shape (n,)
+            Samples that are learned from.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            What it would measure, as far as these samples tell.
+
+        """
+        columns = np.column_stack([self._bodies[channel], self._plain[channel]])
+        some = columns[known]
+        return np.asarray(columns @ _solve(some.T @ some, some.T @ values[known], FORETELLING))
+
     def extended(self, columns: FloatArray) -> Explained:
         """
         Give each channel more columns to itself.
@@ -216,11 +282,12 @@ class Explained:
 
         """
         own, rows = self._plain[channel], self._bodies[channel]
-        both, few = np.column_stack([rows, own]), np.column_stack([rows, own[:, [0, 3]]])
+        both, few = np.column_stack([rows, own]), np.column_stack([
+            rows, np.delete(own, (1, 2), axis=1)])
         values = _solve(both.T @ both, both.T @ output)
         left = output - both @ values
         without = output - few @ _solve(few.T @ few, few.T @ output)
-        friction, speed = own[:, 1:3] @ values[-3:-1], own[:, 1]
+        friction, speed = own[:, 1:3] @ values[-own.shape[1]:][1:3], own[:, 1]
         size = float(np.sqrt(np.mean(friction ** 2) * np.mean(speed ** 2)))
         power = float(np.mean(friction * speed)) / size if size > 0.0 else 0.0
         rest = max(float(np.sum(left ** 2)), FLOOR * float(np.sum((output - output.mean()) ** 2)),
@@ -243,14 +310,14 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(used / np.linalg.norm(used, axis=0))[0])
 
 
-def _solve(gram: FloatArray, right: FloatArray) -> FloatArray:
+def _solve(gram: FloatArray, right: FloatArray, smallest: float = SMALLEST) -> FloatArray:
     """Solve the scaled normal equations, without the directions that are not there."""
     scale = np.sqrt(np.diag(gram))
     seen = scale > 1e-10 * max(float(scale.max(initial=0.0)), 1e-300)
     safe = np.where(seen, scale, 1.0)
     scaled = np.where(np.outer(seen, seen), gram, 0.0) / np.outer(safe, safe)
     values, vectors = np.linalg.eigh(scaled)
-    good = values > SMALLEST * max(float(values[-1]), 1e-300)
+    good = values > smallest * max(float(values[-1]), 1e-300)
     inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
     shape = (-1,) + (1,) * (right.ndim - 1)
     projected = inverse.reshape(shape) * (vectors.T @ (right / safe.reshape(shape)))

@@ -159,10 +159,12 @@ def velocity_lag(recording: Recording, thinned: Thinned) -> Finding | None:
         values = thinned.output('velocity', lag)[:, moves]
         return share_of(values - derivative[:, moves], derivative[:, moves])
 
-    return lag_told(recording, 'velocity', best_lag(shares))
+    return lag_told(recording, 'velocity', best_lag(shares), 1.0)
 
 
-def lag_told(recording: Recording, name: str, lag: Lag) -> Finding | None:
+def lag_told(
+    recording: Recording, name: str, lag: Lag, brevity: float,
+) -> Finding | None:
     """
     Tell of a lag, where it is more than drivers usually have.
 
@@ -174,6 +176,8 @@ def lag_told(recording: Recording, name: str, lag: Lag) -> Finding | None:
         What comes late.
     lag : Lag
         By how much.
+    brevity : float
+        How much shorter the recording is than one that tells small lags.
 
     Returns
     -------
@@ -181,7 +185,7 @@ def lag_told(recording: Recording, name: str, lag: Lag) -> Finding | None:
         None where it comes in time.
 
     """
-    if abs(lag.seconds) < LEAST[name] or lag.gain < LEAST_GAIN[name]:
+    if abs(lag.seconds) < LEAST[name] * np.sqrt(brevity) or lag.gain < LEAST_GAIN[name]:
         return None
     if lag.otherwise > EXPLAINED or not LAGS[0] < lag.seconds < LAGS[-1] - 1e-9:
         return None  # it is not the lag that the residual comes from

@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.coupling import Coupling
 from tudor_dynamics.models.torque_rows import in_model_order, torque_rows
 from tudor_dynamics.typing import FloatArray
 
@@ -54,6 +55,7 @@ class BodyRows:
                               [joint.effort.torque_constant or 1.0 for joint in arm.joints])
         self._own = output == 'effort'
         self._sharp = np.array([joint.friction_velocity for joint in arm.joints])
+        self._coupling = Coupling(arm)
 
     def _places(self, names: tuple[str, ...]) -> np.ndarray:
         return np.array([self.model.joints[self.model.getJointId(name)].idx_v for name in names],
@@ -77,9 +79,11 @@ class BodyRows:
 
         """
         self.model.gravity.linear = self.gravity if gravity is None else gravity
-        full = in_model_order(motion, self._driven, self.model.nv)
+        full = in_model_order(self._coupling.of_joints(motion), self._driven, self.model.nv)
         out = np.zeros((len(motion), len(self._wanted), 10 * (self.model.njoints - 1)))
         torque_rows(self.model, self.model.createData(), self._wanted, full, out)
+        if self._own:
+            self._coupling.mix(out)
         return out / self.scale[None, :, None]
 
     def of_gravity(self, motion: FloatArray) -> FloatArray:
@@ -113,16 +117,20 @@ class BodyRows:
         Returns
         -------
         list of ndarray of shape (n, n_own)
-            For each channel; of efforts ``ddq, dq, sign(dq), 1``.
+            For each channel; of efforts ``ddq, dq, sign(dq), 1`` of its motor, and behind them
+            the first three of other motors that it feels.
 
         """
         ones = np.ones((len(motion), 1))
         if not self._own:
             return [ones] * len(self.channels)
         n = len(self.channels)
-        found = []
-        for i in range(n):
-            dq, ddq = motion[:, n + i], motion[:, 2 * n + i]
-            sharp = max(float(self._sharp[i]), 0.03 * float(np.sqrt(np.mean(dq ** 2))), 1e-9)
-            found.append(np.column_stack([ddq, dq, np.tanh(dq / sharp), ones]))
-        return found
+        joints, speeds = self._coupling.of_joints(motion), self._coupling.speeds
+        terms = []
+        for dq, ddq, least in zip((joints[:, n:2 * n] @ speeds.T).T,
+                                  (joints[:, 2 * n:] @ speeds.T).T, self._sharp, strict=True):
+            sharp = max(float(least), 0.03 * float(np.sqrt(np.mean(dq ** 2))), 1e-9)
+            terms.append(np.column_stack([ddq, dq, np.tanh(dq / sharp)]))
+        reach = self._coupling.reach != 0.0
+        return [np.hstack([terms[i], ones, *(
+            terms[k] for k in np.flatnonzero(reach[i]) if k != i)]) for i in range(n)]

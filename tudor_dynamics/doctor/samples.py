@@ -34,6 +34,8 @@ SINGLE = 3
 """More samples in a row are no outliers."""
 HELD_SECONDS = 0.4
 """A channel that keeps one value for longer while the arm moves is held [s]."""
+LIVELY = 10
+"""As many times its longest other run of one value is a hold by itself."""
 FLAT = 4
 """Samples in a row at the end of the range that make a saturation."""
 FLAT_SHARE = 0.004
@@ -250,10 +252,18 @@ def _held(
     t = recording.t
     seconds = float(t[end - 1] - t[begin])
     ends = item.values[begin] in (item.values.min(), item.values.max())
-    others = length[order[1:]]
+    # before a filter has begun it gives zeros
+    others = length[order[1:]][first[order[1:]] > 0]
     usual = int(others[0]) if len(others) else 1
-    if (seconds < HELD_SECONDS or np.mean(moves[begin:end]) < 0.7
-            or length[longest] < 4 * usual):
+    if seconds < HELD_SECONDS or length[longest] < 4 * usual:
+        return None
+    still = ~moves
+    still[begin:end] = still[:int(length[0])] = False
+    # where it never keeps a value long, not even while the arm stands, less motion is enough
+    lively = begin > 0 and length[longest] > LIVELY * usual and (
+        float(moves[begin:end].sum()) * recording.dt > HELD_SECONDS
+        or still.sum() > 0.5 * length[longest])
+    if not lively and np.mean(moves[begin:end]) < 0.7:
         return None
     at = float(t[begin])
     value = float(item.values[begin])

@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from tudor_dynamics.doctor.case import Case, gain, relative
+from tudor_dynamics.arm.couplings import CouplingsSpec
+from tudor_dynamics.doctor.case import Case, gain
+from tudor_dynamics.doctor.drives import other_drives
 from tudor_dynamics.doctor.explained import Explained
 from tudor_dynamics.typing import FloatArray
 
@@ -30,7 +32,8 @@ LEAST_GAIN = 1.0
 """An alternative has to leave less by this sum of log ratios: e.g. 1/e in one channel."""
 HINTED_GAIN = 0.3
 """The same where friction that drives instead of braking points at the channel."""
-AXES = ('x', '-x', 'y', '-y', 'z', '-z')
+COUPLED_GAIN = 1.5
+"""The same for drives coupled in one of many ways."""
 SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
                for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
 """Factors between the units of efforts: those of gears with motors, and thousandths."""
@@ -56,11 +59,13 @@ class Alternative:
     outputs : dict of str to ndarray
         Outputs that it would explain.
     size : float or None
-        Scale of an effort.
+        Scale of an effort, or ratio of a coupling.
     gravity : ndarray of shape (3,) or None
         Of another direction [m/s^2].
     positions : bool
         Whether positions alone are exchanged.
+    couplings : CouplingsSpec or None
+        Of other drives.
 
     """
 
@@ -73,6 +78,7 @@ class Alternative:
     size: float | None = None
     gravity: FloatArray | None = None
     positions: bool = False
+    couplings: CouplingsSpec | None = None
 
 
 def alternatives(case: Case) -> Iterator[Alternative]:
@@ -96,6 +102,9 @@ def alternatives(case: Case) -> Iterator[Alternative]:
     yield from _channel_pairs(case, 'effort', 'efforts_exchanged', case.arm.active_joints)
     yield from _channel_pairs(case, 'strain', 'gauges_exchanged', case.arm.gauge_names)
     yield from _scales(case)
+    for drives in other_drives(case):
+        yield replace(_judged(case, drives.kind, drives.channels, drives.explained,
+                              size=drives.ratio), couplings=drives.couplings)
 
 
 def _judged(
@@ -294,12 +303,9 @@ def driven_by_friction(case: Case, explained: Explained, effort: FloatArray) -> 
     """
     n = effort.shape[1]
     found = []
-    for i in range(n):
-        speed = case.motion[:, n + i]
-        if not np.any(speed):
-            continue
+    for i in np.flatnonzero(np.any(case.motion[:, n:2 * n], axis=0)).tolist():
         power, share = explained.friction(i, effort[:, i])
-        if power < -0.5 and share > 1.1:
+        if power < -0.5 and share > 1.0 + 0.1 * case.brevity ** 2:
             found.append(i)
     return found
 
@@ -325,7 +331,11 @@ def choose(case: Case, hinted: list[int]) -> Alternative | None:
     if best is None:
         return None
     names = {case.arm.active_joints[i] for i in hinted}
-    least = HINTED_GAIN if names & set(best.channels) else LEAST_GAIN
+    least = case.surely(LEAST_GAIN)
+    if best.kind == 'coupling_missing':
+        least = case.surely(COUPLED_GAIN)
+    elif best.kind == 'coupling_wrong' or names & set(best.channels):
+        least = HINTED_GAIN  # the plainer description needs no more
     if best.gain < least:
         return None
     return refined(case, best) if best.gravity is not None else best
@@ -334,8 +344,3 @@ def choose(case: Case, hinted: list[int]) -> Alternative | None:
 def unchanged(case: Case) -> Alternative:
     """Give the description as it is, in the form of an alternative."""
     return Alternative('', (), 0.0, case.now, case.usual, case.outputs)
-
-
-def improvement(case: Case, other: Alternative) -> tuple[float, float]:
-    """Give the relative residuals over all channels: as things are, and of an alternative."""
-    return relative(case.now), relative(other.shares)

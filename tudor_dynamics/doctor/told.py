@@ -78,6 +78,16 @@ def _words(case: Case, chosen: Alternative) -> tuple[str, str, float | None, str
                 f'turn the sign of the {what} in the driver' + (
                     '' if what == 'effort' else ', or the axis of the joint in the kinematics'),
                 -1.0, '')
+    if chosen.kind == 'coupling_wrong':
+        return (f'the outputs show no coupling of {both}', 'leave couplings out of the '
+                'description, or correct pairs, positions and efforts there', 0.0, '')
+    if chosen.couplings is not None:
+        (pair,), at = chosen.couplings.pairs, chosen.couplings.efforts
+        return (f'the motor of {pair.motor} turns with {pair.joint} as well, '
+                + ('forwards' if pair.ratio > 0.0 else 'backwards') + f'; what is measured is '
+                f'that of the {at}',
+                f'couplings: {{pairs: [{{motor: {pair.motor}, joint: {pair.joint}, ratio: '
+                f'{pair.ratio:g}}}], positions: {at}, efforts: {at}}}', pair.ratio, '')
     what = {'efforts_exchanged': 'efforts', 'gauges_exchanged': 'gauges',
             'joints_exchanged': 'positions' if chosen.positions else 'names'}[chosen.kind]
     return (f'{what} of {both} are exchanged', 'correct the names in the driver or in the '

@@ -27,15 +27,19 @@ DRIFT_GAIN = 0.6
 """Log ratio by which a straight line in time has to lessen what is left."""
 DRIFT_SIZE = 0.15
 """Part of the channel's standard deviation that it has to drift over the recording."""
-WINDOWS = 10
-QUIET = 0.2
-"""A channel that is dead moves by less than this part of what it did."""
+WINDOWS = 20
+SHORTEST = 8.0
+"""Recordings that are shorter tell nothing of the end of a channel [s]."""
+QUIET = 0.3
+"""A channel that is dead moves by less than this part of what it did, and of what is expected."""
+EXPECTED = 0.3
+"""What is expected of a channel has to move by this part of what it did, to be missed."""
 LIVES = 0.5
 """Relative residual of a channel while it lives."""
-KNOWN = 0.8
-"""Relative residual above which nobody knows what to expect."""
-FOLLOWS, FOLLOWS_NOT = 0.7, 0.35
-"""Slopes of measured over explained output in a window."""
+DEAD_GAIN = 1.0
+"""Log ratio by which a dead end has to lessen what is left."""
+FOLLOWS = 0.7
+"""Slope of the measured over the expected output in a window in which a channel lives."""
 
 
 def trends(
@@ -62,7 +66,6 @@ def trends(
 
     """
     t = case.thinned.t
-    left = explained.residuals(output)
     line = (t - t.mean())[:, None]
     straight = explained.extended(line)
     findings = []
@@ -70,8 +73,7 @@ def trends(
         if not case.sound[name][i]:
             continue
         y = output[:, i]
-        known = np.std(left[:, i]) < KNOWN * np.std(y)
-        dead = _dies(t, y, y - left[:, i]) if known else None
+        dead = _dies(explained, i, t, y)
         if dead is not None:
             findings.append(Finding(
                 'dying', f'{_words(name)} {channel} follows the arm no more from {dead:.2f} s on',
@@ -83,7 +85,8 @@ def trends(
         # the slope by Frisch and Waugh: both sides freed of all other columns
         x, z = explained.rest(i, line[:, 0]), explained.rest(i, y)
         rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-        if np.log(now / both) > DRIFT_GAIN and abs(rise) > DRIFT_SIZE * float(np.std(y)):
+        if (np.log(now / both) > DRIFT_GAIN * case.brevity
+                and abs(rise) > DRIFT_SIZE * float(np.std(y))):
             findings.append(Finding(
                 'drift', f'{_words(name)} {channel} drifts by {rise:.4g} in '
                 f'{t[-1] - t[0]:.4g} s', 'let the sensor warm up, or mend its zero; shorter '
@@ -96,33 +99,40 @@ def _words(name: str) -> str:
     return 'gauge' if name == 'strain' else 'effort of'
 
 
-def _dies(t: FloatArray, measured: FloatArray, expected: FloatArray) -> float | None:
-    """Say from when on a channel does not follow what is expected of it, to the end."""
-    if t[-1] - t[0] < WINDOWS:
-        return None  # in less than a second each, windows tell nothing
+def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
+    """
+    Say from when on a channel is quiet to the end, though the arm moves on.
+
+    What is expected of it comes from what it measured before: what is dead would teach to expect
+    little.
+    """
+    if t[-1] - t[0] < SHORTEST:
+        return None  # in less than half a second each, windows tell nothing
     edges = np.linspace(t[0], t[-1], WINDOWS + 1)
-    spread = float(np.std(expected))
-    slopes, quiet, rest = np.full((3, WINDOWS), np.nan)
-    for k in range(WINDOWS):
-        inside = (t >= edges[k]) & (t <= edges[k + 1])
-        if inside.sum() < 10:
+    for k in range(WINDOWS // 4, WINDOWS - 1):
+        before = t < edges[k]
+        lived, after = float(np.std(y[before])), y[~before]
+        if float(np.std(after)) > QUIET * lived:
             continue
-        x, y = expected[inside], measured[inside]
-        x, y = x - x.mean(), y - y.mean()
-        if np.std(x) > 0.3 * spread:
-            slopes[k] = float(x @ y) / float(x @ x)
-            quiet[k] = float(np.std(y))
-            rest[k] = float(np.std(y - x)) / max(float(np.std(y)), 1e-300)
-    told = np.flatnonzero(np.isfinite(slopes))
-    if len(told) < 4 or not np.all(np.abs(slopes[told[-2:]]) < FOLLOWS_NOT):
-        return None
-    well = told[slopes[told] > FOLLOWS]
-    if not len(well) or np.median(slopes[told[:max(2, len(told) // 3)]]) < FOLLOWS:
-        return None
-    if np.median(rest[well]) > LIVES:
-        return None  # nobody knows what it did before
-    if np.max(quiet[told[-2:]]) > QUIET * float(np.median(quiet[well])):
-        return None  # it moves, if not as expected
-    last = int(well[-1])
-    after = told[told > last]
-    return float(edges[last + 1]) if len(after) else None
+        expected = explained.foretold(channel, y, before)
+        left, spread = float(np.std((y - expected)[before])), float(np.std(expected[~before]))
+        if left > LIVES * lived or spread < EXPECTED * lived:
+            continue  # nobody knows what it did, or it may well be quiet
+        if float(np.std(after)) > QUIET * spread:
+            continue
+        # what was foretold may be wrong: both parts together must not be explained as well
+        apart = float(np.sum((y - expected)[before] ** 2)) + len(after) * float(np.var(after))
+        together = y - explained.foretold(channel, y, np.ones(len(y), dtype=bool))
+        if np.log(float(together @ together) / max(apart, 1e-300)) > DEAD_GAIN:
+            return _last_alive(edges[:k + 1], t, y, expected)
+    return None
+
+
+def _last_alive(edges: FloatArray, t: FloatArray, y: FloatArray, expected: FloatArray) -> float:
+    for begin, end in zip(edges[-2::-1], edges[:0:-1], strict=True):
+        inside = (t >= begin) & (t <= end)
+        x, z = expected[inside], y[inside]
+        x, z = x - x.mean(), z - z.mean()
+        if float(x @ z) > FOLLOWS * float(x @ x):
+            return float(end)
+    return float(edges[0])

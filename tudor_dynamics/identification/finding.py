@@ -33,6 +33,8 @@ KINDS = {
     'gauge_sign': 'gauge with its sign turned',
     'efforts_exchanged': 'efforts of two joints exchanged',
     'joints_exchanged': 'two joints exchanged',
+    'coupling_missing': 'a motor turns with another joint, and the description does not say so',
+    'coupling_wrong': 'coupled drives of the description that the outputs do not show',
     'gauges_exchanged': 'two gauges exchanged',
     'clock_set_back': 'the clock was set back while recording',
     'velocity_zeros': 'velocities are all zero',

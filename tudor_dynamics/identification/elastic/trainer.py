@@ -201,7 +201,7 @@ class ElasticTrainer:
     ----------
     identified : Identified or None
         What was found for the first bags, which are all.
-    searches : dict of tuple of str to Identified
+    searches : mapping of tuple of str to Identified
         What was found, by the names of bags.
 
     """
@@ -219,7 +219,8 @@ class ElasticTrainer:
         self._kept = () if kept is None else (kept,)
         self._all: Sequence[BagData] = ()
         self._known = known or {}
-        self.searches: dict[tuple[str, ...], Identified] = {}
+        self._found: dict[tuple[str, ...], Identified] = {}
+        self.searches: Searches = self._found
 
     @staticmethod
     def check(arm: Arm, bags: Sequence[BagData] | None = None) -> None:
@@ -287,7 +288,7 @@ class ElasticTrainer:
         if key not in self.searches:
             check_arm(self.arm)
             records, known = records_of(bags), self._known.get(key)
-            found = self.searches[key] = (
+            found = self._found[key] = (
                 taken_over(self.arm, records, known) if known is not None else
                 identify(self.arm, records, warm=self._begin(bags), progress=self.progress))
             if key == _names(self._all):
