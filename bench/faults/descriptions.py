@@ -102,5 +102,5 @@ def one_joint_of_many(bag, rng):
         oddities=replace(recording.oddities, others=others))
     missing = tuple(name for name, span in others.items() if span > 0.02)
     yield Fault('joint_not_listed', ('joint_not_listed',),
-                altered(arm, joints=joints, gauges=[], active_joints=None),
+                altered(arm, joints=joints, gauges=[], active_joints=None, couplings=None),
                 (replace(data, recording=changed),), channels=missing)
