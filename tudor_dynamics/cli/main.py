@@ -43,6 +43,7 @@ SUBCOMMANDS = {
     'evaluate': 'compare a model with bags it has not seen',
     'payload': 'say what the arm of a bag carries: mass, centre, inertia',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
+    'export': 'write an identified arm as URDF, MJCF, or table',
     'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
     'reproduce': 'repeat a published experiment in simulation and draw its figures',

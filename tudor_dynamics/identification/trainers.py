@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import BagData, training_blocks
@@ -102,11 +102,15 @@ class RowTrainer:
 
     def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
         self.kind, self.arm, self.settings = kind, arm, settings
+        self._known: dict[str, dict[tuple[str, bool], Any]] = {}
 
     def fit(self, bags: Sequence[BagData], output: str) -> Model:
         """Fit the model of one output; see ``Trainer``."""
-        return blank(self.kind, self.arm, output, self.settings).fit_blocks(training_blocks(
-            bags, output, with_payload=self.settings.payloads is not None))
+        with_payload = self.settings.payloads is not None
+        parts = {str(bag.choice): training_blocks([bag], output, with_payload=with_payload)
+                 for bag in bags}
+        return blank(self.kind, self.arm, output, self.settings).fit_parts(
+            parts, self._known.setdefault(output, {}))
 
 
 TRAINERS = {'elastic': ElasticTrainer}

@@ -22,7 +22,7 @@ scikit-learn's: ``fit`` returns self, learned attributes end in an underscore, a
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 import warnings
 
@@ -35,7 +35,7 @@ from tudor_dynamics.models.base import Conditioning
 from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
 from tudor_dynamics.models.estimation.estimators import (
     ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
-from tudor_dynamics.models.estimation.products import Products
+from tudor_dynamics.models.estimation.products import Products, summed
 from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.parts import AnalyticalPart, read
@@ -47,6 +47,8 @@ from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
+WHOLE = 'all'
+"""Name of data that are one part."""
 HUBER_PASSES = 20
 LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
 """Turns of loads and parameters, and the relative change at which they have settled."""
@@ -75,6 +77,9 @@ class AnalyticalModel(MemorylessModel):
         Base parameters of each group of channels; known before the fit.
     groups_ : tuple of Group
         Estimates, after the fit.
+    data_ : dict of str to list of list of Products
+        What each part of the training data comes to, for each group and channel: all that
+        estimates need. Empty for a model that was read without its data.
 
     """
 
@@ -94,6 +99,7 @@ class AnalyticalModel(MemorylessModel):
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
         self.groups_: tuple[Group, ...] = ()
+        self.data_: dict[str, list[list[Products]]] = {}
         self._full: FloatArray | None = None
         self._full_of: tuple[Group, ...] | None = None
 
@@ -126,15 +132,12 @@ class AnalyticalModel(MemorylessModel):
             Self.
 
         """
-        if self.estimator not in ESTIMATORS:
-            msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
-            raise FitError(msg)
-        self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
-        triangular = self._least_squares(blocks)
+        self._begin()
+        triangular = self._least_squares({WHOLE: blocks}, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
             before = self.coefficients()
             self.regressor.assume(before)
-            triangular = self._least_squares(blocks)
+            triangular = self._least_squares({WHOLE: blocks}, {})
             change = np.linalg.norm(self.coefficients() - before, axis=1)
             if np.all(change < LOAD_CHANGE * np.linalg.norm(before, axis=1)):
                 break
@@ -142,12 +145,33 @@ class AnalyticalModel(MemorylessModel):
             self._fit_huber(blocks, triangular=triangular)
         return self
 
-    def _least_squares(self, blocks: Blocks) -> bool:
+    def fit_parts(
+        self: Analytical, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
+    ) -> Analytical:
+        """Estimate from the sums of what parts come to; see ``MemorylessModel``."""
+        if self.estimator == 'huber' or self.regressor.loaded:  # rows depend on all parts
+            return super().fit_parts(parts, known)
+        self._begin()
+        self._least_squares(parts, known)
+        return self
+
+    def _begin(self) -> None:
+        if self.estimator not in ESTIMATORS:
+            msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
+            raise FitError(msg)
+        self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
+
+    def _least_squares(
+        self, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
+    ) -> bool:
         """Estimate in one pass, or in two where the first is too inaccurate; say which."""
-        self.fit_products(self.products(blocks))
-        triangular = any(g.estimate.condition > LARGEST_GRAM_CONDITION for g in self.groups_)
-        if triangular:
-            self.fit_products(self.products(blocks, triangular=True))
+        for triangular in (False, True):
+            for name, blocks in parts.items():
+                if (name, triangular) not in known:
+                    known[name, triangular] = self.products(blocks, triangular=triangular)
+            self.fit_data({name: known[name, triangular] for name in parts})
+            if all(group.estimate.condition <= LARGEST_GRAM_CONDITION for group in self.groups_):
+                break
         return triangular
 
     def products(
@@ -197,14 +221,14 @@ class AnalyticalModel(MemorylessModel):
         return [[np.flatnonzero(np.any(rows[:, channel, base.kept] != 0.0, axis=0))
                  for channel in base.channels] for base in self.base_]
 
-    def fit_products(self, products: list[list[Products]]) -> AnalyticalModel:
+    def fit_data(self: Analytical, data: Mapping[str, list[list[Products]]]) -> Analytical:
         """
-        Estimate from accumulated products; those of several recordings may be added up.
+        Estimate from what parts of the data come to.
 
         Parameters
         ----------
-        products : list of list of Products
-            As from `products`.
+        data : mapping of str to list of list of Products
+            Name of each part to its products, as from `products`; the model keeps them.
 
         Returns
         -------
@@ -212,8 +236,9 @@ class AnalyticalModel(MemorylessModel):
             Self.
 
         """
-        self.groups_ = tuple(self._estimate(base, group)
-                             for base, group in zip(self.base_, products, strict=True))
+        self.data_ = dict(data)
+        self.groups_ = tuple(self._estimate(base, group) for base, group in zip(
+            self.base_, summed(data.values()), strict=True))
         return self
 
     def _estimate(self, base: BaseSet, products: list[Products]) -> Group:
@@ -327,7 +352,8 @@ class AnalyticalModel(MemorylessModel):
                 output - np.einsum('kcp,cp->kc', rows, before)
                 for rows, output in self._rows(blocks)])
             weights = np.column_stack([huber_weights(column) for column in residuals.T])
-            self.fit_products(self.products(blocks, triangular=triangular, weights=weights))
+            self.fit_data({WHOLE: self.products(blocks, triangular=triangular,
+                                                weights=weights)})
             after = self.coefficients()
             change = float(np.linalg.norm(after - before)
                            / max(float(np.linalg.norm(after)), 1e-300))

@@ -38,6 +38,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle_files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, read_head, sealed, sha256,
     write_directory)
+from tudor_dynamics.models.estimation import stored
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.payload import SAME
 from tudor_dynamics.typing import FloatArray
@@ -228,6 +229,10 @@ def save_bundle(
             'outputs': _contents(bundle.causal.models, bundle.arm, arrays, CAUSAL)}
     if arrays:
         files['elm.npz'] = dump_npz(arrays)
+    names, products = stored.pack(_sets(bundle))
+    if names:
+        files[stored.FILE] = dump_npz(products)
+        parts['data'] = names
     files['model.yaml'] = sealed({
         'written_by': f'tudor_dynamics {__version__}',
         'arm': {'name': bundle.arm.name, 'digest': bundle.arm.digest},
@@ -288,7 +293,15 @@ def _arm_files(arm: Arm) -> dict[str, bytes]:
     return {'arm.yaml': dump_yaml(content).encode(), **files}
 
 
-def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
+def _sets(bundle: ModelBundle) -> dict[str, dict[str, dict[str, Model]]]:
+    """Give the models, and those for the robot, by the beginning of their arrays' names."""
+    return {'': bundle.models, **(
+        {} if bundle.causal is None else {CAUSAL: bundle.causal.models})}
+
+
+def load_bundle(
+    path: str | Path, *, arm: Arm | None = None, with_data: bool = False,
+) -> ModelBundle:
     """
     Read a bundle.
 
@@ -298,6 +311,8 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         Directory of the bundle.
     arm : Arm, optional
         The arm that the bundle must belong to.
+    with_data : bool, default=False
+        Read what the training bags came to as well, where the bundle has kept it.
 
     Returns
     -------
@@ -352,8 +367,12 @@ def load_bundle(path: str | Path, *, arm: Arm | None = None) -> ModelBundle:
         msg = f'{path / "model.yaml"}: {" ".join(str(err).split())}; fit the model again'
         raise ModelError(msg) from None
     facts = head.get('facts')
-    return ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {},
-                       causal)
+    bundle = ModelBundle(own, preprocessing, models, facts if isinstance(facts, dict) else {},
+                         causal)
+    if with_data and stored.FILE in files:
+        stored.unpack(_sets(bundle), head.get('data'), files[stored.FILE],
+                           path / stored.FILE)
+    return bundle
 
 
 def _same_arm(arm: Arm, own: Arm) -> bool:

@@ -34,7 +34,7 @@ from tudor_dynamics.typing import FloatArray
 import yaml
 
 MAX_BYTES = {'model.yaml': 20_000_000, 'arm.yaml': 2_000_000, 'arm.urdf': 20_000_000,
-             'elm.npz': 200_000_000}
+             'elm.npz': 200_000_000, 'data.npz': 200_000_000}
 FORMAT = 'tudor_dynamics/model'
 VERSION = 1
 MARK = 'checksum: '

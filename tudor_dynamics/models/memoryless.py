@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Collection, Mapping
-from typing import Protocol, TypeVar
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.base import Live, Model, Range, SLIDING
-from tudor_dynamics.models.training import block_of, Blocks
+from tudor_dynamics.models.training import block_of, Blocks, TrainingBlock
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -106,6 +106,32 @@ class MemorylessModel(Model):
             Self.
 
         """
+
+    def fit_parts(
+        self: Learner, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
+    ) -> Learner:
+        """
+        Learn from several parts, such as bags, of which other models may learn too.
+
+        Parameters
+        ----------
+        parts : mapping of str to callable
+            Name to the data of each part.
+        known : dict
+            What models of this arm and output keep of a part, so that nothing is done twice;
+            empty before the first.
+
+        Returns
+        -------
+        MemorylessModel
+            Self.
+
+        """
+        def blocks() -> Iterator[TrainingBlock]:
+            for part in parts.values():
+                yield from part()
+
+        return self.fit_blocks(blocks)
 
     def fit(self: Learner, motion: FloatArray, output: FloatArray) -> Learner:
         """

@@ -23,6 +23,7 @@ accumulated as well (tall-skinny QR).
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,12 +135,44 @@ class Products:
             wide.triangle[:, index] = self.triangle
         return wide
 
+    def factor(self) -> FloatArray:
+        """Give a factor F with the Gram matrix F' F, shape (n_rows, n_parameters + 1)."""
+        if self.triangle is not None:
+            return self.triangle
+        size = np.sqrt(np.diag(self.gram))
+        size = np.where(size > 0.0, size, 1.0)
+        values, vectors = linalg.eigh(self.gram / np.outer(size, size))
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size)
+
     def __add__(self, other: Products) -> Products:
         """Join the rows of two sets of data."""
         factor = None
         if self.triangle is not None and other.triangle is not None:
             factor = triangle(np.vstack([self.triangle, other.triangle]))
         return Products(self.gram + other.gram, self.n + other.n, factor)
+
+
+def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]]:
+    """
+    Join the data of several parts.
+
+    Parameters
+    ----------
+    parts : iterable of sequence of sequence of Products
+        Products of each part, by group and channel; one part at least.
+
+    Returns
+    -------
+    list of list of Products
+        The same for all of them together.
+
+    """
+    first, *others = parts
+    total = [list(group) for group in first]
+    for part in others:
+        total = [[one + other for one, other in zip(*groups, strict=True)]
+                 for groups in zip(total, part, strict=True)]
+    return total
 
 
 def squared_residuals(product: Products, parameters: FloatArray) -> float:

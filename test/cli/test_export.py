@@ -1,0 +1,67 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The command that exports."""
+
+from __future__ import annotations
+
+import pinocchio as pin
+import pytest
+from robot_making import described_arm, fitted
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.models.bundle import ModelBundle, save_bundle
+
+
+@pytest.fixture(scope='module')
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp('export')
+    arm = described_arm(path)
+    save_bundle(ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': fitted(
+        arm, seconds=40.0)}}), path / 'model')
+    return path / 'model'
+
+
+@pytest.mark.parametrize('target', ['urdf', 'mjcf', 'yaml', 'csv'])
+def test_each_format_is_written(model, tmp_path, capsys, target):
+    out = tmp_path / f'arm.{target}'
+    assert main(['export', str(model), '--to', target, '--out', str(out)]) == 0
+    told = capsys.readouterr().out
+    assert f'{target}: {out}' in told
+    assert 'column' not in told and 'turn' in told
+    assert ('no place for rotor inertias' in told) == (target == 'urdf')
+    if target == 'urdf':
+        assert pin.buildModelFromXML(out.read_text()).nv == 4
+
+
+def test_a_file_that_is_there_stays(model, tmp_path, capsys):
+    out = tmp_path / 'arm.csv'
+    out.write_text('mine')
+    assert main(['export', str(model), '--to', 'csv', '--out', str(out)]) == 2
+    assert 'exists already' in capsys.readouterr().err
+    assert out.read_text() == 'mine'
+    assert main(['export', str(model), '--to', 'csv', '--out', str(out), '--overwrite']) == 0
+    assert out.read_text() != 'mine'
+
+
+def test_a_place_that_cannot_be_written_is_named(model, tmp_path, capsys):
+    (tmp_path / 'file').write_text('')
+    out = tmp_path / 'file' / 'arm.csv'
+    assert main(['export', str(model), '--to', 'csv', '--out', str(out)]) == 2
+    assert 'cannot be written' in capsys.readouterr().err
+
+
+def test_a_model_without_data_says_what_to_do(model, tmp_path, capsys):
+    assert main(['export', str(tmp_path / 'none'), '--to', 'csv', '--out', 'x.csv']) == 2
+    assert 'model.yaml' in capsys.readouterr().err

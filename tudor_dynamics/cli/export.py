@@ -1,0 +1,116 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor export``: an identified arm as URDF, MJCF, parameters of drives, or table."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from rich.console import Console
+
+from tudor_dynamics.cli.console import new_table, print_table
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.exporting.mjcf import mjcf_of
+from tudor_dynamics.exporting.tables import csv_of, yaml_of
+from tudor_dynamics.exporting.urdf import simple_friction, urdf_of
+from tudor_dynamics.files import write_whole
+from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.models.consistent.full import full_parameters, FullParameters
+
+EXAMPLES = """\
+examples:
+  tudor export MODEL --to urdf --out my_arm_identified.urdf
+  tudor export MODEL --to mjcf --out my_arm.xml
+  tudor export MODEL --to yaml --out drives.yaml
+  tudor export MODEL --to csv --out parameters.csv
+
+Masses, centres, inertias, rotor inertias and friction are those that explain the recordings the
+model was fitted to, among all that can exist; what the recordings do not show comes from the
+description. In the URDF nothing but <inertial> and <dynamics> changes. See docs/export.md.
+"""
+
+FORMATS = {'urdf': urdf_of, 'mjcf': mjcf_of, 'yaml': yaml_of, 'csv': csv_of}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor export``."""
+    parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
+    parser.add_argument('--to', choices=tuple(FORMATS), required=True, help='format')
+    parser.add_argument('--out', metavar='FILE', required=True, help='file to be written')
+    parser.add_argument('--overwrite', action='store_true', help='replace the file')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the full parameters and write them."""
+    out = Path(args.out)
+    if out.exists() and not args.overwrite:
+        raise UsageError('exists already', place=out,
+                         remedy='choose another --out, or add --overwrite')
+    full = full_parameters(load_bundle(args.model, with_data=True))
+    text = FORMATS[args.to](full)
+    try:
+        write_whole(out, text.encode())
+    except OSError as err:
+        raise UsageError(f'cannot be written ({err.strerror or err})', place=out,
+                         remedy='choose another --out') from None
+    show(full, args.to, Console(highlight=False, markup=False, emoji=False))
+    print(f'{args.to}: {out}')
+    return 0
+
+
+def show(full: FullParameters, target: str, console: Console) -> None:
+    """
+    Print what was found, what it rests on, and what the format leaves out.
+
+    Parameters
+    ----------
+    full : FullParameters
+        What was identified.
+    target : str
+        Format that is written.
+    console : rich.console.Console
+        Console to print on.
+
+    """
+    solution, model = full.solution, full.arm.model
+    table = new_table(f'{full.arm.name}: bodies and drives', names=('joint',), figures=(
+        'mass [kg]', '+-', 'described', 'from data', 'error free', 'error'))
+    places = {name: i for i, name in enumerate(full.model.channels)}
+    sources = full.sources()
+    for i, (name, body) in enumerate(full.bodies.items()):
+        place = places[name]
+        described = float(model.inertias[i + 1].mass)
+        own = sources[10 * i:10 * (i + 1)]
+        table.add_row(
+            name, f'{body[0]:.4g}', f'{solution.body_errors[i, 0]:.2g}',
+            f'{described:.4g}' if described > 0.0 else '-', f'{own.count("data")} of 10',
+            f'{100 * solution.free_errors[place]:.2f} %',
+            f'{100 * solution.relative_errors[place]:.2f} %')
+    print_table(table)
+    console.print('from data: parameters of the body that the data fix; the others lean on the '
+                  'description. error: on the training bags, of base parameters, and of these')
+    if full.assumed:
+        console.print('torque constants are not known: torques and masses are scaled so that '
+                      'the bodies weigh about what the description says; give effort.'
+                      'torque_constant of one joint for absolute ones')
+    if target in ('urdf', 'mjcf'):
+        left = {name: simple_friction(terms).left_out for name, terms in full.drives.items()}
+        some = [f'{name} ({", ".join(terms)})' for name, terms in left.items() if terms]
+        if some:
+            console.print(f'{target} has no place for friction of: {"; ".join(some)}; '
+                          '--to yaml has all of it')
+        if target == 'urdf' and any(terms.get('Ia') for terms in full.drives.values()):
+            console.print('urdf has no place for rotor inertias: --to mjcf or yaml has them')
