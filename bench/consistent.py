@@ -17,9 +17,9 @@ Compare free base parameters with bodies and drives that can exist, on unseen mo
 
 Each recording of bench/first_hour.py is fitted as there; full parameters are found from what the
 bundle keeps, and all are judged on the test bags: base parameters, bodies that can exist, and the
-bodies as described with the same drives. Where clarabel is installed (``pip install clarabel``), the
-same question is put to it as a semidefinite program: the least squares under linear matrix
-inequalities, with the distance from the description as a square instead of one of logarithms.
+bodies as described with the same drives. Where clarabel is installed (``pip install clarabel``),
+the same question is put to it as a semidefinite program: least squares under matrix inequalities,
+with the distance from the description as a square instead of one of logarithms.
 
     python bench/consistent.py --data DATA
 """
@@ -31,7 +31,7 @@ from pathlib import Path
 import tempfile
 import time
 
-from first_hour import KNOWN, UNSEEN, undescribed
+from first_hour import KNOWN, undescribed, UNSEEN
 import numpy as np
 from reference_fits import CONFIG, data_directory, fit
 from tudor_dynamics.identification.dataset import load, parse_choice

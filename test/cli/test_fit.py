@@ -117,7 +117,7 @@ def test_choices_are_said(
 def test_report_and_bundle_are_there(fitted: Path) -> None:
     """One directory holds model, arm, arrays and report."""
     assert sorted(item.name for item in fitted.iterdir()) == [
-        'arm.yaml', 'elm.npz', 'model.yaml', 'report.html']
+        'arm.yaml', 'data.npz', 'elm.npz', 'model.yaml', 'report.html']
     assert '</html>' in (fitted / 'report.html').read_text()
 
 

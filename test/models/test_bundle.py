@@ -359,7 +359,7 @@ def test_reader_never_sees_half(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(Path, 'write_bytes', spy)
     save_bundle(_bundle(facts={'new': True}), path, overwrite=True)
-    assert seen == [{'old': True}] * 3
+    assert seen == [{'old': True}] * len([*path.iterdir()])
     assert load_bundle(path).facts == {'new': True}
 
 

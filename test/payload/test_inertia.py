@@ -22,8 +22,8 @@ import pinocchio as pin
 import pytest
 from sample_arms import random_inertia
 
-from tudor_dynamics.payload.inertia import (
-    consistent, parameters_of, point_mass, pseudo_inertia, reframed)
+from tudor_dynamics.models.consistent.bodies import parameters_from, pseudo_inertia
+from tudor_dynamics.payload.inertia import consistent, point_mass, reframed
 
 
 @given(st.integers(0, 10_000))
@@ -34,7 +34,7 @@ def test_as_pinocchio(seed: int) -> None:
     parameters = body.toDynamicParameters()
     assert reframed(place) @ parameters == pytest.approx(
         place.actInv(body).toDynamicParameters(), abs=1e-12)
-    assert parameters_of(pseudo_inertia(parameters)) == pytest.approx(parameters, abs=1e-12)
+    assert parameters_from(pseudo_inertia(parameters)) == pytest.approx(parameters, abs=1e-12)
     assert np.linalg.eigvalsh(pseudo_inertia(parameters)).min() > -1e-12
 
 

@@ -371,7 +371,7 @@ def load_bundle(
                          causal)
     if with_data and stored.FILE in files:
         stored.unpack(_sets(bundle), head.get('data'), files[stored.FILE],
-                           path / stored.FILE)
+                      path / stored.FILE)
     return bundle
 
 

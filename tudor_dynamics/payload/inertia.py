@@ -27,60 +27,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import least_squares
 
+from tudor_dynamics.models.consistent.bodies import parameters_from, pseudo_inertia
 from tudor_dynamics.typing import FloatArray
 
 COUNT = 10
-_INDEX = ((4, 5, 7), (5, 6, 8), (7, 8, 9))
-"""Place of each entry of the inertia among the ten parameters."""
 _LOWER = np.tril_indices(4)
-
-
-def pseudo_inertia(parameters: FloatArray) -> FloatArray:
-    """
-    Give the pseudo-inertia of a body.
-
-    Parameters
-    ----------
-    parameters : ndarray of shape (10,)
-        Mass, first moments, inertia about the origin [kg, kg m, kg m^2].
-
-    Returns
-    -------
-    ndarray of shape (4, 4)
-        Second moments of the mass over its first and the mass.
-
-    """
-    inertia = parameters[np.array(_INDEX)]
-    result = np.empty((4, 4))
-    result[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
-    result[:3, 3] = result[3, :3] = parameters[1:4]
-    result[3, 3] = parameters[0]
-    return result
-
-
-def parameters_of(pseudo: FloatArray) -> FloatArray:
-    """
-    Give the parameters of a pseudo-inertia.
-
-    Parameters
-    ----------
-    pseudo : ndarray of shape (4, 4)
-        As from `pseudo_inertia`.
-
-    Returns
-    -------
-    ndarray of shape (10,)
-        Mass, first moments, inertia about the origin.
-
-    """
-    second = pseudo[:3, :3]
-    inertia = np.trace(second) * np.eye(3) - second
-    result = np.empty(COUNT)
-    result[0], result[1:4] = pseudo[3, 3], pseudo[:3, 3]
-    for i in range(3):
-        for j in range(i, 3):
-            result[_INDEX[i][j]] = inertia[i, j]
-    return result
 
 
 def reframed(placement: pin.SE3) -> FloatArray:
@@ -99,7 +50,7 @@ def reframed(placement: pin.SE3) -> FloatArray:
 
     """
     into = placement.inverse().homogeneous
-    return np.column_stack([parameters_of(into @ pseudo_inertia(unit) @ into.T)
+    return np.column_stack([parameters_from(into @ pseudo_inertia(unit) @ into.T)
                             for unit in np.eye(COUNT)])
 
 
@@ -114,7 +65,7 @@ def point_mass(place: FloatArray) -> FloatArray:
 
     """
     lever = np.append(place, 1.0)
-    return parameters_of(np.outer(lever, lever))
+    return parameters_from(np.outer(lever, lever))
 
 
 def consistent(parameters: FloatArray, information: FloatArray, size: float) -> FloatArray:
@@ -148,7 +99,7 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
     def body(x: FloatArray) -> FloatArray:
         lower = np.zeros((4, 4))
         lower[_LOWER] = x
-        return parameters_of(lower @ lower.T)
+        return parameters_from(lower @ lower.T)
 
     def left(x: FloatArray) -> FloatArray:
         found = body(x)
@@ -161,7 +112,7 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
         for row, column in zip(*_LOWER, strict=True):
             turned = np.zeros((4, 4))
             turned[row] = lower[:, column]
-            columns.append(parameters_of(turned + turned.T))
+            columns.append(parameters_from(turned + turned.T))
         change = np.column_stack(columns)
         return np.vstack([root @ change, shy[:, None] * change])
 

@@ -145,7 +145,14 @@ class Problem:
     Residuals of data and of prior knowledge, and their derivatives.
 
     Unknowns are log-Cholesky parameters of all bodies, in units of their widths from their
-    centres; parameters of drives; logarithms of unknown torque constants.
+    centres; parameters of drives in units of their sizes, or the roots of these; logarithms of
+    unknown torque constants.
+
+    Parameters
+    ----------
+    arm, model, products, prior
+        As for `solve_consistent`.
+
     """
 
     def __init__(
@@ -238,7 +245,15 @@ class Problem:
         return x
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """Give errors of the data in their noise, then distances from the prior."""
+        """
+        Give errors of the data in their noise, then distances from the prior.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_unknowns,)
+            Where.
+
+        """
         full, constants, _ = self._split(x)
         found = []
         for channel, matrix, target in self.data:
@@ -255,7 +270,15 @@ class Problem:
             mean / WIDTH_CONSTANT])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """Differentiate `residual`."""
+        """
+        Differentiate `residual`, shape (n_residuals, n_unknowns).
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_unknowns,)
+            Where.
+
+        """
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
         inner = np.zeros((len(full), end))
@@ -288,7 +311,15 @@ class Problem:
             self.signs == 0.0, 0.0, deviation ** 2)))
 
     def solution(self, x: FloatArray) -> Solution:
-        """Give the parameters with their errors; several samples of data count as one."""
+        """
+        Give the parameters with their errors; several samples of data count as one.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_unknowns,)
+            Where the search ended.
+
+        """
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
         jacobian = self.jacobian(x)
@@ -309,7 +340,8 @@ class Problem:
         factors = np.where(self.scaled, np.exp(-constants)[:, None], 1.0)
         relative_errors = np.array([
             np.linalg.norm(matrix @ (full * factors[channel]) - target)
-            / max(float(np.linalg.norm(target)), 1e-300) for channel, matrix, target in self.parts])
+            / max(float(np.linalg.norm(target)), 1e-300)
+            for channel, matrix, target in self.parts])
         return Solution(full[:self.first].reshape(-1, PARAMETERS), full[self.first:],
                         np.exp(constants), errors,
                         self._drive_errors(x[self.first:end], deviation[self.first:end]),
