@@ -38,7 +38,8 @@ from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.consistent.bodies import parameters_of, prior_of, pseudo_inertia
 from tudor_dynamics.models.consistent.full import full_parameters
-from tudor_dynamics.models.consistent.solve import full_of, Problem
+from tudor_dynamics.models.consistent.problem import Problem
+from tudor_dynamics.models.consistent.solve import full_of
 from tudor_dynamics.models.estimation.products import summed
 from tudor_dynamics.models.regressor import EffortRegressor
 

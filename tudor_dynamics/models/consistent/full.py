@@ -27,7 +27,8 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.consistent.bodies import Prior
-from tudor_dynamics.models.consistent.solve import full_of, Solution, solve_consistent
+from tudor_dynamics.models.consistent.problem import Solution
+from tudor_dynamics.models.consistent.solve import full_of, solve_consistent
 from tudor_dynamics.models.estimation.products import summed
 from tudor_dynamics.models.estimation.torque_constants import Constants
 from tudor_dynamics.models.regressor import EffortRegressor
