@@ -27,8 +27,9 @@ from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
-    finite, print_findings, print_json, print_table, score_table, steps)
+    finite, new_table, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.files import read_bounded
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.dataset import parse_choice
@@ -37,9 +38,10 @@ from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
+from tudor_dynamics.library.changing import change_bags
 from tudor_dynamics.library.from_bags import (
     check_choices, fit_bags, read_bags, with_recorded_gauges)
-from tudor_dynamics.models.bundle import check_target, save_bundle
+from tudor_dynamics.models.bundle import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
@@ -58,6 +60,9 @@ examples:
   tudor fit empty full --payload-of empty=0 full=0.4 --arm my_arm.yaml --out model
         one model of all payloads, its parameters affine in the mass at the tip; bags of
         `tudor record` carry their payload themselves
+  tudor fit --to model --add run4 --drop run1
+        the same analytical models of other bags, in a second; figures and thresholds stay those of
+        the last whole fit
 
 MODEL/report.html shows what was found. exit codes: 0 done, 1 no model is good enough, 2 wrong
 input.
@@ -66,6 +71,8 @@ input.
 
 CURRENTS = {'shared': True, 'separate': False}
 """Words for whether currents of unknown torque constants share the inertial parameters."""
+LARGEST_REPORT = 50_000_000
+"""Bytes of a report that is kept."""
 
 
 class Clock:
@@ -85,11 +92,10 @@ class Clock:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
-    parser.add_argument('bags', nargs='+', metavar='BAG',
+    parser.add_argument('bags', nargs='*', metavar='BAG',
                         help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s')
-    parser.add_argument('--arm', required=True, metavar='YAML',
-                        help='arm description; tudor init writes one')
-    parser.add_argument('--out', required=True, metavar='MODEL',
+    parser.add_argument('--arm', metavar='YAML', help='arm description; tudor init writes one')
+    parser.add_argument('--out', metavar='MODEL',
                         help='directory for the model bundle and its report')
     parser.add_argument('--test', nargs='+', default=[], metavar='BAG', action='extend',
                         help='bags to judge by; otherwise each training bag is left out once')
@@ -104,6 +110,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    change = parser.add_argument_group('a model that is there, in place of --arm')
+    change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
+    change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
+                        help='bags to be added to it')
+    change.add_argument('--drop', nargs='+', default=[], metavar='BAG', action='extend',
+                        help='bags to be taken from it')
     signals = parser.add_argument_group('signals (defaults: arm description)')
     signals.add_argument('--filter', choices=(AUTO, 'causal', 'zero_phase'),
                          help="the papers' causal filters, or zero-phase ones; auto chooses by "
@@ -160,7 +172,13 @@ def chosen_preprocessing(args: argparse.Namespace, arm: Arm) -> PreprocessingSpe
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit, judge, save, report."""
+    """Fit, judge, save, report; or change the bags of a model."""
+    if args.to is not None or args.add or args.drop:
+        return change(args)
+    if not args.bags or args.arm is None or args.out is None:
+        lacking = ('no bag' if not args.bags else 'no --arm' if args.arm is None else 'no --out')
+        raise UsageError(f'there is {lacking}',
+                         remedy='tudor fit BAG --arm YAML --out MODEL, or --to MODEL --add BAG')
     clock = Clock()
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
@@ -206,6 +224,51 @@ def run(args: argparse.Namespace) -> int:
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
+
+
+def change(args: argparse.Namespace) -> int:
+    """Add bags to a model or take some away, and write it back, or to --out."""
+    if args.to is None or args.bags or args.arm is not None:
+        raise UsageError('--add and --drop change the bags of a model',
+                         remedy='tudor fit --to MODEL --add BAG --drop BAG [--out OTHER]')
+    if not args.add and not args.drop:
+        raise UsageError('--to: nothing is to be changed', remedy='give --add BAG or --drop BAG')
+    out = Path(args.to if args.out is None else args.out)
+    if args.out is not None:
+        check_target(out, overwrite=args.overwrite)
+    begun = time.perf_counter()
+    changed = change_bags(load_bundle(args.to, with_data=True), args.add, args.drop)
+    extra = kept_report(Path(args.to))
+    save_bundle(changed.bundle, out, overwrite=args.out is None or args.overwrite, extra=extra)
+    names = [item['bag'] for item in changed.bundle.facts['training']]
+    if args.json:
+        print_json(finite({
+            'model': str(out), 'seconds': round(time.perf_counter() - begun, 3), 'training': names,
+            'left_out': {output: {bag: dict(zip(
+                changed.bundle.models[output]['analytical'].channels, errors.tolist(),
+                strict=True)) for bag, errors in bags.items()}
+                for output, bags in changed.left_out.items()}}))
+        return 0
+    for output, bags in changed.left_out.items():
+        channels = changed.bundle.models[output]['analytical'].channels
+        table = new_table(f'{output}, relative error of a bag left out [%]',
+                          names=('bag',), figures=channels)
+        for bag, errors in bags.items():
+            table.add_row(bag, *(f'{100 * error:.2f}' for error in errors))
+        if bags:
+            print_table(table)
+    print(f'model: {out}, now of {", ".join(names)}\nits report, validation and thresholds are '
+          'those of the last whole fit: tudor evaluate says how good it is now')
+    return 0
+
+
+def kept_report(model: Path) -> dict[str, bytes]:
+    """Give the report of a bundle, to be kept beside the changed one."""
+    report = model / 'report.html'
+    try:
+        return {'report.html': read_bounded(report, LARGEST_REPORT)}
+    except OSError:
+        return {}
 
 
 def _print(result: FitResult, assessment: Assessment, report: Path) -> None:

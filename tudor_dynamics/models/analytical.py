@@ -117,6 +117,11 @@ class AnalyticalModel(MemorylessModel):
             plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared)),
             len(arm.active_joints), estimator=settings.estimator)
 
+    def like(self: Analytical) -> Analytical:
+        """Give a model of the same rows and base parameters that is not fitted yet."""
+        return type(self)(self.regressor, self.n_joints, estimator=self.estimator,
+                          base=self.base_)
+
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
         """
         Estimate from data that come in blocks.

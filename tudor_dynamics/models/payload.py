@@ -201,6 +201,13 @@ class PayloadModel(AnalyticalModel):
         self._plain: Regressor = regressor.plain
         self._carried = regressor.carried
 
+    def like(self) -> PayloadModel:
+        """Give one of the same rows, base parameters and payloads that is not fitted yet."""
+        regressor = self.regressor
+        assert isinstance(regressor, PayloadRegressor)
+        return PayloadModel(regressor, self.n_joints, self.payload_range,
+                            estimator=self.estimator, base=self.base_)
+
     @classmethod
     def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
         """Build one for the payloads of the fit; see ``MemorylessModel``."""
