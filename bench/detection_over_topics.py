@@ -39,7 +39,8 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.watch import MonitorSettings

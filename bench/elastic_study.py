@@ -33,10 +33,11 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import TudorWarning
+from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.bundling import bundle_of
-from tudor_dynamics.identification.collision_truth import find_truth
-from tudor_dynamics.identification.collisions import evaluate_collisions
-from tudor_dynamics.identification.dataset import BagData, load, parse_choice
+from tudor_dynamics.identification.collisions.replay import evaluate_collisions
+from tudor_dynamics.identification.collisions.truth import find_truth
+from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.payloads import model_for

@@ -33,10 +33,10 @@ from elastic_study import bags, record
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collision_truth import find_truth, FREE as UNTOUCHED
-from tudor_dynamics.identification.collisions import evaluate_collisions
+from tudor_dynamics.identification.collisions.free_motion import fit_thresholds
+from tudor_dynamics.identification.collisions.replay import evaluate_collisions
+from tudor_dynamics.identification.collisions.truth import find_truth, FREE as UNTOUCHED
 from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings

@@ -34,8 +34,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tudor_dynamics.bags import read_recording, Recording
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.live import OBSERVERS
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.warm_up import warm_up

@@ -30,7 +30,8 @@ from reference_fits import CONFIG, data_directory
 
 from tudor_dynamics import load_arm
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.bag_choice import parse_choice
+from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.models.base_parameters import base_sets
 from tudor_dynamics.models.regressor import EffortRegressor
 

@@ -36,9 +36,10 @@ import numpy as np
 
 import tudor_dynamics as td
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collision_truth import FREE, KnownPush, Truth
-from tudor_dynamics.identification.collisions import evaluate_collisions
-from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.bag_choice import parse_choice
+from tudor_dynamics.identification.collisions.replay import evaluate_collisions
+from tudor_dynamics.identification.collisions.truth import FREE, KnownPush, Truth
+from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.monitoring.watch import MonitorSettings
 

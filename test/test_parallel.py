@@ -24,10 +24,10 @@ import time
 
 import numpy as np
 from patience import PATIENCE
-from piece_making import square
+from piece_making import killed, square
 import pytest
 
-from tudor_dynamics.errors import BagError
+from tudor_dynamics.errors import BagError, ProcessError
 from tudor_dynamics.parallel import _watch, in_processes, in_threads
 
 
@@ -58,6 +58,13 @@ def test_errors_of_pieces_arrive(jobs: int) -> None:
     assert caught.value.place == '-1'
 
 
+def test_a_killed_worker_is_told() -> None:
+    """One line says what to do, and other work goes on."""
+    with pytest.raises(ProcessError, match='ended from outside.*; use fewer --jobs'):
+        in_processes(killed, [1, 2], 2)
+    assert in_processes(square, [1, 2], 2) == [1, 4]
+
+
 def children(pid: int) -> list[int]:
     """Give the processes that another has begun."""
     return [int(word) for task in Path(f'/proc/{pid}/task').iterdir()
@@ -74,11 +81,12 @@ def alive(pid: int) -> bool:
 
 @pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='processes are seen in /proc')
 def test_workers_end_with_their_parent(root: Path, tmp_path: Path) -> None:
-    """Killed, a recording leaves neither workers nor anything half written."""
+    """Killed, a recording leaves neither workers nor anything half written, nor says a word."""
+    errors = (tmp_path / 'errors').open('w+')
     process = subprocess.Popen(
         [sys.executable, '-m', 'tudor_dynamics', 'record', '--arm', 'config/tudor.yaml',
          '--stimuli', '4', '--seconds', '3000', '--jobs', '2', '--out', str(tmp_path / 'out')],
-        cwd=root, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        cwd=root, stdout=subprocess.DEVNULL, stderr=errors)
     begun: list[int] = []
     deadline = time.monotonic() + PATIENCE
     # two workers beside the tracker of what they share; and at work, with all modules loaded
@@ -92,3 +100,6 @@ def test_workers_end_with_their_parent(root: Path, tmp_path: Path) -> None:
         assert time.monotonic() < deadline + PATIENCE
         time.sleep(0.05)
     assert not (tmp_path / 'out').exists() or list((tmp_path / 'out').iterdir()) == []
+    with errors:
+        errors.seek(0)
+        assert not errors.read()

@@ -24,7 +24,8 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tudor_dynamics.arm.description import Arm, load_arm
+    from tudor_dynamics.arm.description import Arm
+    from tudor_dynamics.arm.loading import load_arm
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.recording import Recording
     from tudor_dynamics.errors import TudorError
@@ -32,7 +33,8 @@ if TYPE_CHECKING:
     from tudor_dynamics.library.from_bags import fit
     from tudor_dynamics.library.payload import carried
     from tudor_dynamics.library.prediction import predict
-    from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+    from tudor_dynamics.models.bundle import ModelBundle
+    from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
     from tudor_dynamics.monitoring.monitor import Monitor
     from tudor_dynamics.monitoring.watch import MonitorSettings
     from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
@@ -49,7 +51,8 @@ __all__ = [
 
 # The same as above, for the interpreter; test/test_library.py compares them.
 _HOMES = {
-    'tudor_dynamics.arm.description': ('Arm', 'load_arm'),
+    'tudor_dynamics.arm.description': ('Arm',),
+    'tudor_dynamics.arm.loading': ('load_arm',),
     'tudor_dynamics.bags.reader': ('read_recording',),
     'tudor_dynamics.bags.recording': ('Recording',),
     'tudor_dynamics.errors': ('TudorError',),
@@ -57,7 +60,8 @@ _HOMES = {
     'tudor_dynamics.library.from_bags': ('fit',),
     'tudor_dynamics.library.payload': ('carried',),
     'tudor_dynamics.library.prediction': ('predict',),
-    'tudor_dynamics.models.bundle': ('ModelBundle', 'load_bundle', 'save_bundle'),
+    'tudor_dynamics.models.bundle': ('ModelBundle',),
+    'tudor_dynamics.models.storage.bundle_io': ('load_bundle', 'save_bundle'),
     'tudor_dynamics.monitoring.monitor': ('Monitor',),
     'tudor_dynamics.monitoring.watch': ('MonitorSettings',),
     'tudor_dynamics.simulation.mechanics.mechanism': ('build_mechanism',),

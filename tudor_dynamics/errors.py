@@ -116,6 +116,10 @@ class SimulationError(TudorError, RuntimeError):
     """A mechanism that cannot be simulated, or a run that diverged."""
 
 
+class ProcessError(TudorError, RuntimeError):
+    """A process that was ended from outside before its work was done."""
+
+
 class UsageError(TudorError, ValueError):
     """A command line, or the arguments of a call, that contradict themselves."""
 

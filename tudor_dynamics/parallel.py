@@ -34,7 +34,10 @@ from typing import TypeVar
 
 from joblib import delayed, Parallel
 from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import TerminatedWorkerError
 import numpy as np
+
+from tudor_dynamics.errors import ProcessError
 
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
@@ -46,6 +49,8 @@ GRACE = 10.0
 LOOK = 0.2
 """Time between two looks at the progress, or for the parent [s]."""
 STEPS, PROCESS = range(2)
+QUIET = 'ignore:resource_tracker:UserWarning'
+"""Loky clears away what a killed process has left; to be told so is of no use to anybody."""
 
 _watched = False
 
@@ -97,6 +102,11 @@ def in_processes(
     list
         Results, in the order of the pieces.
 
+    Raises
+    ------
+    ProcessError
+        If a process was ended from outside, as the system does where memory runs out.
+
     """
     if min(jobs, len(pieces)) <= 1:
         done: list[int] = []
@@ -135,12 +145,20 @@ def _run_all(
 ) -> list[Result]:
     # An interrupt is the first thread's to handle; processes that begin here inherit that.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = os.environ.get('PYTHONWARNINGS')
+    os.environ['PYTHONWARNINGS'] = f'{before},{QUIET}' if before else QUIET
     try:
         return list(Parallel(jobs, backend='loky', batch_size=1, pre_dispatch='all')(
             delayed(_in_worker)(work, piece, folder, row, len(pieces), os.getpid())
             for row, piece in enumerate(pieces)))
+    except TerminatedWorkerError:
+        msg = 'a process was ended from outside, as the system does where memory runs out'
+        raise ProcessError(msg, remedy='use fewer --jobs') from None
     finally:
         get_reusable_executor(jobs).shutdown(wait=True)
+        os.environ.pop('PYTHONWARNINGS')
+        if before is not None:
+            os.environ['PYTHONWARNINGS'] = before
 
 
 def _in_worker(

@@ -26,7 +26,8 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.arm.couplings import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.doctor.drives import with_couplings
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData, cut
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data'))

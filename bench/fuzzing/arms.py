@@ -24,7 +24,7 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
-from tudor_dynamics.models.bundle_files import dump_yaml
+from tudor_dynamics.models.storage.files import dump_yaml
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 
 MAX_JOINTS = 12

@@ -32,7 +32,7 @@ from tudor_dynamics.bags.joint_states import decode_joint_states
 from tudor_dynamics.bags.labels import read_wrenches
 from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.models.bundle_files import dump_yaml
+from tudor_dynamics.models.storage.files import dump_yaml
 import yaml
 
 JOINTS = ('shoulder', 'elbow')

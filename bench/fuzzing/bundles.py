@@ -27,10 +27,11 @@ from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
-from tudor_dynamics.models.bundle_files import dump_yaml
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.storage.files import dump_yaml
 from tudor_dynamics.monitoring.thresholds.io import stored_thresholds, thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail

@@ -28,7 +28,8 @@ from tudor_dynamics.bags import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.doctor.examine import examine
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.typing import FloatArray
 

@@ -25,9 +25,10 @@ from sample_arms import multisine, recording_of
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.bag_choice import BagChoice, parse_choice
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, common_outputs, cut, filtered, motion_span, parse_choice, standstill_note,
-    training_blocks)
+    BagData, common_outputs, cut, filtered, training_blocks)
+from tudor_dynamics.identification.standstill import motion_span, standstill_note
 from tudor_dynamics.signals import prepare
 
 

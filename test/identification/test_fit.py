@@ -25,13 +25,14 @@ from sample_arms import gauge, multisine, planar_arm, random_states, recording_o
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorWarning
+from tudor_dynamics.identification.bag_choice import BagChoice
 from tudor_dynamics.identification.bundling import bundle_of, figures
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
+from tudor_dynamics.identification.dataset import BagData, cut
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
-from tudor_dynamics.models.bundle import load_bundle, save_bundle
 from tudor_dynamics.models.regressor import Regressor
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.signals import prepare
 from tudor_dynamics.typing import FloatArray
 

@@ -22,7 +22,8 @@ from sample_arms import multisine, recording_of
 from scipy import signal
 
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.ringing import find_ringing
 from tudor_dynamics.signals import prepare
 from tudor_dynamics.signals.preprocessing import Stretch

@@ -24,7 +24,8 @@ import pytest
 from sample_arms import multisine, recording_of
 
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.validation import (
     leave_one_bag_out, random_split, trace, validate)
 from tudor_dynamics.signals import prepare

@@ -27,7 +27,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorError
 from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.training import TrainingBlock
 from tudor_dynamics.signals import Decimation
 from tudor_dynamics.typing import FloatArray

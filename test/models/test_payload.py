@@ -24,8 +24,9 @@ from sample_arms import random_states
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 
 ARM = two_gauge_arm()
 RANGE = (0.0, 0.4)

@@ -27,10 +27,11 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.identification.collision_truth import FREE
-from tudor_dynamics.identification.collisions import watch_bag
-from tudor_dynamics.identification.dataset import BagChoice, BagData
-from tudor_dynamics.identification.free_motion import fit_thresholds
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.collisions.free_motion import fit_thresholds
+from tudor_dynamics.identification.collisions.replay import watch_bag
+from tudor_dynamics.identification.collisions.truth import FREE
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level

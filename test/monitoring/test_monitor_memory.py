@@ -25,7 +25,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings

@@ -26,9 +26,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW

@@ -24,8 +24,9 @@ from ros_world import World
 from sample_arms import random_states
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
-from tudor_dynamics.models.bundle import ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
+from tudor_dynamics.models.storage.bundle_io import save_bundle
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 

@@ -27,7 +27,8 @@ import pytest
 
 from tudor_dynamics.arm import Arm, arm_from_dict
 from tudor_dynamics.bags import Recording
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic import trainer as elastic_module
 from tudor_dynamics.identification.elastic.modes import ModeMap, Vibration
 from tudor_dynamics.identification.elastic.result import Identified, Start
@@ -37,8 +38,7 @@ from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.models.elastic.arm import driven_arm
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
-from tudor_dynamics.report.elastic import (
-    MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary)
+from tudor_dynamics.report.elastic import MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary
 from tudor_dynamics.report.modes import levels, mode_figure
 from tudor_dynamics.report.page import render
 from tudor_dynamics.signals import prepare

@@ -29,7 +29,8 @@ import pytest
 
 from tudor_dynamics.arm import Arm, arm_from_dict
 from tudor_dynamics.bags import Recording
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.ringing import Ringing
 from tudor_dynamics.identification.verdict import Grade, Verdict

@@ -24,14 +24,16 @@ from typing import Any
 from tudor_dynamics.bags.sources import plan_from_arm
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.collision_score import Watched
-from tudor_dynamics.identification.collision_truth import (
+from tudor_dynamics.identification.bag_choice import parse_choice
+from tudor_dynamics.identification.collisions.replay import evaluate_collisions, MethodResult
+from tudor_dynamics.identification.collisions.score import Watched
+from tudor_dynamics.identification.collisions.truth import (
     find_truth, FREE, table_of_pushes, Truth, truth_of_table)
-from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
-from tudor_dynamics.identification.dataset import BagData, load, parse_choice
+from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.library.prediction import warn_of_training
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings

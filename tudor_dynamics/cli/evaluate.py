@@ -31,12 +31,13 @@ from tudor_dynamics.cli.console import (
 from tudor_dynamics.doctor.evaluation import examine_evaluation
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
+from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.bundling import rounded
-from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.identification.worth.comparison import Change, changes
 from tudor_dynamics.library.prediction import predict_bags
-from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.models.units import output_units
 
 EXAMPLES = """\

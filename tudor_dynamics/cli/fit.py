@@ -24,27 +24,27 @@ from typing import Any
 from pydantic import ValidationError
 
 from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
-from tudor_dynamics.arm.description import validation_message
+from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
     finite, new_table, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import read_bounded
+from tudor_dynamics.identification.bag_choice import check_choices, parse_choice
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.choice.outcome import choices_to_list
-from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.library.changing import change_bags
-from tudor_dynamics.library.from_bags import (
-    check_choices, fit_bags, read_bags, with_recorded_gauges)
-from tudor_dynamics.models.bundle import check_target, load_bundle, save_bundle
+from tudor_dynamics.library.from_bags import fit_bags, read_bags, with_recorded_gauges
+from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
+from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.page import report_bytes
 from tudor_dynamics.report.tables import headline

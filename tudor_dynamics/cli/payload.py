@@ -22,10 +22,11 @@ from pathlib import Path
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
-from tudor_dynamics.identification.dataset import BagData, load, parse_choice
+from tudor_dynamics.identification.bag_choice import parse_choice
+from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.identification.payloads import parse_payloads
 from tudor_dynamics.library.payload import payload_of, telling
-from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.payload.estimate import PayloadEstimate, Verdict
 from tudor_dynamics.payload.scale import Source
 

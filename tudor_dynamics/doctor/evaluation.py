@@ -26,7 +26,6 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.payloads import model_for
-from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.payload.offline import estimate_payload
 
@@ -57,7 +56,7 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Fi
         known = {}
         for output, kinds in bundle.models.items():
             model = kinds.get('analytical')
-            if isinstance(model, AnalyticalModel) and output in examined.case.outputs:
+            if model is not None and output in examined.case.outputs:
                 try:
                     known[output] = model_for(model, bag)
                 except TudorError:

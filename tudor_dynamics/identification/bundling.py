@@ -19,10 +19,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.choice.outcome import choices_to_list
-from tudor_dynamics.identification.dataset import BagData, parse_choice
+from tudor_dynamics.identification.collisions.free_motion import as_plain
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.free_motion import as_plain
 from tudor_dynamics.identification.metrics import Score
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.identification.worth.comparison import spread

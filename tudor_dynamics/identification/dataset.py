@@ -17,128 +17,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-import re
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import FitError, UsageError
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.standstill import motion_span, standstill_note
 from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
 from tudor_dynamics.signals.timing import retimed, Timing
 from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
-STANDSTILL = 2e-3
-"""Part of the largest motion of any joint that is no motion yet."""
-STANDSTILL_KEPT = 0.5
-"""Standstill beside the motion that stays, for what swings out and breaks away [s]."""
-
-
-@dataclass(frozen=True)
-class BagChoice:
-    """
-    A bag, or a part of it by time.
-
-    Attributes
-    ----------
-    path : str
-        Bag directory or file.
-    begin, end : float
-        Part used, as fractions of its duration, or since its first sample [s].
-    seconds : bool
-        Whether begin and end are times.
-    duration : float or None
-        Of the recording, where it was read; needed to compare times with fractions [s].
-
-    """
-
-    path: str
-    begin: float = 0.0
-    end: float = 1.0
-    seconds: bool = False
-    duration: float | None = field(default=None, compare=False)
-
-    def overlaps(self, other: BagChoice) -> bool:
-        """
-        Say whether another choice of the same recording has samples of this one.
-
-        Times and fractions can be compared once one of the two was read; before, they are not
-        said to overlap.
-        """
-        duration = self.duration or other.duration
-        if self.seconds == other.seconds:
-            own, others = (self.begin, self.end), (other.begin, other.end)
-        elif duration is None:
-            return False
-        else:
-            own, others = self.span(duration), other.span(duration)
-        return own[0] < others[1] and others[0] < own[1]
-
-    def span(self, duration: float) -> tuple[float, float]:
-        """
-        Give begin and end as times.
-
-        Parameters
-        ----------
-        duration : float
-            Of the recording [s].
-
-        Returns
-        -------
-        begin, end : float
-            Since the first sample [s].
-
-        """
-        scale = 1.0 if self.seconds else duration
-        return self.begin * scale, self.end * scale
-
-    def __str__(self) -> str:
-        """Write the choice as it is written on the command line."""
-        if self.seconds:
-            return f'{self.path}@{self.begin:g}s-{self.end:g}s'
-        if (self.begin, self.end) == (0.0, 1.0):
-            return self.path
-        return f'{self.path}@{100 * self.begin:g}-{100 * self.end:g}%'
-
-
-def parse_choice(text: str) -> BagChoice:
-    """
-    Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``.
-
-    Parameters
-    ----------
-    text : str
-        Argument, such as ``bags/run1``, ``bags/run1@0-60%`` or ``bags/run1@5s-50s``.
-
-    Returns
-    -------
-    BagChoice
-        Path and part.
-
-    Raises
-    ------
-    UsageError
-        If the part is empty or outside 0-100 %.
-
-    """
-    timed = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)s-(\d+(?:\.\d+)?)s', text)
-    if timed is not None:
-        begin, end = float(timed[2]), float(timed[3])
-        if not begin < end < float('inf'):
-            msg = f'{text}: the part {timed[2]}s-{timed[3]}s is empty'
-            raise UsageError(msg)
-        return BagChoice(timed[1], begin, end, seconds=True)
-    match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
-    if match is None:
-        return BagChoice(text)
-    begin, end = float(match[2]) / 100.0, float(match[3]) / 100.0
-    if not 0.0 <= begin < end <= 1.0:
-        msg = f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%'
-        raise UsageError(msg)
-    return BagChoice(match[1], begin, end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,58 +199,6 @@ def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
             stretches.append(replace(stretch, decimation=replace(
                 stretch.decimation, keep=inside)))
     return replace(bag, stretches=tuple(stretches or prepare(bag.recording, preprocessing)))
-
-
-def motion_span(recording: Recording) -> tuple[float, float]:
-    """
-    Find where a recording moves, but for standstill in the middle.
-
-    A joint that stands is held by friction that no model knows the sign of, and a long wait
-    before or behind the motion would count as much as the motion.
-
-    Parameters
-    ----------
-    recording : Recording
-        Recording that was read.
-
-    Returns
-    -------
-    begin, end : float
-        Begin and end of the motion with a margin, or all of the recording where it stands no
-        longer than that at its ends, or never moves [s].
-
-    """
-    t, q = recording.t, recording.q
-    bound = STANDSTILL * max(float(np.ptp(q, axis=0).max(initial=0.0)), 1e-300)
-    away = np.flatnonzero(np.any(np.abs(q - q[0]) > bound, axis=1))
-    back = np.flatnonzero(np.any(np.abs(q - q[-1]) > bound, axis=1))
-    if not len(away):
-        return 0.0, float(t[-1])
-    begin, end = float(t[away[0]]) - STANDSTILL_KEPT, float(t[back[-1]]) + STANDSTILL_KEPT
-    return (begin if begin > STANDSTILL_KEPT else 0.0,
-            end if end < t[-1] - STANDSTILL_KEPT else float(t[-1]))
-
-
-def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
-    """
-    Say what of a recording is left out because nothing moves.
-
-    Parameters
-    ----------
-    recording : Recording
-        Recording that was read.
-    span : (float, float)
-        Begin and end of its motion [s].
-
-    Returns
-    -------
-    str
-        A sentence, empty where nothing is left out.
-
-    """
-    parts = [f'{length:.1f} s at the {end}' for length, end in (
-        (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
-    return f'standstill of {" and ".join(parts)} is left out' if parts else ''
 
 
 def split_bag(

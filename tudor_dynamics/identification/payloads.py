@@ -20,7 +20,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import Model, Range
 from tudor_dynamics.models.payload import SAME
 

@@ -27,84 +27,24 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
+from tudor_dynamics.identification.bag_choice import BagChoice, check_choices, choices, Paths
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.choice.choose import choose
-from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, filtered, load, parse_choice, refuse_copies, split_bag)
+from tudor_dynamics.identification.dataset import BagData, filtered, load, refuse_copies, split_bag
 from tudor_dynamics.identification.elastic.trainer import Searches
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.worth.assessment import assess
-from tudor_dynamics.models.bundle import check_target, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
 from tudor_dynamics.report.page import report_bytes
 
-Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 Progress = Callable[[str], None]
 
 HELD_OUT = 0.4
 """Part at the end of an only bag that is kept for validation."""
-
-
-def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
-    """
-    Read the names of bags, one or several.
-
-    Parameters
-    ----------
-    bags : str, path, or sequence of them
-        Bag directories or files, or parts of them: ``BAG@0-60%`` or ``BAG@5s-50s``.
-    name : str, default='bags'
-        Name of the argument, for messages.
-
-    Returns
-    -------
-    list of BagChoice
-        Paths and parts.
-
-    Raises
-    ------
-    ArgumentError
-        If something else than a name is given.
-    UsageError
-        If a part is empty or outside 0-100 %.
-
-    """
-    if isinstance(bags, (str, os.PathLike)):
-        bags = [bags]
-    advice = 'give the path of a bag, or a list of paths'
-    check_type(bags, (list, tuple), name, advice)
-    for bag in bags:
-        check_type(bag, (str, os.PathLike), f'one of {name}', advice)
-    return [parse_choice(os.fspath(bag)) for bag in bags]
-
-
-def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
-    """
-    Refuse parts of one bag that overlap.
-
-    Parameters
-    ----------
-    training, test : sequence of BagChoice
-        Bags to learn from and bags to judge by.
-
-    Raises
-    ------
-    UsageError
-        If there is nothing to learn from, or samples are used twice.
-
-    """
-    if not training:
-        msg = 'there is no bag to learn from: give the path of one, better of several'
-        raise UsageError(msg)
-    for i, one in enumerate(training):
-        for other in (*training[i + 1:], *test):
-            same = Path(one.path).resolve() == Path(other.path).resolve()
-            if same and one.overlaps(other):
-                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
-                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
-                raise UsageError(msg)
 
 
 def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:

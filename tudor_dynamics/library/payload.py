@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from tudor_dynamics.errors import check_type, UsageError
+from tudor_dynamics.identification.bag_choice import choices, Paths
 from tudor_dynamics.identification.dataset import BagData, load
-from tudor_dynamics.library.from_bags import choices, Paths
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.payload.estimate import PayloadEstimate

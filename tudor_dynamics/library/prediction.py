@@ -29,10 +29,10 @@ from matplotlib.figure import Figure
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.files import write_whole
+from tudor_dynamics.identification.bag_choice import BagChoice, choices, Paths
 from tudor_dynamics.identification.bundling import trained_on
-from tudor_dynamics.identification.dataset import BagChoice, BagData, common_outputs, load
+from tudor_dynamics.identification.dataset import BagData, common_outputs, load
 from tudor_dynamics.identification.validation import validate, Validation
-from tudor_dynamics.library.from_bags import choices, Paths
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.data import liveliest

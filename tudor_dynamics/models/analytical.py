@@ -38,9 +38,9 @@ from tudor_dynamics.models.estimation.estimators import (
 from tudor_dynamics.models.estimation.products import Products, summed
 from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.parts import AnalyticalPart, read
 from tudor_dynamics.models.regressor import plain_regressor, Regressor
-from tudor_dynamics.models.serialise import Group, groups_of, groups_to_list
+from tudor_dynamics.models.storage.coefficients import Group, groups_of, groups_to_list
+from tudor_dynamics.models.storage.parts import AnalyticalPart, read
 from tudor_dynamics.models.training import Blocks, check_block, check_motion
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.typing import FloatArray
@@ -309,6 +309,10 @@ class AnalyticalModel(MemorylessModel):
             tuple(group.base.names[i] for group in self.groups_
                   for i in group.estimate.unexcited))
 
+    def estimated(self, arm: Arm, output: str) -> list[dict[str, Any]]:
+        """List its base parameters; see ``Model``."""
+        return groups_to_list(self.groups_, self.regressor, arm, output)
+
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
         """Give estimator, form, and the coefficients of each group; see ``Model``."""
         self.coefficients()  # raises if there are none
@@ -317,7 +321,7 @@ class AnalyticalModel(MemorylessModel):
                 **({} if form is None else {'form': form}),
                 **({} if self.payload_range is None else
                    {'payload_range': [float(value) for value in self.payload_range]}),
-                'groups': groups_to_list(self.groups_, self.regressor, arm, output)}
+                'groups': self.estimated(arm, output)}
 
     @classmethod
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> AnalyticalModel:

@@ -198,6 +198,27 @@ class Model(ABC):
         """Say how well the training data showed its parameters, where it has some."""
         return Conditioning()
 
+    def estimated(self, arm: Arm, output: str) -> list[dict[str, Any]]:
+        """
+        List the coefficients that mean something by themselves, where it has some.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm that was recorded, for units.
+        output : {'effort', 'strain'}
+            What the model predicts.
+
+        Returns
+        -------
+        list of dict
+            For each group of channels that share them: ``channels``, ``condition`` number, and
+            ``coefficients`` with ``name``, ``value``, ``standard_error``, ``unit`` and whether
+            the motion has ``excited`` them.
+
+        """
+        return []
+
     def stiction(self, q: FloatArray) -> FloatArray:
         """
         Say how far an effort may lie off its prediction while the joint stands.

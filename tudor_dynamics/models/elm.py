@@ -32,7 +32,7 @@ from scipy.special import expit
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.parts import ElmPart, MAX_COEFFICIENT, read
+from tudor_dynamics.models.storage.parts import ElmPart, MAX_COEFFICIENT, read
 from tudor_dynamics.models.training import Blocks, check_block, check_motion, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 

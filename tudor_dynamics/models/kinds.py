@@ -40,12 +40,15 @@ class Kind:
         Its class for bags of one payload.
     of_payloads : type of Model, optional
         Its class for bags of several payloads; None where it cannot be fitted to them.
+    compared : bool, default=False
+        Whether it is there for comparison, so that no verdict depends on it while others are.
 
     """
 
     label: str
     model: type[Model]
     of_payloads: type[Model] | None = None
+    compared: bool = False
 
     def from_content(self, content: dict[str, Any]) -> type[Model]:
         """Say which class the content of a bundle is of: of all payloads where it has a range."""
@@ -58,6 +61,6 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     'analytical': Kind('analytical', AnalyticalModel, PayloadModel),
-    'elm': Kind('ELM', ExtremeLearningMachine, PayloadELM),
+    'elm': Kind('ELM', ExtremeLearningMachine, PayloadELM, compared=True),
     'elastic': Kind('elastic', ElasticModel, ElasticModel)}
 """Kinds by the names that commands, parameters and bundles use."""

@@ -37,10 +37,10 @@ from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
 from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.memoryless import ModelSettings
-from tudor_dynamics.models.parts import PayloadElmPart, PayloadPart, read
 from tudor_dynamics.models.regressor import (
     EffortRegressor, plain_regressor, Regressor, StrainRegressor)
-from tudor_dynamics.models.serialise import Group, groups_of
+from tudor_dynamics.models.storage.coefficients import Group, groups_of
+from tudor_dynamics.models.storage.parts import PayloadElmPart, PayloadPart, read
 from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 

@@ -177,22 +177,7 @@ class EffortRegressor:
         self._assumed = parameters
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """
-        Evaluate rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        out : ndarray of shape (n_samples, n_channels, n_columns), optional
-            Result of an earlier call, to be overwritten.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_joints, n_columns)
-            Rows in effort units per parameter.
-
-        """
+        """Evaluate rows, in effort units per parameter; see ``Regressor``."""
         n = len(self.channels)
         motion = self._coupling.of_joints(motion)
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
@@ -217,22 +202,7 @@ class EffortRegressor:
         return rows
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """
-        Evaluate rows times parameters, without making the rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        parameters : ndarray of shape (n_joints, n_columns)
-            Parameters of each channel.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_joints)
-            Efforts in their units.
-
-        """
+        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         motion = self._coupling.of_joints(motion)
         out = self._coupling.body_efforts(self._bodies, motion, parameters)
         self._terms.add(motion, parameters, out)
@@ -289,22 +259,7 @@ class StrainRegressor:
         self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """
-        Evaluate rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        out : ndarray of shape (n_samples, n_channels, n_columns), optional
-            Result of an earlier call, to be overwritten.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_gauges, n_columns)
-            Rows in N m per parameter; the fitted parameters carry the gauge's scale.
-
-        """
+        """Evaluate rows, in N m per parameter (with the scale of the gauge); see ``Regressor``."""
         # virtual joints at the gauges stay at zero
         full = in_model_order(self._coupling.of_joints(motion), self._joint_index,
                               self._model.nv)
@@ -318,22 +273,7 @@ class StrainRegressor:
         """Take parameters that no row of a strain depends on; see ``Regressor``."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """
-        Evaluate rows times parameters, without making the rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        parameters : ndarray of shape (n_gauges, n_columns)
-            Parameters of each channel.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_gauges)
-            Strains in their units.
-
-        """
+        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         out = np.empty((len(motion), len(self.channels)))
         self._bodies.outputs(self._coupling.of_joints(motion), parameters, out)
         out += parameters[:, -1]

@@ -32,6 +32,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.simulation.mechanics.vector import cross, turn, turn_back
 from tudor_dynamics.typing import FloatArray, IndexArray
 
 # Columns of the state of a body: rotation to its parent, rates, accelerations.
@@ -131,15 +132,15 @@ def _move(frame: FloatArray, prismatic: bool, state: FloatArray, gravity: FloatA
     else:
         sine, cosine = math.sin(q), math.cos(q)
         rest = 1.0 - cosine
-        turn = ((cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y),
+        spun = ((cosine + rest * x * x, rest * x * y - sine * z, rest * x * z + sine * y),
                 (rest * x * y + sine * z, cosine + rest * y * y, rest * y * z - sine * x),
                 (rest * x * z - sine * y, rest * y * z + sine * x, cosine + rest * z * z))
         for i in range(3):
             own[_OFFSET + i] = frame[9 + i]
             a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
-            own[_ROTATION + 3 * i] = a * turn[0][0] + b * turn[1][0] + c * turn[2][0]
-            own[_ROTATION + 3 * i + 1] = a * turn[0][1] + b * turn[1][1] + c * turn[2][1]
-            own[_ROTATION + 3 * i + 2] = a * turn[0][2] + b * turn[1][2] + c * turn[2][2]
+            own[_ROTATION + 3 * i] = a * spun[0][0] + b * spun[1][0] + c * spun[2][0]
+            own[_ROTATION + 3 * i + 1] = a * spun[0][1] + b * spun[1][1] + c * spun[2][1]
+            own[_ROTATION + 3 * i + 2] = a * spun[0][2] + b * spun[1][2] + c * spun[2][2]
     if parent < 0:
         spin = turning = (0.0, 0.0, 0.0)
         push = (-gravity[0], -gravity[1], -gravity[2])
@@ -149,13 +150,13 @@ def _move(frame: FloatArray, prismatic: bool, state: FloatArray, gravity: FloatA
         turning = (above[_TURN], above[_TURN + 1], above[_TURN + 2])
         push = (above[_PUSH], above[_PUSH + 1], above[_PUSH + 2])
     offset = (own[_OFFSET], own[_OFFSET + 1], own[_OFFSET + 2])
-    inner = _cross(spin, _cross(spin, offset))
-    outer = _cross(turning, offset)
-    spin = _into(own, spin)
-    turning = _into(own, turning)
-    push = _into(own, (push[0] + outer[0] + inner[0], push[1] + outer[1] + inner[1],
-                       push[2] + outer[2] + inner[2]))
-    swept = _cross(spin, (x * dq, y * dq, z * dq))
+    inner = cross(spin, cross(spin, offset))
+    outer = cross(turning, offset)
+    spin = turn_back(own, spin)
+    turning = turn_back(own, turning)
+    push = turn_back(own, (push[0] + outer[0] + inner[0], push[1] + outer[1] + inner[1],
+                           push[2] + outer[2] + inner[2]))
+    swept = cross(spin, (x * dq, y * dq, z * dq))
     if prismatic:
         push = (push[0] + 2.0 * swept[0] + x * ddq, push[1] + 2.0 * swept[1] + y * ddq,
                 push[2] + 2.0 * swept[2] + z * ddq)
@@ -178,12 +179,12 @@ def _effort(frames: FloatArray, kinds: NDArray, hangs: NDArray, joint: int, movi
         if not hangs[b]:
             continue
         own, parent = moving[b], kinds[b, 0]
-        push = _out_of(own, (force[b, 0], force[b, 1], force[b, 2]))
-        turn = _out_of(own, (force[b, 3], force[b, 4], force[b, 5]))
-        lever = _cross((own[_OFFSET], own[_OFFSET + 1], own[_OFFSET + 2]), push)
+        push = turn(own, (force[b, 0], force[b, 1], force[b, 2]))
+        twist = turn(own, (force[b, 3], force[b, 4], force[b, 5]))
+        lever = cross((own[_OFFSET], own[_OFFSET + 1], own[_OFFSET + 2]), push)
         for i in range(3):
             force[parent, i] += push[i]
-            force[parent, 3 + i] += turn[i] + lever[i]
+            force[parent, 3 + i] += twist[i] + lever[i]
     first = 0 if kinds[joint, 1] != 0 else 3
     return (frames[joint, 12] * force[joint, first] + frames[joint, 13] * force[joint, first + 1]
             + frames[joint, 14] * force[joint, first + 2])
@@ -197,32 +198,11 @@ def _force(moving: FloatArray, parameters: FloatArray, force: FloatArray) -> Non
     w = (moving[_SPIN], moving[_SPIN + 1], moving[_SPIN + 2])
     dw = (moving[_TURN], moving[_TURN + 1], moving[_TURN + 2])
     a = (moving[_PUSH], moving[_PUSH + 1], moving[_PUSH + 2])
-    around, along, lever = _cross(w, _cross(w, h)), _cross(dw, h), _cross(h, a)
-    whirl = _cross(w, (xx * w[0] + xy * w[1] + xz * w[2], xy * w[0] + yy * w[1] + yz * w[2],
-                       xz * w[0] + yz * w[1] + zz * w[2]))
+    around, along, lever = cross(w, cross(w, h)), cross(dw, h), cross(h, a)
+    whirl = cross(w, (xx * w[0] + xy * w[1] + xz * w[2], xy * w[0] + yy * w[1] + yz * w[2],
+                      xz * w[0] + yz * w[1] + zz * w[2]))
     for i in range(3):
         force[i] = m * a[i] + along[i] + around[i]
     force[3] = xx * dw[0] + xy * dw[1] + xz * dw[2] + whirl[0] + lever[0]
     force[4] = xy * dw[0] + yy * dw[1] + yz * dw[2] + whirl[1] + lever[1]
     force[5] = xz * dw[0] + yz * dw[1] + zz * dw[2] + whirl[2] + lever[2]
-
-
-@compiled
-def _cross(a: tuple, b: tuple) -> tuple:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-
-
-@compiled
-def _into(own: FloatArray, x: tuple) -> tuple:
-    """Turn a vector of the parent's frame into the body's."""
-    return (own[0] * x[0] + own[3] * x[1] + own[6] * x[2],
-            own[1] * x[0] + own[4] * x[1] + own[7] * x[2],
-            own[2] * x[0] + own[5] * x[1] + own[8] * x[2])
-
-
-@compiled
-def _out_of(own: FloatArray, x: tuple) -> tuple:
-    """Turn a vector of the body's frame into the parent's."""
-    return (own[0] * x[0] + own[1] * x[1] + own[2] * x[2],
-            own[3] * x[0] + own[4] * x[1] + own[5] * x[2],
-            own[6] * x[0] + own[7] * x[1] + own[8] * x[2])

@@ -26,7 +26,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.bundle import load_bundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
 from tudor_dynamics.monitoring.warm_up import warm_up_filter
 from tudor_dynamics.nodes.common.base import TudorNode

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.collisions import MethodResult
+from tudor_dynamics.identification.collisions.replay import MethodResult
 from tudor_dynamics.report.figure import plain_text
 from tudor_dynamics.report.style import BLUE, PRINT, style, VERMILION
 

@@ -215,7 +215,7 @@ def sections(
         PageSection('figures', 'Figures', 'figures', {'outputs': outputs}),
         *(PageSection(output.key, f'{output.title} over time', 'signals', {'output': output})
           for output in outputs)]
-    if analytical:
+    if any(output.groups for output in outputs):
         found.append(PageSection('coefficients', 'Coefficients', 'coefficients', {
             'outputs': outputs, 'uncertain': report_tables.UNCERTAIN}))
     if elastic is not None:

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.collisions import MethodResult
+from tudor_dynamics.identification.collisions.replay import MethodResult
 
 SUFFIXES = ('.png', '.svg', '.pdf')
 

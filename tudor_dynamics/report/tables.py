@@ -24,10 +24,7 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import Grade, LARGEST_CONDITION
-from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.serialise import Group
-from tudor_dynamics.models.units import column_unit
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
@@ -161,8 +158,8 @@ def model_name(item: FittedOutput) -> str:
 
 
 def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
-    """Leave the ELM out, which is there for comparison, unless it is all that there is."""
-    return [item for item in fitted if item.kind != 'elm'] or list(fitted)
+    """Leave kinds out that are there for comparison, unless they are all that there is."""
+    return [item for item in fitted if not KINDS[item.kind].compared] or list(fitted)
 
 
 def overall(
@@ -206,12 +203,12 @@ def overall(
 
 def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
     """
-    List the coefficients of an analytical model.
+    List the coefficients of a model that mean something by themselves.
 
     Parameters
     ----------
     item : FittedOutput
-        Model; another kind has no coefficients that mean anything by themselves.
+        Model with its output.
     arm : Arm
         Arm whose units are written.
 
@@ -221,30 +218,24 @@ def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
         One for each group of channels.
 
     """
-    model = item.model
-    if not isinstance(model, AnalyticalModel):
-        return []
     groups = []
-    for group in model.groups_:
-        names = tuple(model.channels[i] for i in group.base.channels)
+    for group in item.model.estimated(arm, item.output):
         rows = []
-        for k, column in enumerate(group.base.kept):
-            value = float(group.estimate.parameters[k])
-            error = float(group.estimate.standard_errors[k])
+        for row in group['coefficients']:
+            value, error = row['value'], row['standard_error']
             relative = 100.0 * error / abs(value) if value else math.inf
-            note = 'uncertain' if relative > UNCERTAIN else ''
-            if k in group.estimate.unexcited:
-                note = 'not excited'
-            unit = column_unit(arm, item.output, names, model.regressor.columns[column])
-            rows.append(Coefficient(group.base.names[k], value, unit, error, relative, note))
-        groups.append(CoefficientGroup(names, float(group.estimate.condition),
-                                       _conditioning(group), tuple(rows)))
+            note = ('not excited' if not row['excited'] else
+                    'uncertain' if relative > UNCERTAIN else '')
+            rows.append(Coefficient(row['name'], value, row['unit'], error, relative, note))
+        excited = all(row['excited'] for row in group['coefficients'])
+        groups.append(CoefficientGroup(
+            tuple(group['channels']), group['condition'],
+            _conditioning(group['condition'], excited), tuple(rows)))
     return groups
 
 
-def _conditioning(group: Group) -> str:
-    condition = group.estimate.condition
-    if group.estimate.unexcited:
+def _conditioning(condition: float, excited: bool) -> str:
+    if not excited:
         return 'the motion does not show every parameter; the rest are determined'
     if condition <= GOOD_CONDITION:
         return 'well conditioned'

@@ -27,9 +27,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.identification.collisions.free_motion import fit_thresholds
 from tudor_dynamics.identification.dataset import BagData, common_outputs
 from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
-from tudor_dynamics.identification.free_motion import fit_thresholds
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.reproduction.result_cache import Cached

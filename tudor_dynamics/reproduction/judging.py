@@ -25,7 +25,8 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.dataset import BagChoice, BagData, load
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.validation import Trace
 from tudor_dynamics.typing import FloatArray

@@ -19,9 +19,9 @@ from __future__ import annotations
 from typing import Any
 
 from tudor_dynamics.identification.bundling import bundle_of
-from tudor_dynamics.identification.collision_score import LATE
-from tudor_dynamics.identification.collision_truth import find_truth
-from tudor_dynamics.identification.collisions import evaluate_collisions, MethodResult
+from tudor_dynamics.identification.collisions.replay import evaluate_collisions, MethodResult
+from tudor_dynamics.identification.collisions.score import LATE
+from tudor_dynamics.identification.collisions.truth import find_truth
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import DetectorSettings

@@ -37,7 +37,7 @@ import numpy as np
 
 from tudor_dynamics import __version__
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle_files import write_directory
+from tudor_dynamics.models.storage.files import write_directory
 from tudor_dynamics.typing import FloatArray
 
 FOLDER = 'stages'

@@ -54,6 +54,7 @@ class FilteredStates:
     ddq: FloatArray
 
 
+@compiled
 def low_pass_gain(cutoff: float, dt: float) -> float:
     """
     Give the gain of a discrete first-order low-pass with the pole of the continuous one.
@@ -289,8 +290,7 @@ def _differentiate(
 ) -> None:
     """Filter one sample: the loop of `CausalDifferentiator.step_row`."""
     n = len(q)
-    first = -math.expm1(-2.0 * math.pi * velocity_cutoff * dt)
-    second = -math.expm1(-2.0 * math.pi * acceleration_cutoff * dt)
+    first, second = low_pass_gain(velocity_cutoff, dt), low_pass_gain(acceleration_cutoff, dt)
     for i in range(n):
         dq = last_dq[i] + first * ((q[i] - last_q[i]) / dt - last_dq[i])
         if len(measured) > 0:

@@ -24,10 +24,11 @@ from sample_arms import arm_of, multisine, recording_of
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.bag_choice import BagChoice
 from tudor_dynamics.identification.choice.choose import Choices, choose, friction_words
 from tudor_dynamics.identification.choice.left_out import LeftOut, paid
 from tudor_dynamics.identification.choice.rows import WideRows
-from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered, training_blocks
+from tudor_dynamics.identification.dataset import BagData, filtered, training_blocks
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
 from tudor_dynamics.typing import FloatArray

@@ -25,7 +25,8 @@ import pytest
 
 from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
 from tudor_dynamics.bags import Recording
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic.modes import (
     busiest, enclosed, mode_map, MODES, vibrations)
 from tudor_dynamics.identification.elastic.ringdowns import (

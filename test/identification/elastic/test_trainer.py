@@ -30,7 +30,8 @@ from sample_arms import recording_of
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, filtered, split_bag
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData, cut, filtered, split_bag
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.trainer import ElasticTrainer, record_of, RUN_IN

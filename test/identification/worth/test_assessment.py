@@ -25,7 +25,8 @@ from sample_arms import gauge, multisine, planar_arm, recording_of
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.noise import noise_floor
 from tudor_dynamics.identification.ringing import Ringing

@@ -28,9 +28,10 @@ import pytest
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError, NotFittedError
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 
 ARM = blade_arm()
 PHYSICAL = (PhysicalParameter('bending(j1)', 15.25, 'N m^2', 0.125, True),

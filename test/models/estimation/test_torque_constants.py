@@ -26,8 +26,9 @@ from sample_arms import arm_of, planar_arm, random_states, SIX_ROWS
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.units import column_unit
 from tudor_dynamics.typing import FloatArray
 

@@ -104,10 +104,15 @@ def test_round_trip(learned) -> None:
     again = thresholds_from_dict(content, CHANNELS, 2)
     assert np.allclose(again.ratios(1.0), learned.ratios(1.0), rtol=1e-9)
     assert np.allclose(again.taps, learned.taps, rtol=1e-9)
-    for change in ({'taps': [[1.0]]}, {'channels': ['a']}, {'tails': []}, {'step': -1.0},
-                   {'profile': 'no'}):
-        with pytest.raises(ModelError, match='fit the model again'):
+    for change, text in (
+            ({'taps': [[[1.0]]]}, 'taps of another shape'), ({'channels': ['a']}, 'channels'),
+            ({'tails': []}, '0 tails do not fit'), ({'step': -1.0}, 'step: .* greater than 0'),
+            ({'profile': 'no'}, 'profile: '), ({'profile': [[1.0], [1.0, 2.0]]}, 'top level'),
+            ({'taps': [[[float('nan')]]]}, 'taps.0.0.0: .* finite number')):
+        with pytest.raises(ModelError, match=f'{text}.*; fit the model again'):
             thresholds_from_dict({**content, **change}, CHANNELS, 2)
+    with pytest.raises(ModelError, match='thresholds of the model: .*; fit the model again'):
+        thresholds_from_dict([], CHANNELS, 2)
 
 
 def test_reversal_widens_for_a_while() -> None:
@@ -326,5 +331,5 @@ def test_old_thresholds_have_no_sums(learned: MethodThresholds) -> None:
     assert not old.stiction.any() and np.isinf(old.ratios(1.0)[4:]).all()
     assert max(x.collision.max() for x in walk(ExcessStage(old, Rates(1.0)),
                                                ringing(20, 9))) < 1.0
-    with pytest.raises(ModelError, match='do not fit'):
+    with pytest.raises(ModelError, match='stiction.0: .* greater than or equal to 0'):
         thresholds_from_dict({**content, 'stiction': [-1.0, 0.0]}, CHANNELS, 2)

@@ -21,7 +21,8 @@ import pytest
 from sample_arms import multisine, planar_arm, recording_of
 
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.reproduction.figures.malzahn import stimuli
 from tudor_dynamics.signals import prepare
 

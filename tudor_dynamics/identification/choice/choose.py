@@ -36,6 +36,7 @@ from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.choice.rows import WideRows
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
 from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.typing import FloatArray
 
 Progress = Callable[[str], None]
@@ -111,11 +112,11 @@ class _Chooser:
         self.joints: list[JointSpec] = list(arm.joints)
         self.shared = bool(settings.shared)
         self.made: list[Choice] = []
-        elastic = 'elastic' in settings.kinds
-        # a load on the gear is no term of an elastic arm, nor affine in a payload
-        self.without = ('load',) if elastic or settings.payloads is not None else ()
-        # an elastic arm follows measured positions: there is no filter to choose
-        self.filter_open = not elastic and not spec.model_fields_set & CAUSAL_KEYS
+        follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
+        # a load on the gear is no term of an arm that is followed, nor affine in a payload
+        self.without = ('load',) if follows or settings.payloads is not None else ()
+        # what follows measured positions has no filter to choose
+        self.filter_open = not follows and not spec.model_fields_set & CAUSAL_KEYS
 
     def choose(self) -> Choices:
         """Go through what is open, what matters most first."""

@@ -19,8 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from tudor_dynamics.identification.collisions.free_motion import learn_all
 from tudor_dynamics.identification.fit import FitResult
-from tudor_dynamics.identification.free_motion import learn_all
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.next_steps import next_steps, NextStep
 from tudor_dynamics.identification.worth.physics import marks

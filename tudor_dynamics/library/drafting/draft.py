@@ -34,7 +34,7 @@ from tudor_dynamics.bags.reader import read_planned
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.sources import ChannelSource, Sources
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.identification.dataset import parse_choice
+from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.library.drafting.chain import chain_of, chain_of_urdf, GRAVITY
 from tudor_dynamics.library.drafting.gravity import down
 from tudor_dynamics.library.drafting.judging import (

@@ -26,7 +26,7 @@ from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.elastic.arm import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
-from tudor_dynamics.models.parts import ElasticPart, read
+from tudor_dynamics.models.storage.parts import ElasticPart, read
 from tudor_dynamics.models.units import output_units
 
 Elastic = TypeVar('Elastic', bound=FittedElastic)

@@ -12,22 +12,78 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Thresholds as plain values in a model bundle, and back, with every shape checked."""
+"""Thresholds as plain values in a model bundle, and back."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, model_validator, ValidationInfo
 
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.parts import BundlePart, read, Text
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
 
 DIGITS = 10
 DOMAIN = ('usual', 'reach')
 TAIL = ('location', 'scale', 'shape', 'share', 'largest', 'count')
+
+
+Positive = Annotated[float, Field(gt=0.0)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Size = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Matrix = tuple[tuple[Number, ...], ...]
+
+
+class TailPart(BundlePart):
+    """How a residual exceeds its profile, see `Tail`."""
+
+    location: Positive
+    scale: Positive
+    shape: Annotated[float, Field(ge=0.0, le=1.0)]
+    share: Annotated[float, Field(gt=0.0, le=1.0)]
+    largest: Positive
+    count: Annotated[float, Field(ge=1.0)]
+
+
+class ThresholdsPart(BundlePart):
+    """Thresholds of one method, of an arm whose channels and joints come as context."""
+
+    channels: tuple[Text, ...]
+    seconds: float
+    step: Positive
+    taps: tuple[Matrix, ...]
+    profile: tuple[tuple[Size, ...], ...]
+    tails: tuple[TailPart, ...]
+    usual: tuple[Positive, ...] | None = None
+    reach: tuple[Positive, ...] | None = None
+    stiction: tuple[Size, ...] | None = None
+
+    @model_validator(mode='after')
+    def _fits(self, info: ValidationInfo) -> ThresholdsPart:
+        context = info.context or {}
+        channels, joints = context['channels'], context['n_joints']
+        n = len(channels)
+        if self.channels != channels:
+            raise ValueError(f'channels {list(self.channels)} do not fit the arm; expected '
+                             f'{list(channels)}')
+        for name, value, shape in (
+                ('taps', self.taps, (LAGS + WINDOW, n, n)),
+                ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
+                ('reach', self.reach, (joints,)), ('stiction', self.stiction, (n,))):
+            if value is not None and np.shape(value) != shape:
+                raise ValueError(f'{name} of another shape than {shape} do not fit the arm')
+        if len(self.tails) not in (2 * n, 3 * n):
+            raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected two or three '
+                             'for each channel')
+        if any(row[0] == 0.0 for row in self.profile):
+            raise ValueError('profile with a size of 0 at rest')
+        if n != joints and any(self.stiction or ()):
+            raise ValueError('stiction of what is no joint')
+        return self
 
 
 def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
@@ -87,41 +143,20 @@ def thresholds_from_dict(
     Raises
     ------
     ModelError
-        If anything is missing or of another shape.
+        If anything is missing, impossible, or does not fit the arm.
 
     """
-    n = len(channels)
     try:
-        named = tuple(str(name) for name in content['channels'])
-        taps = np.asarray(content['taps'], dtype=float)
-        profile = np.asarray(content['profile'], dtype=float)
-        tails = tuple(Tail(*(float(tail[key]) for key in TAIL))
-                      for tail in content['tails'])
-        step, seconds = float(content['step']), float(content['seconds'])
-        usual, reach = (
-            np.asarray(content[key], dtype=float) if key in content else np.full(size, np.inf)
-            for key, size in zip(DOMAIN, (n, n_joints), strict=True))
-        stiction = np.asarray(content.get('stiction', [0.0] * n), dtype=float)
-        good = (named == channels and taps.shape == (LAGS + WINDOW, n, n)
-                and profile.shape == (2 * n, 1 + 4 * n_joints) and len(tails) in (2 * n, 3 * n)
-                and np.isfinite(taps).all() and np.isfinite(profile).all()
-                and (profile >= 0).all() and (profile[:, 0] > 0).all() and step > 0
-                and usual.shape == (n,) and reach.shape == (n_joints,)
-                and (usual > 0).all() and (reach > 0).all()
-                and stiction.shape == (n,) and np.isfinite(stiction).all()
-                and (stiction >= 0).all() and (n == n_joints or not stiction.any())
-                and all(t.scale > 0 and t.location > 0 and 0 <= t.shape <= 1 and 0 < t.share <= 1
-                        and t.largest > 0 and t.count >= 1
-                        for t in tails))
-    except (AttributeError, KeyError, TypeError, ValueError) as err:
-        msg = f'the thresholds of the model cannot be read ({err}); fit the model again'
-        raise ModelError(msg) from None
-    if not good:
-        msg = ('the thresholds of the model do not fit its arm, or are no numbers; fit the model '
-               'again')
-        raise ModelError(msg)
-    return MethodThresholds(channels, step, taps, profile, tails, seconds, usual, reach,
-                            stiction)
+        part = read(ThresholdsPart, content, {'channels': channels, 'n_joints': n_joints})
+    except ModelError as err:
+        raise err.at('thresholds of the model') from None
+    n = len(channels)
+    return MethodThresholds(
+        channels, part.step, np.array(part.taps), np.array(part.profile),
+        tuple(Tail(**dict(tail)) for tail in part.tails), part.seconds,
+        np.full(n, np.inf) if part.usual is None else np.array(part.usual),
+        np.full(n_joints, np.inf) if part.reach is None else np.array(part.reach),
+        np.zeros(n) if part.stiction is None else np.array(part.stiction))
 
 
 def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:

@@ -27,7 +27,8 @@ from std_srvs.srv import Trigger
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.sources import array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import RELOAD
 from tudor_dynamics.nodes.common.wire import ArrayDecoder, JointSample

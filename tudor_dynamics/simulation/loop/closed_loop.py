@@ -22,7 +22,6 @@ for a process that gets its references one by one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +31,7 @@ from tudor_dynamics.arm.limits import drive_stop, hard_limits
 from tudor_dynamics.control.cascade import arm_gains, Cascade, POSITION_GAIN, velocity_lag
 from tudor_dynamics.control.damper import arm_damping, Damper, Status
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.simulation.loop import drive as dr
 from tudor_dynamics.simulation.loop.drive import drive_row, Imperfections
@@ -115,7 +115,7 @@ class ClosedLoop:
             np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
             gauge_rows(arm, probe, imperfections), probe.bodies, probe.places,
             probe.loads, np.zeros(gauges, dtype=np.int64),
-            1.0 - math.exp(-2.0 * math.pi * arm.spec.preprocessing.velocity_cutoff * self.dt),
+            low_pass_gain(arm.spec.preprocessing.velocity_cutoff, self.dt),
             np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
         self._control = ControlTables(
             self.cascade.gains, self.cascade.state, self.cascade.envelope.rows,

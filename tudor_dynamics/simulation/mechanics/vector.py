@@ -23,6 +23,8 @@ from __future__ import annotations
 
 import math
 
+from numpy.typing import NDArray
+
 from tudor_dynamics.compiled import compiled
 
 Vector = tuple[float, float, float]
@@ -60,7 +62,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @compiled
-def turn(r: Rotation, a: Vector) -> Vector:
+def turn(r: Rotation | NDArray, a: Vector) -> Vector:
     """Give R a."""
     return (r[0] * a[0] + r[1] * a[1] + r[2] * a[2],
             r[3] * a[0] + r[4] * a[1] + r[5] * a[2],
@@ -68,7 +70,7 @@ def turn(r: Rotation, a: Vector) -> Vector:
 
 
 @compiled
-def turn_back(r: Rotation, a: Vector) -> Vector:
+def turn_back(r: Rotation | NDArray, a: Vector) -> Vector:
     """Give R^T a."""
     return (r[0] * a[0] + r[3] * a[1] + r[6] * a[2],
             r[1] * a[0] + r[4] * a[1] + r[7] * a[2],

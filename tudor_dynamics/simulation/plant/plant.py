@@ -19,25 +19,21 @@ from __future__ import annotations
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tudor_dynamics.errors import check_type, SimulationError
-from tudor_dynamics.simulation.mechanics.energy import energy, refresh
-from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
-from tudor_dynamics.simulation.mechanics.mass import mass_matrix
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
-from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.simulation.plant import integrator as gen
+from tudor_dynamics.simulation.plant.dynamics import Dynamics
 from tudor_dynamics.simulation.plant.state import (
     Counts, Drive, Energy, failure_message, PlantState)
 from tudor_dynamics.simulation.plant.statics import check_step, find_equilibrium
-from tudor_dynamics.simulation.plant.tables import new_tables
 from tudor_dynamics.typing import FloatArray
 
 __all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
 
 
-class Plant:
+class Plant(Dynamics):
     """
     A mechanism with its state and its integrator.
 
@@ -60,10 +56,6 @@ class Plant:
 
     Attributes
     ----------
-    tables : PlantTables
-        Arrays of the plant, for compiled functions that advance or look at it.
-    loaded : bool
-        Whether forces act from outside.
     bodies : ndarray of int, shape (n_joints,)
         Body behind each joint.
 
@@ -80,10 +72,8 @@ class Plant:
         if not 0.0 <= rho <= 1.0:
             msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
             raise SimulationError(msg)
-        self.mechanism = mechanism
-        self.tables = new_tables(mechanism)
+        super().__init__(mechanism)
         self.tables.settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
-        self.loaded = False
         self._q = mechanism.q_index
         self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
@@ -146,14 +136,6 @@ class Plant:
         self._start_accelerations()
         self._read_state()
         return self.state
-
-    def parameters_changed(self) -> None:
-        """Take over changed tables of the mechanism: stiffness, damping, masses."""
-        mechanism = self.mechanism
-        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                         self.tables.matrices[gen.STIFFNESS], self.tables.matrices[gen.DAMPING])
-        self.tables.chain.base[:] = -mechanism.gravity
-        self.tables.settings[gen.FACTORED] = 0.0
 
     def drive(self, joint: str, kind: Drive) -> None:
         """
@@ -285,73 +267,10 @@ class Plant:
         self._start_accelerations()
         self._read_state()
 
-    @property
-    def coordinates(self) -> FloatArray:
-        """All coordinates, joints and nodes; a view [rad, m]."""
-        return self.tables.vectors[gen.Z]
-
-    @property
-    def rates(self) -> FloatArray:
-        """Rates of all coordinates; a view."""
-        return self.tables.vectors[gen.DZ]
-
-    @property
-    def second_rates(self) -> FloatArray:
-        """Second rates of all coordinates; a view."""
-        return self.tables.vectors[gen.DDZ]
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Elastic stiffness matrix of the straight links; a view."""
-        return self.tables.matrices[gen.STIFFNESS]
-
-    @property
-    def prescribed(self) -> NDArray[np.bool_]:
-        """Which coordinates follow a given motion; a view."""
-        return self.tables.prescribed
-
-    def energy(self) -> Energy:
-        """Give the energy of the present state [J]."""
-        tables = self.tables
-        z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
-        refresh(z, dz, tables.vectors[gen.DDZ], tables.chain)
-        return Energy(*energy(z, dz, self.mechanism.gravity, tables.chain))
-
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
         settings = self.tables.settings
         return Counts(int(settings[gen.ITERATIONS]), int(settings[gen.FACTORS]))
-
-    def mass_matrix(self) -> FloatArray:
-        """Give the mass matrix over all coordinates at the present state."""
-        z, chain = self.tables.vectors[gen.Z], self.tables.chain
-        result = np.empty((z.size, z.size))
-        refresh(z, z * 0.0, z * 0.0, chain)
-        mass_matrix(z, chain, self.tables.composite, result)
-        return result
-
-    def imbalance(
-        self, z: FloatArray, dz: FloatArray, ddz: FloatArray, *, elastic: bool = True,
-    ) -> FloatArray:
-        """
-        Give the generalised force that a motion needs.
-
-        Parameters
-        ----------
-        z, dz, ddz : ndarray of shape (n,)
-            Coordinates and rates.
-        elastic : bool
-            Whether the stiffness counts.
-
-        Returns
-        -------
-        ndarray of shape (n,)
-            Joint efforts, and what is missing at elastic coordinates.
-
-        """
-        result = np.empty(self.mechanism.size)
-        inverse_dynamics(z, dz, ddz, self.tables.chain, self.loaded, float(elastic), result)
-        return result
 
     def solve_accelerations(
         self, z: FloatArray, dz: FloatArray, torque: FloatArray,

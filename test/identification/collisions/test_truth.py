@@ -28,8 +28,8 @@ from sample_arms import recording_of
 from tudor_dynamics.bags import WrenchSeries
 from tudor_dynamics.bags.labels import BOOL
 from tudor_dynamics.errors import BagError, UsageError
-from tudor_dynamics.identification.collision_score import alarms_at, push_of, score, Watched
-from tudor_dynamics.identification.collision_truth import (
+from tudor_dynamics.identification.collisions.score import alarms_at, push_of, score, Watched
+from tudor_dynamics.identification.collisions.truth import (
     find_truth, FREE, KnownPush, table_of_pushes, Truth, truth_of_table)
 
 

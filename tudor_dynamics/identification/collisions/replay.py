@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.bags import Recording
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.collision_score import (
+from tudor_dynamics.identification.collisions.score import (
     alarms_at, CollisionScore, push_of, score, Sighting, Watched)
-from tudor_dynamics.identification.collision_truth import Truth
+from tudor_dynamics.identification.collisions.truth import Truth
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.predictor import Predictor

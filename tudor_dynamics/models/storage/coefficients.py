@@ -26,8 +26,8 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.estimation.torque_constants import Constants
-from tudor_dynamics.models.parts import GroupPart
 from tudor_dynamics.models.regressor import Regressor
+from tudor_dynamics.models.storage.parts import GroupPart
 from tudor_dynamics.models.units import column_unit
 
 

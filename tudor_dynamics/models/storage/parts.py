@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
     AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator,
     ValidationError)
 
-from tudor_dynamics.arm.description import validation_message
+from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.errors import ModelError
 
 MAX_COEFFICIENT = 1e15
@@ -175,7 +176,30 @@ class ElasticPart(BundlePart):
     payload_range: Payloads | None = None
 
 
-def read(part: type[Found], content: Any) -> Found:
+class ModelsPart(BundlePart):
+    """Models, with the preprocessing that they were fitted to."""
+
+    preprocessing: PreprocessingSpec
+    outputs: dict[Literal['effort', 'strain'], dict[str, dict[str, Any]]]
+
+
+class ArmPart(BundlePart):
+    """What the arm was when the models were fitted."""
+
+    digest: str
+
+
+class HeadPart(ModelsPart):
+    """The head itself; `facts` are read by those who know of them."""
+
+    arm: ArmPart
+    files: dict[str, str]
+    causal: ModelsPart | None = None
+    data: dict[str, tuple[str, ...]] = {}
+    facts: dict[str, Any] = {}
+
+
+def read(part: type[Found], content: Any, context: dict[str, Any] | None = None) -> Found:
     """
     Read a part from plain values.
 
@@ -185,6 +209,8 @@ def read(part: type[Found], content: Any) -> Found:
         Class of the part.
     content : object
         Plain values, as the YAML gave them.
+    context : dict, optional
+        What the part has to fit, where its class asks for that.
 
     Returns
     -------
@@ -198,6 +224,6 @@ def read(part: type[Found], content: Any) -> Found:
 
     """
     try:
-        return part.model_validate(content)
+        return part.model_validate(content, context=context)
     except ValidationError as err:
         raise ModelError(validation_message(err), remedy='fit the model again') from None

@@ -30,6 +30,7 @@ import zlib
 import numpy as np
 from tudor_dynamics import bounded_yaml, files
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.storage.parts import HeadPart, read
 from tudor_dynamics.typing import FloatArray
 import yaml
 
@@ -219,7 +220,7 @@ def sealed(content: dict[str, Any]) -> bytes:
     return f'{body}{MARK}{sha256(body.encode())}\n'.encode()
 
 
-def read_head(path: Path) -> dict[str, Any]:
+def read_head(path: Path) -> HeadPart:
     """
     Read the head of a bundle.
 
@@ -230,8 +231,8 @@ def read_head(path: Path) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        With arm, files, preprocessing and outputs, each of them a dictionary.
+    HeadPart
+        Arm, files, preprocessing, outputs and facts.
 
     Raises
     ------
@@ -258,8 +259,7 @@ def read_head(path: Path) -> dict[str, Any]:
         msg = (f'{file}: bundle version {head.get("version")!r}; this program reads version '
                f'{VERSION}: update tudor_dynamics, or fit the model again')
         raise ModelError(msg)
-    for key in ('arm', 'files', 'preprocessing', 'outputs'):
-        if not isinstance(head.get(key), dict):
-            msg = f'{file}: the part {key!r} is missing; fit the model again'
-            raise ModelError(msg)
-    return head
+    try:
+        return read(HeadPart, head)
+    except ModelError as err:
+        raise err.at(file) from None

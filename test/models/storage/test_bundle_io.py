@@ -32,9 +32,9 @@ from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models import (
     AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
-from tudor_dynamics.models import bundle_files
-from tudor_dynamics.models.bundle import (
-    CausalModels, check_target, load_bundle, ModelBundle, save_bundle)
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
+from tudor_dynamics.models.storage.files import MAX_BYTES
 import yaml
 
 ARM = planar_arm(gauges=[gauge('g1', 'j1', 0.1), gauge('g2', 'j2', 0.1)])
@@ -192,13 +192,14 @@ def _coefficient(**changes: Any) -> Callable[[dict[str, Any]], None]:
 @pytest.mark.parametrize(('change', 'message'), [
     (lambda head: head.update(version=2), 'bundle version 2; this program reads version 1'),
     (lambda head: head.update(format='other'), 'not in the format'),
-    (lambda head: head.pop('outputs'), "the part 'outputs' is missing"),
+    (lambda head: head.pop('outputs'), 'model.yaml: outputs: Field required; fit the model again'),
     (lambda head: head.update(preprocessing={'rate': -1}), 'greater than 0'),
     (lambda head: head['files'].update({'../x': 'y'}), 'names a file'),
     (lambda head: head['files'].pop('arm.yaml'), 'arm'),
     (lambda head: head['files'].pop('elm.npz'), 'found nothing'),
     (lambda head: head['arm'].update(digest='0'), 'another digest'),
-    (lambda head: head['outputs'].update(colour={'elm': {}}), "output 'colour'"),
+    (lambda head: head['outputs'].update(colour={'elm': {}}),
+     "'effort' or 'strain', found 'colour'"),
     (lambda head: head['outputs']['effort'].update(oracle={}), 'analytical, elm, elastic'),
     (lambda head: head['outputs']['strain']['analytical'].update(form='both'), 'strain form'),
     (lambda head: head['outputs']['effort']['analytical']['groups'].clear(), 'were expected'),
@@ -239,7 +240,7 @@ def test_pickle_is_refused(model: Path) -> None:
 
 def test_bombs(model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither an archive nor YAML can unpack to much more than they are."""
-    monkeypatch.setitem(bundle_files.MAX_BYTES, 'elm.npz', 100_000)
+    monkeypatch.setitem(MAX_BYTES, 'elm.npz', 100_000)
     bomb = _archive(a=np.zeros(1_000_000))
     assert len(bomb) < 100_000
     _replace_file(model, 'elm.npz', bomb)

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.identification.collision_truth import KnownPush, Truth
+from tudor_dynamics.identification.collisions.truth import KnownPush, Truth
 from tudor_dynamics.monitoring.detector import CollisionEvent
 from tudor_dynamics.typing import FloatArray
 
