@@ -21,7 +21,8 @@ import pytest
 from robot_making import described_arm, fitted
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.bundle import ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import save_bundle
 
 
 @pytest.fixture(scope='module')

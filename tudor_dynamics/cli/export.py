@@ -27,8 +27,8 @@ from tudor_dynamics.exporting.mjcf import mjcf_of
 from tudor_dynamics.exporting.tables import csv_of, yaml_of
 from tudor_dynamics.exporting.urdf import simple_friction, urdf_of
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.consistent.full import full_parameters, FullParameters
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 
 EXAMPLES = """\
 examples:

@@ -25,9 +25,10 @@ from robot_making import (
     VISCOUS)
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.consistent.bodies import parameters_of, pseudo_inertia
 from tudor_dynamics.models.consistent.full import full_parameters, full_parameters_of
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 
 
 @pytest.fixture(scope='module')

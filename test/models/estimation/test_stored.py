@@ -22,9 +22,10 @@ from robot_making import described_arm, efforts_of, fitted, motion_of
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
-from tudor_dynamics.models.bundle_files import dump_npz
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.estimation import stored
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.storage.files import dump_npz
 from tudor_dynamics.models.training import block_of
 
 

@@ -32,7 +32,7 @@ from tudor_dynamics.models.consistent.solve import full_of, solve_consistent
 from tudor_dynamics.models.estimation.products import summed
 from tudor_dynamics.models.estimation.torque_constants import Constants
 from tudor_dynamics.models.regressor import EffortRegressor
-from tudor_dynamics.models.serialise import Group
+from tudor_dynamics.models.storage.coefficients import Group
 from tudor_dynamics.typing import FloatArray
 
 FROM_DATA, FROM_BOTH = 0.3, 0.8

@@ -21,17 +21,16 @@ that the data themselves prefer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.bundle_files import load_npz
 from tudor_dynamics.models.estimation.products import Products, summed
+from tudor_dynamics.models.storage.files import load_npz
 from tudor_dynamics.typing import FloatArray
 
 FILE = 'data.npz'
@@ -78,7 +77,7 @@ def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, Fl
 
 
 def unpack(
-    sets: Mapping[str, Models], names: Any, content: bytes, file: Path,
+    sets: Mapping[str, Models], names: Mapping[str, Sequence[str]], content: bytes, file: Path,
 ) -> None:
     """
     Give models their data back.
@@ -87,7 +86,7 @@ def unpack(
     ----------
     sets : mapping of str to mapping
         As for `pack`.
-    names : object
+    names : mapping of str to sequence of str
         What the head of the bundle says of them.
     content : bytes
         Bytes of the file.
