@@ -40,11 +40,10 @@ from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.library.changing import change_bags
 from tudor_dynamics.library.from_bags import fit_bags, read_bags, with_recorded_gauges
-from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
-from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
+from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.page import report_bytes
 from tudor_dynamics.report.tables import headline

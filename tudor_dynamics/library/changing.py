@@ -24,9 +24,9 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.bundling import bag_facts
-from tudor_dynamics.identification.dataset import (
-    BagData, load, parse_choice, training_blocks)
+from tudor_dynamics.identification.dataset import BagData, load, training_blocks
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
