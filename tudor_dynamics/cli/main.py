@@ -44,6 +44,7 @@ SUBCOMMANDS = {
     'payload': 'say what the arm of a bag carries: mass, centre, inertia',
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
     'export': 'write an identified arm as URDF, MJCF, or table',
+    'compare': 'put two models, or a model and a description, side by side',
     'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
     'reproduce': 'repeat a published experiment in simulation and draw its figures',

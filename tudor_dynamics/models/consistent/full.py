@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -162,11 +163,30 @@ def full_parameters_of(
 
     """
     solution = solve_consistent(arm, model, summed(model.data_.values()), prior)
+    columns = model.regressor.columns
+    return FullParameters(arm, solution, columns,
+                          _model(model, solution, scaled_columns(arm, columns)))
+
+
+def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
+    """
+    Say which parameters unknown torque constants divide, where there are such.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    columns : sequence of str
+        Names of the parameters.
+
+    Returns
+    -------
+    ndarray of bool, shape (n_columns,)
+        Those of bodies and rotors; none where all constants are known.
+
+    """
     together = EffortRegressor(arm, shared=True)
-    scaled = together.scaled if together.unknown else np.zeros(
-        len(model.regressor.columns), dtype=np.bool_)
-    return FullParameters(arm, solution, model.regressor.columns,
-                          _model(model, solution, scaled))
+    return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
 
 
 def _model(

@@ -1,0 +1,97 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor compare``: what two models, or a model and a description, say of the same arm."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.exporting.comparing import (
+    BodyRow, compare_bodies, errors_on, Side, side_of)
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.typing import FloatArray
+
+EXAMPLES = """\
+examples:
+  tudor compare my_arm.yaml MODEL            the URDF's own numbers and the identified ones
+  tudor compare my_arm.yaml MODEL run4       ... and how well each explains a recording
+  tudor compare MODEL_BEFORE MODEL_AFTER run4
+
+A and B are bundles of tudor fit, or arm descriptions whose URDF has masses. A description has no
+friction and no torque constants: on a recording it is given those of the model beside it.
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor compare``."""
+    parser.add_argument('one', metavar='A', help='bundle, or arm description')
+    parser.add_argument('other', metavar='B', help='bundle, or arm description')
+    parser.add_argument('bag', metavar='BAG', nargs='?',
+                        help='recording with efforts to judge both by')
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare bodies, and predictions where there is a bag."""
+    one, other = side_of(args.one), side_of(args.other)
+    rows = compare_bodies(one, other)
+    errors = None if args.bag is None else _errors(one, other, args.bag)
+    if args.json:
+        print_json(finite({
+            'one': one.name, 'other': other.name, 'bodies': [
+                {'joint': row.joint, 'mass': list(row.mass), 'centres_apart': row.apart,
+                 'inertia': list(row.inertia)} for row in rows],
+            **({} if errors is None else {'relative_error': {
+                name: error.tolist() for name, error in zip(
+                    ('one', 'other'), errors, strict=True)}})}))
+        return 0
+    _print(one, other, rows)
+    if errors is not None:
+        table = new_table(f'relative error on {args.bag} [%]', names=('joint',),
+                          figures=('A', 'B'))
+        for joint, before, after in zip(one.arm.active_joints, *errors, strict=True):
+            table.add_row(joint, f'{100 * before:.2f}', f'{100 * after:.2f}')
+        print_table(table)
+    return 0
+
+
+def _errors(one: Side, other: Side, bag: str) -> tuple[FloatArray, FloatArray]:
+    """Judge both, each by its own filters, a description by those of the other side."""
+    found = []
+    for side, beside in ((one, other), (other, one)):
+        measure = side if side.full is not None else beside
+        if measure.bundle is None:
+            raise UsageError('two descriptions have neither friction nor filters to judge a '
+                             'recording by', remedy='compare with a model, or leave BAG out')
+        data = load(parse_choice(bag), measure.arm, measure.bundle.preprocessing, learn=True)
+        if not data.has('effort'):
+            raise UsageError(f'{bag}: has no efforts of these joints',
+                             remedy='give a recording with efforts')
+        found.append(np.asarray(errors_on(side, measure, data.stretches)))
+    return found[0], found[1]
+
+
+def _print(one: Side, other: Side, rows: list[BodyRow]) -> None:
+    print(f'A: {one.name}\nB: {other.name}')
+    table = new_table('bodies', names=('joint',), figures=(
+        'mass A [kg]', 'B', 'centres apart [mm]', 'inertia A [kg m^2]', 'B'))
+    for row in rows:
+        table.add_row(row.joint, *(f'{value:.4g}' for value in row.mass),
+                      f'{1e3 * row.apart:.1f}', *(f'{value:.4g}' for value in row.inertia))
+    print_table(table)
