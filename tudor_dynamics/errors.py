@@ -112,6 +112,10 @@ class NotFittedError(TudorError, ValueError, AttributeError):
     """A model that was asked to predict before it was fitted or loaded."""
 
 
+class ScheduleError(TudorError, ValueError):
+    """A schedule of gains that is damaged, or of another arm."""
+
+
 class SimulationError(TudorError, RuntimeError):
     """A mechanism that cannot be simulated, or a run that diverged."""
 

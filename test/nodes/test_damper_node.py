@@ -21,11 +21,14 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from ros_world import joint_message, JOINTS, values_of, World
 from std_msgs.msg import Float64MultiArray
+from tudor_dynamics.control.schedule import columns_of, Schedule, ScheduleFile
+from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 import yaml
 
@@ -352,3 +355,48 @@ def test_gauges_on_several_topics(world: World, tudor: Path, tmp_path: Path) -> 
     assert command.all()
     report = arm.node.controller.damper.report()
     assert all(text.endswith(': damps') for text in report), report
+
+
+@pytest.fixture(scope='module')
+def schedule(tmp_path_factory: Any) -> Path:
+    """Write a schedule of the reference arm, of one pose."""
+    joints = ('joint2', 'joint3')
+    row = (1500.0, 1000.0, 2.0, 0.015, 0.6, *[0.0] * 6, 2.0, 0.01, *[0.1] * 4)
+    path = tmp_path_factory.mktemp('tuned') / 'schedule.yaml'
+    Schedule(ScheduleFile(
+        format='tudor_dynamics/schedule', version=1, arm='tudor', joints=joints,
+        damped=joints, gauges=('link2_hub', 'link3_hub'), damping_ratio=0.6,
+        delay=0.005, mean_frequency=0.1, payload=(0.0, 0.4), pose=((0.0,), (0.0,)),
+        columns=columns_of(joints, joints, 1),
+        nodes=(row, (*row[:2], 1.0, *row[3:])))).save(path)
+    return path
+
+
+def test_gains_follow_the_payload(world: World, tudor: Path, schedule: Path) -> None:
+    """Fixed gains until a payload is told on its topic; a payload that cannot be is counted."""
+    arm = Arm(world, tudor, gain_schedule=str(schedule))
+    arm.run(100)
+    level, message, values = arm.node.status()
+    assert level == DiagnosticStatus.WARN and 'never told' in message
+    assert values['scheduled gains in use'] == '0.00'
+    assert float(values['position gain in use [1/s]']) == GAIN
+    teller = world.probe.create_publisher(InertiaStamped, 'payload', latched())
+    told = InertiaStamped()
+    told.inertia.m = 0.4
+    teller.publish(told)
+    assert world.spin(lambda: arm.node.controller.adaptation.known(arm.node.steady()))
+    arm.run(600)
+    level, message, values = arm.node.status()
+    assert values['scheduled gains in use'] == '1.00' and values['payload in use [kg]'] == '0.400'
+    assert float(values['position gain in use [1/s]']) == pytest.approx(1.0, abs=0.02)
+    told.inertia.m = 40.0
+    teller.publish(told)
+    assert world.spin(lambda: arm.node.drops['payload_refused'] == 1)
+    assert 'none of the 0 to 0.4 kg' in arm.node.status()[1]
+
+
+def test_schedule_that_cannot_be_read(world: World, tudor: Path, tmp_path: Path) -> None:
+    """It says so, and commands nothing."""
+    node = world.add(OscillationDamperNode, arm=str(tudor),
+                     gain_schedule=str(tmp_path / 'nothing.yaml'))
+    assert node.controller is None and 'cannot be read' in node.fault

@@ -47,6 +47,7 @@ SUBCOMMANDS = {
     'compare': 'put two models, or a model and a description, side by side',
     'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
+    'tune': 'compute gains of damper and position loop by payload and pose, from an elastic model',
     'reproduce': 'repeat a published experiment in simulation and draw its figures',
     'import-merit': 'make a bag of a CSV file of the public TUDOR recordings (MERIt)',
 }

@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.control.damper_law import (
-    damper_law, SETTINGS, STATES, STATUS, WINDOW)
+    CORNER, damper_law, GAIN, MEAN, MOVING_CORNER, SETTINGS, STATES, STATUS, WINDOW)
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.typing import FloatArray
 
@@ -89,6 +89,8 @@ class DamperSettings:
         For fading in or out, and how long the gauge must have been well [s].
     moving_frequency : float, optional
         Corner of the DC blocker while the reference moves; the same by default [Hz].
+    scale : float, optional
+        Unit of the gauge per m/m.
 
     """
 
@@ -105,6 +107,7 @@ class DamperSettings:
     fade_time: float = 0.1
     recovery: float = 0.5
     moving_frequency: float | None = None
+    scale: float = 1.0
 
     def row(self, dt: float) -> FloatArray:
         """
@@ -170,7 +173,7 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
             arm.spec.damper.mean_window or 0.0,
             (limit.velocity if limit else None) or math.inf, max_rate=PLAUSIBLE_RATE * scale,
             max_strain=PLAUSIBLE_STRAIN * scale,
-            moving_frequency=arm.spec.damper.moving_frequency))
+            moving_frequency=arm.spec.damper.moving_frequency, scale=scale))
     return result
 
 
@@ -191,6 +194,8 @@ class Damper:
         self.joints = tuple(item.joint for item in settings)
         self.gauges = tuple(item.gauge for item in settings)
         self.settings = np.array([item.row(dt) for item in settings]).reshape(-1, SETTINGS)
+        self._fixed = self.settings.copy()
+        self._scale = np.array([item.scale for item in settings])
         window = int(self.settings[:, WINDOW].max(initial=1.0))
         self.past = np.zeros((len(settings), max(window, 1)))
         self.state = np.zeros((len(settings), STATES))
@@ -201,6 +206,35 @@ class Damper:
         """Forget mean and faults; the damper fades in after the recovery time."""
         self.state[:] = 0.0
         self.state[:, STATUS] = float(Status.STARTING)
+
+    def adapt(
+        self, gain: FloatArray, mean_frequency: float, weight: float, shift: FloatArray,
+    ) -> None:
+        """
+        Take scheduled gains in use, and let the means go along with the load.
+
+        Parameters
+        ----------
+        gain : ndarray of shape (n_joints,)
+            Yielding speeds per mean-free strain [rad/s per m/m].
+        mean_frequency : float
+            Corner of the DC blocker [Hz].
+        weight : float
+            Part of these, the rest is that of the settings.
+        shift : ndarray of shape (n_joints,)
+            By how much the load has changed since the step before [units of the gauges].
+
+        """
+        wanted = np.full((len(gain), 3), 2.0 * math.pi * mean_frequency)
+        wanted[:, 0] = -gain / self._scale
+        columns = [GAIN, CORNER, MOVING_CORNER]
+        fixed = self._fixed[:, columns]
+        self.settings[:, columns] = fixed + weight * (wanted - fixed)
+        self.state[:, MEAN] += shift
+
+    def release(self) -> None:
+        """Take the gains of the settings in use."""
+        self.settings[:] = self._fixed
 
     @property
     def status(self) -> tuple[Status, ...]:

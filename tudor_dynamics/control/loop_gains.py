@@ -62,8 +62,9 @@ class LoopGains:
     """
 
     def __init__(self, spec: DamperSpec, speed: FloatArray, share: float = 1.0) -> None:
-        self.described = self.position_gain = spec.position_gain
-        self.full_delay = spec.full_delay
+        self.described = self._basis = spec.position_gain
+        self._asked = 0.0
+        self.described_delay = self.full_delay = spec.full_delay
         self.share = self.weight = share
         self.delay = DelayMeter(speed)
         self.adapts = True
@@ -83,15 +84,37 @@ class LoopGains:
 
     def set_position_gain(self, gain: float) -> None:
         """
-        Ask for a speed per position error [1/s], 0 for that of the description.
+        Ask for a speed per position error [1/s], 0 for that of description or schedule.
 
         Parameters
         ----------
         gain : float
-            Speed per position error, 0 for that of the description [1/s].
+            Speed per position error, 0 for that of the description or schedule [1/s].
 
         """
-        self.position_gain = gain if gain > 0.0 else self.described
+        self._asked = gain
+
+    @property
+    def position_gain(self) -> float:
+        """Speed per position error that is asked for [1/s]."""
+        return self._asked if self._asked > 0.0 else self._basis
+
+    def adapt(self, position_gain: float, full_delay: float, weight: float) -> None:
+        """
+        Take scheduled values in use.
+
+        Parameters
+        ----------
+        position_gain : float
+            Speed per position error [1/s].
+        full_delay : float
+            Delay of the loop up to which the scheduled gains hold [s].
+        weight : float
+            Part of these, the rest is that of the description.
+
+        """
+        self._basis = self.described + weight * (position_gain - self.described)
+        self.full_delay = self.described_delay + weight * (full_delay - self.described_delay)
 
     @property
     def assumed_delay(self) -> float:

@@ -29,6 +29,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
+from tudor_dynamics.control.adaptation import Adaptation
 from tudor_dynamics.control.damper import arm_damping, Damper
 from tudor_dynamics.control.damper_law import moving_share
 from tudor_dynamics.control.envelope import Envelope
@@ -90,6 +91,9 @@ class MotionController:
         Takes references, and refuses impossible ones.
     gains : LoopGains
         Gains asked for and in use, delay of the loop.
+    adaptation : Adaptation or None
+        Lets gains follow payload and pose; without, or where the payload is unknown, they are those
+        of the description.
     limits : Limits
         What nothing exceeds.
     period : float
@@ -119,6 +123,7 @@ class MotionController:
         self.damper = Damper([item for item in arm_damping(arm) if item.joint in self.joints],
                              1.0 / arm.spec.damper.rate)
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
+        self.adaptation: Adaptation | None = None
         self.envelope = Envelope(self.limits, self.gains.response_time(0.0), drive_stop(arm))
         self.encoders = EncoderWatch(self.limits)
         self.reference = ReferenceGate(self.joints, self.limits)
@@ -144,6 +149,8 @@ class MotionController:
         self.reference.reset()
         self.gains.reset()
         self.damper.reset()
+        if self.adaptation is not None:
+            self.adaptation.reset()
 
     @property
     def unreferenced(self) -> bool:
@@ -279,6 +286,8 @@ class MotionController:
         self.encoders.step(0.0, q, np.zeros_like(q))
         self.gains.begin()
         self.damper.reset()
+        if self.adaptation is not None:
+            self.adaptation.forget()
         if not self._unknown:  # it was commanded all the time, only not seen
             self._begin(now, q, self.envelope.command)
         if self.state is State.FOLLOWING:
@@ -340,6 +349,18 @@ class MotionController:
         self._hold.brake()
         self.state, self.cause = State.FAULT, cause
 
+    def _adapt(
+        self, to: Adaptation, now: float, dt: float, q: FloatArray, dq_ref: FloatArray,
+    ) -> None:
+        """Let gains and expected load follow payload and pose."""
+        shift = to.step(now, dt, q, dq_ref)
+        if shift is None or to.point is None:
+            self.damper.release()
+            self.gains.adapt(0.0, 0.0, 0.0)
+            return
+        self.damper.adapt(to.point.gain, to.mean_frequency, to.weight, shift)
+        self.gains.adapt(to.point.position_gain, to.point.full_delay, to.weight)
+
     def _command(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray,
     ) -> FloatArray:
@@ -348,6 +369,8 @@ class MotionController:
         else:
             q_ref, dq_ref = self._hold.q, self._hold.dq
         self.damper.dt = dt
+        if self.adaptation is not None:
+            self._adapt(self.adaptation, now, dt, q, dq_ref)
         moving = max((moving_share(float(a), float(b)) for a, b in zip(
             dq_ref, self.planned.velocity, strict=True)), default=0.0)
         yielding = np.zeros(len(q))

@@ -23,6 +23,7 @@ import sys
 import time
 from typing import Any
 
+from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -30,14 +31,17 @@ from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.arm.sources import refuse_interfaces
+from tudor_dynamics.control.adaptation import Adaptation
 from tudor_dynamics.control.damper import MEANING, Status
 from tudor_dynamics.control.damper_law import SEEN, STATUS
 from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
+from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.monitoring.stamps import StampGate
-from tudor_dynamics.nodes.common.base import ERROR, STALE, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, latched, STALE, TudorNode, WARN
 from tudor_dynamics.nodes.common.clock_watch import ClockWatch
-from tudor_dynamics.nodes.common.interfaces import JOINT_REFERENCE, RESET, VELOCITY_COMMANDS
+from tudor_dynamics.nodes.common.interfaces import (
+    JOINT_REFERENCE, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
 from tudor_dynamics.nodes.common.runner import run
 
@@ -87,7 +91,12 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                 raise ArmError(msg)
             arm = load_arm(self.value('arm'))
             refuse_interfaces(arm, 'the damper')
-            self.controller = MotionController(arm)
+            controller = MotionController(arm)
+            if self.value('gain_schedule'):
+                controller.adaptation = Adaptation(
+                    load_schedule(self.value('gain_schedule'), arm),
+                    controller.planned.acceleration)
+            self.controller = controller
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
@@ -113,6 +122,9 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                         self.subscribe(JointState, JOINT_REFERENCE, self._on_reference)]
         self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
                          for topic in wanted if topic != self._own]
+        if controller.adaptation is not None:
+            self._inputs.append(self.create_subscription(
+                InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
         self._phase = 'inactive'
         return TransitionCallbackReturn.SUCCESS
 
@@ -149,6 +161,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             return
         self.controller.gains.share = self.value('damping')
         self.controller.timeout = self.value('timeout')
+        if self.controller.adaptation is not None:
+            self.controller.adaptation.timeout = self.value('payload_timeout')
         self.controller.gains.set_position_gain(self.value('position_gain'))
 
     def _reset(self) -> str:
@@ -170,6 +184,11 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         dq = self._references.read(message, 'velocity')
         if q is not None and dq is not None and self.controller is not None:
             self.controller.reference.add(self.steady(), q, dq)
+
+    def _on_payload(self, message: InertiaStamped) -> None:
+        if self.controller is not None and self.controller.adaptation is not None:
+            if self.controller.adaptation.tell(self.steady(), float(message.inertia.m)):
+                self.drops['payload_refused'] += 1
 
     def _on_joints(self, message: JointState) -> None:
         begun = self.meter.begin()
@@ -253,6 +272,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             'age of stamps [ms]': self.clocks.text(),
             'damping in use': f'{gains.share * gains.allowed_share:.2f}',
             'position gain in use [1/s]': f'{gains.position_gain_in_use(controller.period):.2f}'}
+        if controller.adaptation is not None:
+            values |= controller.adaptation.report()
         for name, now, before in (('cut', controller.cuts, self._cuts),
                                   ('refused', controller.reference.refused, self._refused)):
             since = now - before
@@ -289,6 +310,9 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         if gain < gains.position_gain:
             return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: '
                           'the delay of the loop allows no more')
+        adaptation = controller.adaptation
+        if adaptation is not None and not adaptation.known(self.steady()):
+            return WARN, f'fixed gains: {adaptation.unknown}'
         odd = controller.reference.refusal or self.clocks.offset()
         if odd:
             return WARN, odd

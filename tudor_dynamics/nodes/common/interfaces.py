@@ -35,6 +35,7 @@ COLLISION_EVENT = 'collision_event'
 JOINT_REFERENCE = 'joint_reference'
 VELOCITY_COMMANDS = 'velocity_commands'
 JOINT_TRAJECTORY = 'joint_trajectory'
+PAYLOAD_TOPIC = 'payload'
 EXTERNAL_WRENCH = 'external_wrench'
 APPLIED_WRENCH = 'applied_wrench'
 DIAGNOSTICS = '/diagnostics'
@@ -153,7 +154,10 @@ DAMP = (
     Param('autostart', True, 'configure and activate at the start'),
     Param('damping', 1.0, "part of the damper's gains", '', 0.0, 10.0, dynamic=True),
     Param('position_gain', 0.0, 'speed per position error, 0 for that of the arm', '1/s', 0.0,
-          100.0, dynamic=True))
+          100.0, dynamic=True),
+    Param('gain_schedule', '', 'file of tudor tune: gains follow the topic payload and the pose'),
+    Param('payload_timeout', 0.0, 'age at which a payload is not believed any more, and the fixed '
+          'gains come back; 0 for none, a payload is told once', 's', 0.0, 3600.0, dynamic=True))
 REFERENCE = (
     ARM,
     Param('rate', 500.0, 'rate of the reference', 'Hz', 1.0, 2000.0),

@@ -1,0 +1,370 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A schedule: what is known of an arm by payload and pose, as data in a file, interpolated.
+
+Each node of the grid has the gains of damper and position loop that give the damping ratio asked
+for, the strain that the load and the accelerations of a motion make there, and the first modes.
+``tudor tune`` computes it from the elastic model; damper and planner read it without that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+import yaml
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import validation_message
+from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec
+from tudor_dynamics.bounded_yaml import load_yaml
+from tudor_dynamics.errors import ScheduleError
+from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.typing import FloatArray
+
+MAX_BYTES = 20_000_000
+"""Of a file."""
+MAX_NODES = 10_000
+"""Of a grid."""
+LARGEST_GAIN = 1e6
+"""Of a damper [rad/s per m/m]."""
+Axis = Annotated[tuple[Finite, ...], Field(min_length=1, max_length=200)]
+
+
+class ScheduleFile(Spec):
+    """What stands in a file of a schedule; arrays by node, the payload's axis first."""
+
+    format: Literal['tudor_dynamics/schedule']
+    version: Literal[1]
+    arm: Name
+    joints: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
+    damped: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
+    gauges: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
+    damping_ratio: Annotated[float, Field(gt=0, lt=1)]
+    delay: NonNegative
+    mean_frequency: Positive
+    payload: Annotated[tuple[NonNegative, ...], Field(min_length=1, max_length=200)]
+    pose: tuple[Axis, ...]
+    columns: Annotated[tuple[Name, ...], Field(min_length=1, max_length=2000)]
+    nodes: Annotated[tuple[tuple[Finite, ...], ...], Field(min_length=1, max_length=MAX_NODES)]
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """
+    A mode of the links, joints held.
+
+    Attributes
+    ----------
+    frequency : float
+        Undamped [Hz].
+    damping : float
+        Damping ratio of the links alone.
+    drive : ndarray of shape (n_joints,)
+        What an acceleration of each joint drives it with; see ``signals.shaped_profile``.
+    strain : ndarray of shape (n_damped,)
+        Its strain at the gauge of each damped joint [units of the gauges].
+
+    """
+
+    frequency: float
+    damping: float
+    drive: FloatArray
+    strain: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """
+    A schedule at one payload and pose.
+
+    Attributes
+    ----------
+    gain : ndarray of shape (n_damped,)
+        Yielding speed per mean-free strain [rad/s per m/m].
+    position_gain : float
+        Speed per position error [1/s].
+    full_delay : float
+        Delay of the loop up to which these gains hold [s].
+    reached : float
+        Damping ratio that they give; that asked for, or what the loop allows.
+    load : ndarray of shape (n_damped,)
+        Strain of the arm at rest [units of the gauges].
+    inertia : ndarray of shape (n_damped, n_joints)
+        Strain by the acceleration of each joint, links following [unit per rad/s^2].
+    modes : tuple of Mode
+        The first modes, ascending.
+
+    """
+
+    gain: FloatArray
+    position_gain: float
+    full_delay: float
+    reached: float
+    load: FloatArray
+    inertia: FloatArray
+    modes: tuple[Mode, ...]
+
+    def row(self) -> FloatArray:
+        """Give its values in the order of ``columns_of``."""
+        return np.concatenate([
+            self.gain, [self.position_gain, self.full_delay, self.reached], self.load,
+            self.inertia.ravel(),
+            *(np.concatenate([[m.frequency, m.damping], m.drive, m.strain]) for m in self.modes)])
+
+
+def columns_of(joints: tuple[str, ...], damped: tuple[str, ...], modes: int) -> tuple[str, ...]:
+    """
+    Name the columns of a node.
+
+    Parameters
+    ----------
+    joints, damped : tuple of str
+        Active joints, and those with a damper.
+    modes : int
+        Number of modes.
+
+    Returns
+    -------
+    tuple of str
+        Names in the order of ``Point.row``.
+
+    """
+    return (*(f'gain({d})' for d in damped), 'position_gain', 'full_delay', 'reached',
+            *(f'load({d})' for d in damped),
+            *(f'inertia({d},{j})' for d in damped for j in joints),
+            *(name for m in range(1, modes + 1) for name in (
+                f'frequency({m})', f'damping({m})', *(f'drive({m},{j})' for j in joints),
+                *(f'strain({m},{d})' for d in damped))))
+
+
+class Schedule:
+    """
+    A schedule over payload and pose.
+
+    Parameters
+    ----------
+    content : ScheduleFile
+        What the file says.
+    source : str
+        Where it is from, for messages.
+
+    Attributes
+    ----------
+    content : ScheduleFile
+        As above.
+    payload : ndarray of shape (n_payloads,)
+        Grid of payloads [kg].
+    modes : int
+        Number of modes.
+
+    Raises
+    ------
+    ScheduleError
+        If axes, columns and nodes contradict each other, or values cannot be.
+
+    """
+
+    def __init__(self, content: ScheduleFile, source: str = 'schedule') -> None:
+        self.content, self.source = content, source
+        joints, damped = content.joints, content.damped
+        if len(content.pose) != len(joints) or len(content.gauges) != len(damped):
+            self._refuse(f'{len(content.pose)} axes of poses for the joints {list(joints)}, '
+                         f'{len(content.gauges)} gauges for {list(damped)}; expected one each')
+        unknown = sorted(set(damped) - set(joints))
+        if unknown:
+            self._refuse(f'damped joints {unknown} are not among the joints {list(joints)}')
+        per_mode = 2 + len(joints) + len(damped)
+        rest = len(content.columns) - len(columns_of(joints, damped, 0))
+        self.modes = max(rest, 0) // per_mode
+        if content.columns != columns_of(joints, damped, self.modes) or self.modes < 1:
+            self._refuse(f'the columns are {list(content.columns)[:4]} ...; expected those of '
+                         f'`tudor tune`, {list(columns_of(joints, damped, 1))[:4]} ...')
+        axes = [np.array(axis, dtype=float) for axis in (content.payload, *content.pose)]
+        for name, axis in zip(('payload', *joints), axes, strict=True):
+            if np.any(np.diff(axis) <= 0.0):
+                self._refuse(f'the axis of {name} does not rise: {axis.tolist()[:8]}')
+        shape = tuple(len(axis) for axis in axes)
+        if math.prod(shape) != len(content.nodes) or any(
+                len(row) != len(content.columns) for row in content.nodes):
+            self._refuse(f'{len(content.nodes)} nodes of {len(content.nodes[0])} values for a '
+                         f'grid of {shape} with {len(content.columns)} columns')
+        values = np.array(content.nodes)
+        self._check(values)
+        self.payload = axes[0]
+        self._axes = axes
+        self._table = values.reshape(*shape, -1)
+
+    def _refuse(self, cause: str) -> None:
+        raise ScheduleError(cause, place=self.source, remedy='write it anew with `tudor tune`')
+
+    def _check(self, values: FloatArray) -> None:
+        """Refuse what no schedule may command."""
+        names = self.content.columns
+        for index, name in enumerate(names):
+            kind = name.partition('(')[0]
+            low, high = {'gain': (0.0, LARGEST_GAIN), 'position_gain': (1e-3, 100.0),
+                         'full_delay': (1e-4, 10.0), 'reached': (-1.0, 10.0),
+                         'frequency': (1e-3, 1e4), 'damping': (-1.0, 10.0)}.get(
+                             kind, (-math.inf, math.inf))
+            column = values[:, index]
+            wrong = np.flatnonzero((column < low) | (column > high))
+            if wrong.size:
+                self._refuse(f'{name} is {column[wrong[0]]:g} in node {wrong[0] + 1}; expected '
+                             f'{low:g} to {high:g}')
+
+    def check_arm(self, arm: Arm) -> None:
+        """
+        Refuse a schedule that is none of an arm's.
+
+        Parameters
+        ----------
+        arm : Arm
+            Arm that is to be controlled.
+
+        Raises
+        ------
+        ScheduleError
+            If joints or gauges are others.
+
+        """
+        damper = arm.spec.damper
+        own = [(item.joint, item.gauge) for item in damper.joints
+               if item.joint in arm.active_joints] if damper is not None else []
+        told = list(zip(self.content.damped, self.content.gauges, strict=True))
+        if self.content.joints != arm.active_joints or told != own:
+            self._refuse(f'it is for the joints {list(self.content.joints)} with the dampers '
+                         f'{told}; {arm.name} has {list(arm.active_joints)} with {own}')
+
+    def at(self, payload: float, q: FloatArray) -> Point:
+        """
+        Interpolate; beyond the grid its edge counts.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        q : ndarray of shape (n_joints,)
+            Pose [rad or m].
+
+        Returns
+        -------
+        Point
+            What the schedule says there.
+
+        """
+        row = self._table
+        for axis, value in zip(self._axes, (payload, *q.tolist()), strict=True):
+            # an axis of one value says that nothing depends on it
+            k = min(max(int(np.searchsorted(axis, value)) - 1, 0), max(len(axis) - 2, 0))
+            if len(axis) == 1:
+                row = row[0]
+                continue
+            share = min(max((value - axis[k]) / (axis[k + 1] - axis[k]), 0.0), 1.0)
+            row = (1.0 - share) * row[k] + share * row[k + 1]
+        return self._point(row)
+
+    def column(self, name: str) -> FloatArray:
+        """
+        Give one column over the whole grid.
+
+        Parameters
+        ----------
+        name : str
+            Name of the column, see ``columns_of``.
+
+        Returns
+        -------
+        ndarray of the grid's shape
+            The payload's axis first.
+
+        """
+        return np.asarray(self._table[..., self.content.columns.index(name)])
+
+    def _point(self, row: FloatArray) -> Point:
+        n, d = len(self.content.joints), len(self.content.damped)
+        gain, single, load, inertia, rest = np.split(
+            row, np.cumsum([d, 3, d, d * n]))
+        return Point(gain, *(float(value) for value in single), load, inertia.reshape(d, n),
+                     tuple(Mode(float(part[0]), float(part[1]), part[2:2 + n], part[2 + n:])
+                           for part in rest.reshape(self.modes, -1)))
+
+    def save(self, path: str | Path) -> None:
+        """
+        Write the file, whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            File.
+
+        """
+        content = self.content.model_dump()
+        nodes = content.pop('nodes')
+        text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
+        lines = '\n'.join('- [' + ', '.join(_number(value) for value in row) + ']'
+                          for row in nodes)
+        write_whole(Path(path), f'{text}nodes:\n{lines}\n'.encode())
+
+
+def _number(value: float) -> str:
+    text = f'{value:.6g}'
+    # YAML 1.1 takes 1e-05 for a text
+    return text if '.' in text or 'e' not in text else text.replace('e', '.0e')
+
+
+def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
+    """
+    Read a schedule.
+
+    Parameters
+    ----------
+    path : str or Path
+        File that ``tudor tune`` wrote.
+    arm : Arm, optional
+        Arm that it must be of.
+
+    Returns
+    -------
+    Schedule
+        Checked.
+
+    Raises
+    ------
+    ScheduleError
+        If it cannot be read, is damaged, or of another arm.
+
+    """
+    remedy = 'write one with `tudor tune`'
+    try:
+        content: Any = load_yaml(read_bounded(Path(path), MAX_BYTES).decode())
+        found = ScheduleFile.model_validate(content)
+    except OSError as err:
+        raise ScheduleError(f'the schedule cannot be read ({err.strerror})', place=path,
+                            remedy=remedy) from None
+    except ValidationError as err:
+        raise ScheduleError(f'no schedule: {validation_message(err)}', place=path,
+                            remedy=remedy) from None
+    except ValueError as err:
+        raise ScheduleError(f'no schedule: {err}', place=path, remedy=remedy) from None
+    schedule = Schedule(found, str(path))
+    if arm is not None:
+        schedule.check_arm(arm)
+    return schedule
