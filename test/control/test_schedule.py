@@ -22,41 +22,13 @@ from typing import Any
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
+from schedule_making import content, point, schedule
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.control.adaptation import Adaptation, BLEND_TIME
-from tudor_dynamics.control.schedule import (
-    columns_of, load_schedule, Mode, Point, Schedule, ScheduleFile)
+from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.errors import ScheduleError
 
-JOINTS = ('joint2', 'joint3')
 CONFIG = Path(__file__).parent.parent.parent / 'config'
-
-
-def point(payload: float, q: tuple[float, float]) -> Point:
-    """Make a point whose values are linear in payload and pose."""
-    a, b = q
-    return Point(
-        np.array([1000.0 - 500.0 * payload + a, 800.0 + b]), 3.0 - payload, 0.02, 0.6,
-        np.array([300.0 * a + 100.0 * payload, 50.0 * b]),
-        np.array([[10.0, 1.0], [2.0, 3.0]]) * (1.0 + payload),
-        (Mode(3.0 - payload, 0.01, np.array([0.5, 0.1]), np.array([9e3, 1e3])),
-         Mode(14.0, 0.03, np.array([-0.1, 0.1]), np.array([-2e4, 4e4]))))
-
-
-def content(**more: Any) -> dict[str, Any]:
-    """Give what stands in a file."""
-    payload, pose = (0.0, 0.2, 0.4), ((0.2, 1.6, 3.0), (-1.3, 1.3))
-    nodes = [tuple(point(m, (a, b)).row().tolist())
-             for m in payload for a in pose[0] for b in pose[1]]
-    return {'format': 'tudor_dynamics/schedule', 'version': 1, 'arm': 'tudor', 'joints': JOINTS,
-            'damped': JOINTS, 'gauges': ('link2_hub', 'link3_hub'), 'damping_ratio': 0.6,
-            'delay': 0.005, 'mean_frequency': 0.1, 'payload': payload, 'pose': pose,
-            'columns': columns_of(JOINTS, JOINTS, 2), 'nodes': tuple(nodes), **more}
-
-
-def schedule(**more: Any) -> Schedule:
-    """Make a schedule."""
-    return Schedule(ScheduleFile.model_validate(content(**more)))
 
 
 @settings(max_examples=50, deadline=None)

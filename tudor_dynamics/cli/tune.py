@@ -43,9 +43,9 @@ examples:
 
 The schedule has, over payload and pose, the gains with which the first mode has the damping ratio
 that is asked for at the delay of the loop, the strain that load and accelerations make, and the
-modes, which reference_generator shapes its moves by. Beside it goes a picture, schedule.png. Without
---model links, gears and gauges are those of the description. A model of several payloads says
-which ones there are (five of its range); --payloads says others.
+modes, which reference_generator shapes its moves by. Beside it goes a picture, schedule.png.
+Without --model links, gears and gauges are those of the description. A model of several payloads
+says which ones there are (five of its range); --payloads says others.
 
 exit codes: 0 done; 1 the ratio is missed by more than 20 % somewhere, because the delay or the
 position loop allows no more (the schedule is written, with what can be had there); 2 wrong input
@@ -81,15 +81,17 @@ def run(args: argparse.Namespace) -> int:
     if out.suffix not in ('.yaml', '.yml'):
         raise UsageError(f'--out {out}: expected a file that ends in .yaml')
     picture = picture_path(args.picture or out.with_suffix('.png'))
-    arm, model = load_arm(args.arm), None
+    arm = load_arm(args.arm)
+    model: ElasticModel | None = None
     own = arm.spec.payload.mass if arm.spec.payload is not None else 0.0
     payloads = (own,)
     if args.model:
         bundle = load_bundle(args.model, arm=arm)
-        model = bundle.models.get('strain', {}).get('elastic')
-        if not isinstance(model, ElasticModel):
-            raise UsageError(f'{args.model}: there is no elastic model of the strain; fit one with '
-                             '--models elastic')
+        found = bundle.models.get('strain', {}).get('elastic')
+        if not isinstance(found, ElasticModel):
+            raise UsageError(f'{args.model}: there is no elastic model of the strain; fit one '
+                             'with --models elastic')
+        model = found
         if bundle.payload_range is not None:
             payloads = tuple(np.linspace(*bundle.payload_range, GRID).round(6).tolist())
         elif bundle.payload is not None:

@@ -101,8 +101,8 @@ class Adaptation:
             self._told, self._at, self._refusal = min(max(payload, low), high), now, ''
         else:  # not a number neither
             self._told = math.nan
-            self._refusal = (f'a payload of {payload:.3g} kg is none of the {low:g} to {high:g} kg '
-                             'of the schedule')
+            self._refusal = (f'a payload of {payload:.3g} kg is none of the {low:g} to {high:g} '
+                             'kg of the schedule')
         return self._refusal
 
     @property

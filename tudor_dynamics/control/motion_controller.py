@@ -92,8 +92,8 @@ class MotionController:
     gains : LoopGains
         Gains asked for and in use, delay of the loop.
     adaptation : Adaptation or None
-        Lets gains follow payload and pose; without, or where the payload is unknown, they are those
-        of the description.
+        Lets gains follow payload and pose; without, or where the payload is unknown, they are
+        those of the description.
     limits : Limits
         What nothing exceeds.
     period : float

@@ -27,8 +27,9 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm.limits import Limits
+from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.motion_profile import MotionLimits
 from tudor_dynamics.typing import FloatArray
 
 REACTIONS = ('none', 'hold', 'retreat', 'comply')
@@ -52,6 +53,8 @@ class ReactingReference:
         Part of the path just driven that is driven back [s].
     comply_speed : float
         Largest speed of complying, of the speed limit.
+    shaping : Shaping, optional
+        How moves are shaped; not at all by default.
 
     Attributes
     ----------
@@ -69,6 +72,7 @@ class ReactingReference:
         reaction: str = 'retreat',
         retreat_time: float = 1.0,
         comply_speed: float = 0.5,
+        shaping: Shaping | None = None,
     ) -> None:
         if reaction not in REACTIONS:
             msg = f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}'
@@ -77,7 +81,8 @@ class ReactingReference:
         self.reaction = reaction
         self.retreat_time = retreat_time
         self.comply_speed = comply_speed
-        self._planner = MotionPlanner(MotionLimits(limits.velocity, limits.acceleration), q)
+        self._planner = ShapedPlanner(
+            MotionLimits(limits.velocity, limits.acceleration), q, shaping or Shaping())
         self._path: deque[tuple[float, FloatArray]] = deque()
         self._length = 0.0
         self._back = 0.0

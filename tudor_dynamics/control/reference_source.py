@@ -29,6 +29,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.control.motion_controller import FOLLOWING_TIME, NEAR_TIME, RESTING
 from tudor_dynamics.control.reaction import ReactingReference
+from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.signals.excitation import aprbs, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import FloatArray
@@ -55,9 +56,13 @@ class ReferenceSource:
         Part of the path just driven that is driven back [s].
     timeout : float
         Positions that are older are missing [s].
+    shaping : Shaping, optional
+        How moves are shaped; not at all by default.
 
     Attributes
     ----------
+    shaping : Shaping
+        As above; its payload may change at any time.
     motion : ReactingReference or None
         None before the first positions and while none come.
     collision : bool
@@ -76,13 +81,14 @@ class ReferenceSource:
 
     def __init__(
         self, arm: Arm, reaction: str = 'retreat', retreat_time: float = 1.0,
-        timeout: float = 0.5,
+        timeout: float = 0.5, shaping: Shaping | None = None,
     ) -> None:
         motion_limits(arm)  # says what is missing
         self.hard = hard_limits(arm)
         self._limits = planned_limits(arm)
         self._range = joint_range(arm)
         self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
+        self.shaping = shaping or Shaping()
         self.motion: ReactingReference | None = None
         self.note = ''
         self._measured: FloatArray | None = None
@@ -229,7 +235,8 @@ class ReferenceSource:
     def _begin(self) -> ReactingReference:
         assert self._measured is not None
         place = np.clip(self._measured, self.hard.lower, self.hard.upper)
-        self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time)
+        self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
+                                        shaping=self.shaping)
         self._away = 0.0
         if self.collision:
             self.motion.collide()

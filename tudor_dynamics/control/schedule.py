@@ -29,8 +29,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, ValidationError
-import yaml
-
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec
@@ -38,6 +36,7 @@ from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ScheduleError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.typing import FloatArray
+import yaml
 
 MAX_BYTES = 20_000_000
 """Of a file."""
@@ -51,7 +50,7 @@ Axis = Annotated[tuple[Finite, ...], Field(min_length=1, max_length=200)]
 class ScheduleFile(Spec):
     """What stands in a file of a schedule; arrays by node, the payload's axis first."""
 
-    format: Literal['tudor_dynamics/schedule']
+    kind: Literal['tudor_dynamics/schedule'] = Field(alias='format')
     version: Literal[1]
     arm: Name
     joints: Annotated[tuple[Name, ...], Field(min_length=1, max_length=100)]
@@ -302,7 +301,8 @@ class Schedule:
         n, d = len(self.content.joints), len(self.content.damped)
         gain, single, load, inertia, rest = np.split(
             row, np.cumsum([d, 3, d, d * n]))
-        return Point(gain, *(float(value) for value in single), load, inertia.reshape(d, n),
+        position_gain, full_delay, reached = single.tolist()
+        return Point(gain, position_gain, full_delay, reached, load, inertia.reshape(d, n),
                      tuple(Mode(float(part[0]), float(part[1]), part[2:2 + n], part[2 + n:])
                            for part in rest.reshape(self.modes, -1)))
 
@@ -316,7 +316,7 @@ class Schedule:
             File.
 
         """
-        content = self.content.model_dump()
+        content = self.content.model_dump(by_alias=True)
         nodes = content.pop('nodes')
         text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=99)
         lines = '\n'.join('- [' + ', '.join(_number(value) for value in row) + ']'

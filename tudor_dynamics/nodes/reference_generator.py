@@ -21,6 +21,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -31,10 +32,12 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.reaction import yielding_speed
 from tudor_dynamics.control.reference_source import ReferenceSource
+from tudor_dynamics.control.schedule import load_schedule
+from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.base import latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
-    COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, RESET, RESIDUALS)
+    COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)
 from tudor_dynamics.nodes.common.messages import joint_state, NamedReader
 from tudor_dynamics.nodes.common.runner import run
 
@@ -66,9 +69,12 @@ class ReferenceGeneratorNode(TudorNode):
                 msg = 'no arm: set the parameter arm to a description with limits'
                 raise ArmError(msg)
             self._arm = load_arm(self.value('arm'))
+            path = self.value('gain_schedule')
             self.source = ReferenceSource(
                 self._arm, self.value('reaction'), self.value('retreat_time'),
-                self.value('timeout'))
+                self.value('timeout'), Shaping(
+                    self.value('shaping'), load_schedule(path, self._arm) if path else None,
+                    self.value('shaping_frequency'), self.value('shaping_damping')))
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
@@ -87,6 +93,9 @@ class ReferenceGeneratorNode(TudorNode):
             self.create_subscription(Bool, COLLISION, self._on_collision, latched()),
             self.create_subscription(
                 DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, QoSProfile(depth=20))]
+        if self.source.shaping.schedule is not None:
+            self._inputs.append(self.create_subscription(
+                InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
         self._look()
         self._look_timer = self.every(LOOK, self._look)
@@ -127,6 +136,11 @@ class ReferenceGeneratorNode(TudorNode):
         if why:
             self.drops['goal_refused'] += 1
             self.get_logger().error(f'goal refused: {why}')
+
+    def _on_payload(self, message: InertiaStamped) -> None:
+        assert self.source is not None
+        mass = float(message.inertia.m)
+        self.source.shaping.payload = mass if np.isfinite(mass) and mass >= 0.0 else None
 
     def _on_collision(self, message: Bool) -> None:
         assert self.source is not None
@@ -205,6 +219,9 @@ class ReferenceGeneratorNode(TudorNode):
         values['reaction'] = str(self.value('reaction'))
         if source is None:
             return level, message, values
+        values['shaping'] = source.shaping.kind
+        if source.shaping.note:
+            values['not shaped'] = source.shaping.note
         values['monitors'] = ', '.join(self._monitors) or 'none'
         if source.note:
             values['begun again'] = source.note

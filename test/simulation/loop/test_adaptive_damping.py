@@ -75,7 +75,7 @@ def test_settles_twice_as_fast_as_with_fixed_gains() -> None:
 
 @pytest.mark.parametrize('delay', [0.0, 0.01])
 def test_picked_up_in_motion(delay: float) -> None:
-    """400 g more from one sample to the next, told 0.8 s later: no limit cycle, no limit passed."""
+    """400 g more from one sample to the next, told 0.8 s later: no limit cycle, within limits."""
     rig = adaptive(1e-4, 0.0, delay=delay)
     go(rig, TARGETS[1])
     rig.run(0.7)

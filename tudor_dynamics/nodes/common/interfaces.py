@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.models.kinds import KINDS
 
 JOINT_STATES = 'joint_states'
@@ -165,6 +166,12 @@ REFERENCE = (
     Param('seed', 0, 'seed of the APRBS', '', 0, 2**31 - 1),
     Param('reaction', 'retreat', 'what to do at a collision', dynamic=True,
           choices=('none', 'hold', 'retreat', 'comply')),
+    Param('shaping', 'none', 'shapes moves so that they leave no ringing: ZV or ZVD of the first '
+          'mode, or by all modes on the path', choices=SHAPINGS),
+    Param('gain_schedule', '', 'file of tudor tune with the modes; the topic payload says which'),
+    Param('shaping_frequency', 0.0, 'first mode for zv and zvd, 0 for that of the schedule', 'Hz',
+          0.0, 1e3),
+    Param('shaping_damping', 0.01, 'its damping ratio', '', 0.0, 0.9),
     Param('retreat_time', 1.0, 'part of the path that retreat drives back', 's', 0.0, 10.0,
           dynamic=True),
     Param('comply_gain', 1000.0, 'speed of complying per strain of the contact', 'rad/s per m/m',

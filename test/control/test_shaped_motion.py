@@ -1,0 +1,196 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Shaped moves: within limits, at their targets, interrupted at any time; no swing is left."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from schedule_making import schedule
+from tudor_dynamics.arm.limits import Limits
+from tudor_dynamics.control.reaction import ReactingReference
+from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
+from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.signals.impulse_shaper import impulses
+from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped
+
+LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
+STEP = 2e-3
+
+
+def shaping(kind: str, payload: float | None = 0.2) -> Shaping:
+    """Shape by the schedule of the tests of schedules."""
+    return Shaping(kind, schedule(), payload=payload)
+
+
+def driven(planner: MotionPlanner, steps: int) -> np.ndarray:
+    """Let a planner go on; (samples, 3, joints)."""
+    found = []
+    for _ in range(steps):
+        planner.step(STEP)
+        found.append([planner.q.copy(), planner.dq.copy(), planner.ddq.copy()])
+    return np.array(found)
+
+
+def swing_after(motion: np.ndarray, frequency: float, damping: float) -> float:
+    """Give the swing of an oscillator that the first joint's acceleration has driven."""
+    w, state = 2.0 * math.pi * frequency, np.zeros(2)
+    largest = 0.0
+    for k, row in enumerate(np.vstack([motion[:, 2], np.zeros((1000, 2))])):
+        for _ in range(4):
+            rate = -w**2 * state[0] - 2.0 * damping * w * state[1] + row[0]
+            state[1] += 0.25 * STEP * rate
+            state[0] += 0.25 * STEP * state[1]
+        if k >= len(motion):
+            largest = max(largest, abs(float(state[0])))
+    return largest
+
+
+@pytest.mark.parametrize('kind', ['zv', 'zvd', 'elastic'])
+def test_no_swing_is_left(kind: str) -> None:
+    """An oscillator of the mode is at rest behind the move; it would swing without shaping."""
+    start, target = np.array([0.5, 0.0]), np.array([0.9, 0.0])
+    plain, shaped = MotionPlanner(LIMITS, start), ShapedPlanner(LIMITS, start, shaping(kind))
+    plain.go(target)
+    shaped.go(target)
+    period = 1.0 / 2.8
+    longer = {'zv': 0.5, 'zvd': 1.0, 'elastic': 0.5}[kind] * period
+    assert shaped.remaining == pytest.approx(plain.remaining + longer, abs=2e-3)
+    length = math.ceil((plain.remaining + longer) / STEP) + 2
+    left = [swing_after(driven(planner, length), 2.8, 0.01) for planner in (plain, shaped)]
+    assert left[1] < 0.04 * left[0]
+    np.testing.assert_array_equal(shaped.q, target)
+    assert not shaped.dq.any() and shaped.remaining == 0.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(['zv', 'zvd', 'elastic']), st.floats(0.3, 2.9), st.floats(-1.2, 1.2),
+       st.floats(0.3, 2.9), st.floats(-1.2, 1.2), st.floats(0.0, 0.4))
+def test_limits_hold(kind: str, a: float, b: float, c: float, d: float, payload: float) -> None:
+    """Position, speed and acceleration of any shaped move are those of plain ones."""
+    start, target = np.array([a, b]), np.array([c, d])
+    planner = ShapedPlanner(LIMITS, start, shaping(kind, payload))
+    planner.go(target)
+    motion = driven(planner, math.ceil(planner.remaining / STEP) + 3)
+    low, high = np.minimum(start, target), np.maximum(start, target)
+    assert np.all(motion[:, 0] >= low - 1e-6) and np.all(motion[:, 0] <= high + 1e-6)
+    assert np.all(np.abs(motion[:, 1]) <= LIMITS.velocity * (1.0 + 1e-3))
+    assert np.all(np.abs(motion[:, 2]) <= LIMITS.acceleration * (1.0 + 1e-3))
+    np.testing.assert_allclose(planner.q, target, atol=1e-9)
+    # positions are what the speeds add up to
+    moved = np.cumsum(motion[:, 1], axis=0) * STEP
+    np.testing.assert_allclose(moved[-1], target - start, atol=4e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.sampled_from(['zv', 'elastic']), st.floats(0.02, 0.98),
+       st.sampled_from(['go', 'nan', 'brake']), st.floats(0.4, 2.8))
+def test_interrupted_anywhere(kind: str, share: float, what: str, other: float) -> None:
+    """A new target, one of a joint alone, or a stop: no jump of speed, and rest in the end."""
+    planner = ShapedPlanner(LIMITS, np.array([0.5, 0.3]), shaping(kind))
+    target = np.array([1.4, -0.4])
+    planner.go(target)
+    driven(planner, int(share * planner.remaining / STEP))
+    before, q = planner.dq.copy(), planner.q.copy()
+    if what == 'brake':
+        planner.brake()
+        # at once: no longer than a pulse of the planned acceleration takes
+        assert planner.remaining <= 2.0 * 1.2 / 3.5 + 0.01
+    else:
+        planner.go(np.array([other, np.nan if what == 'nan' else 0.0]))
+    motion = driven(planner, math.ceil(planner.remaining / STEP) + 3)
+    steps = np.abs(np.diff(np.vstack([before, motion[:, 1]]), axis=0))
+    assert steps.max() <= 1.05 * 3.5 * STEP
+    assert np.abs(motion[0, 0] - q).max() <= 1.3 * STEP
+    assert planner.remaining == 0.0
+    if what != 'brake':
+        assert planner.q[0] == pytest.approx(other)
+        assert planner.q[1] == pytest.approx(-0.4 if what == 'nan' else 0.0)
+
+
+def test_payload_unknown() -> None:
+    """Then it moves as without shaping, and says so."""
+    for kind in ('zv', 'elastic'):
+        how = shaping(kind, None)
+        planner = ShapedPlanner(LIMITS, np.zeros(2), how)
+        plain = MotionPlanner(LIMITS, np.zeros(2))
+        planner.go(np.ones(2))
+        plain.go(np.ones(2))
+        assert planner.remaining == plain.remaining and 'payload' in how.note
+
+
+def test_collision_brakes_at_once() -> None:
+    """The retreat from a shaped move begins as from any other."""
+    limits = Limits(np.full(2, -9.0), np.full(2, 9.0), LIMITS.velocity, LIMITS.acceleration)
+    motion = ReactingReference(limits, np.zeros(2), 'hold', shaping=shaping('elastic'))
+    motion.go(np.array([1.5, 0.5]))
+    for _ in range(300):
+        motion.step(STEP)
+    motion.collide()
+    for _ in range(math.ceil(0.7 / STEP)):
+        motion.step(STEP)
+    assert not motion.dq.any()
+
+
+def test_impulses() -> None:
+    """Known values: without damping halves, or quarters; Singer and Seering's K with it."""
+    np.testing.assert_allclose(impulses('zv', 2.0, 0.0).weight, [0.5, 0.5])
+    np.testing.assert_allclose(impulses('zv', 2.0, 0.0).time, [0.0, 0.25])
+    np.testing.assert_allclose(impulses('zvd', 2.0, 0.0).weight, [0.25, 0.5, 0.25])
+    k = math.exp(-0.1 * math.pi / math.sqrt(0.99))
+    np.testing.assert_allclose(impulses('zv', 2.0, 0.1).weight, [1 / (1 + k), k / (1 + k)])
+    with pytest.raises(SignalError, match='above 0'):
+        impulses('zv', 0.0, 0.0)
+
+
+def test_modes_that_change_on_the_way() -> None:
+    """The frequency falls by a third along the move: an oscillator with it is at rest after it."""
+    def omega(q: np.ndarray) -> np.ndarray:
+        return 2.0 * math.pi * (3.0 - 1.0 * q)
+
+    def along(path: np.ndarray) -> PathModes:
+        n = len(path)
+        return PathModes(omega(path[:, :1]), np.full((n, 1), 0.01), np.ones((n, 1, 1)), np.ones(1))
+    limits = MotionLimits(np.array([1.2]), np.array([3.5]))
+
+    def left(motion: np.ndarray) -> float:
+        state, largest, fine = np.zeros(2), 0.0, 8
+        for k in range(len(motion) + 400):
+            row = motion[min(k, len(motion) - 1)]
+            w = float(omega(row[0])[0])
+            for _ in range(fine):
+                state[1] += STEP / fine * (
+                    -w**2 * state[0] - 0.02 * w * state[1]
+                    + (row[2, 0] if k < len(motion) else 0.0))
+                state[0] += STEP / fine * state[1]
+            if k >= len(motion):
+                largest = max(largest, abs(float(state[0])))
+        return largest
+    profile = plan_shaped(np.zeros(1), np.ones(1), limits, along)
+    shaped = np.array([profile.at(STEP * k) for k in range(math.ceil(profile.duration / STEP))])
+    plain = MotionPlanner(limits, np.zeros(1))
+    plain.go(np.ones(1))
+    assert left(shaped) < 0.1 * left(driven(plain, math.ceil(plain.remaining / STEP)))
+
+
+def test_what_contradicts_itself() -> None:
+    """Each says what to set."""
+    for values in ({'kind': 'elastic'}, {'kind': 'zv'}, {'kind': 'other'}):
+        with pytest.raises(UsageError):
+            Shaping(**values)

@@ -1,0 +1,262 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Reference motion that leaves no ringing: shaped by impulses, or planned by the modes on its path.
+
+A move that is interrupted (a collision, a halt) brakes as planned motion does, at once and without
+shaping; so does a new target in the middle of a move that was planned by the modes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tudor_dynamics.control.schedule import Schedule
+from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.signals.impulse_shaper import impulses, ImpulseShaper
+from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
+from tudor_dynamics.typing import FloatArray
+
+SHAPINGS = ('none', 'zv', 'zvd', 'elastic')
+
+
+@dataclass(eq=False)
+class Shaping:
+    """
+    How moves are shaped, and what is known for that.
+
+    Attributes
+    ----------
+    kind : {'none', 'zv', 'zvd', 'elastic'}
+        Impulses of the first mode, or a profile by all modes on the path.
+    schedule : Schedule, optional
+        Has the modes by payload and pose.
+    frequency, damping : float
+        First mode where there is no schedule [Hz].
+    payload : float or None
+        Mass at the tip, None while it is unknown [kg].
+    note : str
+        Why the last move was not shaped; empty if it was.
+
+    """
+
+    kind: str = 'none'
+    schedule: Schedule | None = None
+    frequency: float = 0.0
+    damping: float = 0.0
+    payload: float | None = None
+    note: str = ''
+
+    def __post_init__(self) -> None:
+        if self.kind not in SHAPINGS:
+            raise UsageError(f'shaping {self.kind!r}; expected one of {", ".join(SHAPINGS)}')
+        if self.kind == 'elastic' and self.schedule is None:
+            raise UsageError('shaping elastic has no modes', remedy='set gain_schedule to a file '
+                             'of `tudor tune`')
+        if self.kind in ('zv', 'zvd') and self.schedule is None and self.frequency <= 0.0:
+            raise UsageError(f'shaping {self.kind} has no frequency', remedy='set '
+                             'shaping_frequency, or gain_schedule to a file of `tudor tune`')
+
+    def shaper(self, target: FloatArray) -> ImpulseShaper | None:
+        """
+        Give the shaper of a move by impulses, not begun.
+
+        Parameters
+        ----------
+        target : ndarray of shape (n_joints,)
+            Where it ends [rad].
+
+        """
+        if self.kind not in ('zv', 'zvd'):
+            return None
+        frequency, damping = self.frequency, self.damping
+        if frequency <= 0.0:
+            if self.payload is None or self.schedule is None:
+                self.note = 'the payload is not known'
+                return None
+            mode = self.schedule.at(self.payload, target).modes[0]
+            frequency, damping = mode.frequency, max(mode.damping, 0.0)
+        return ImpulseShaper(impulses(self.kind, frequency, damping), target)
+
+    def along(self, path: FloatArray) -> PathModes:
+        """
+        Give the modes along a path.
+
+        Parameters
+        ----------
+        path : ndarray of shape (n_samples, n_joints)
+            Poses [rad].
+
+        """
+        assert self.schedule is not None and self.payload is not None
+        found = [self.schedule.at(self.payload, q).modes for q in path]
+        return PathModes(
+            np.array([[2.0 * math.pi * mode.frequency for mode in modes] for modes in found]),
+            np.array([[min(max(mode.damping, 0.0), 0.9) for mode in modes] for modes in found]),
+            np.array([[mode.drive for mode in modes] for modes in found]),
+            np.array([float(np.abs(mode.strain).max()) for mode in found[-1]]))
+
+    def profile(self, start: FloatArray, target: FloatArray, limits: MotionLimits,
+                ) -> Profile | None:
+        """
+        Plan a move by the modes on its path; None where that is not to be had.
+
+        Parameters
+        ----------
+        start, target : ndarray of shape (n_joints,)
+            From rest to rest [rad].
+        limits : MotionLimits
+            Of speed and acceleration.
+
+        """
+        if self.kind != 'elastic':
+            return None
+        if self.payload is None:
+            self.note = 'the payload is not known'
+            return None
+        try:
+            return plan_shaped(start, target, limits, self.along)
+        except SignalError as err:
+            self.note = str(err)
+            return None
+
+
+class ShapedPlanner(MotionPlanner):
+    """
+    Planner whose moves are shaped.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+        One value a joint; shaped moves keep to them, too.
+    q : array of shape (n_joints,)
+        Where the joints rest at the start [rad].
+    shaping : Shaping
+        How.
+
+    """
+
+    def __init__(self, limits: MotionLimits, q: ArrayLike, shaping: Shaping) -> None:
+        self._shaping = shaping
+        self._clear()
+        super().__init__(limits, q)
+        self._inner = MotionPlanner(limits, self.q)
+
+    def _clear(self) -> None:
+        self._profile: Profile | None = None
+        self._shaper: ImpulseShaper | None = None
+        self._clock, self._left = 0.0, 0.0
+
+    def go(self, target: ArrayLike) -> None:
+        """
+        Take a new target, also in the middle of a motion.
+
+        Parameters
+        ----------
+        target : array of shape (n_joints,)
+            [rad]; a joint whose target is not a number keeps the one it has.
+
+        """
+        if self._shaper is not None and self.remaining > 0.0:
+            self._inner.go(target)  # what comes behind is shaped by the same impulses
+            self._left = self._inner.remaining + self._shaper.length
+            return
+        rests = not self.dq.any() and not self.ddq.any()
+        wanted = np.broadcast_to(np.asarray(target, dtype=float), self.q.shape)
+        if self._profile is not None:  # what it was to do is unknown to the plans
+            wanted = np.where(np.isnan(wanted), self._profile.q[-1], wanted)
+            self._plans[:] = 0.0
+        super().go(wanted)
+        self._clear()
+        wanted = np.where(np.isnan(wanted), self.q, wanted)
+        if self._shaping.kind == 'none' or not np.any(np.abs(wanted - self.q) > 1e-9):
+            return
+        self._shaping.note = '' if rests else 'a new target came in motion'
+        if not rests:
+            return
+        self._profile = self._shaping.profile(self.q.copy(), wanted, self.limits)
+        found = self._shaping.shaper(wanted)
+        if found is not None:
+            self._shaper = ImpulseShaper(found.shaper, self.q.copy())
+            self._inner = MotionPlanner(self.limits, self.q)
+            self._inner.go(wanted)
+            self._left = self._inner.remaining + self._shaper.length
+
+    def move(self, q: ArrayLike, dq: ArrayLike) -> None:
+        """
+        Go on from other positions [rad] and speeds [rad/s], without a target.
+
+        Parameters
+        ----------
+        q : array of shape (n_joints,)
+            Positions to go on from [rad].
+        dq : array of shape (n_joints,)
+            Speeds to go on from [rad/s].
+
+        """
+        self._clear()
+        super().move(q, dq)
+
+    def brake(self) -> None:
+        """Come to rest by one pulse of the planned acceleration a joint, from this moment on."""
+        self.move(self.q, self.dq)
+        kind, self._shaping.kind = self._shaping.kind, 'none'
+        try:
+            super().brake()
+        finally:
+            self._shaping.kind = kind
+
+    def step(self, dt: float) -> None:
+        """
+        Advance ``q``, ``dq`` and ``ddq`` by a step [s].
+
+        Parameters
+        ----------
+        dt : float
+            Time since the step before [s].
+
+        """
+        if self._profile is not None:
+            self._clock += dt
+            self.q[:], self.dq[:], self.ddq[:] = self._profile.at(self._clock)
+            if self._clock >= self._profile.duration:
+                self._rest(self._profile.q[-1])
+        elif self._shaper is not None:
+            self._inner.step(dt)
+            self._left -= dt
+            self.q[:], self.dq[:], self.ddq[:] = self._shaper.step(
+                dt, self._inner.q, self._inner.dq, self._inner.ddq)
+            if self._left < -dt:
+                self._rest(self._inner.q)
+        else:
+            super().step(dt)
+
+    def _rest(self, q: FloatArray) -> None:
+        super().move(q.copy(), np.zeros_like(q))
+        self._clear()
+
+    @property
+    def remaining(self) -> float:
+        """Time until all joints rest at their targets [s]."""
+        if self._profile is not None:
+            return max(self._profile.duration - self._clock, 0.0)
+        if self._shaper is not None:
+            return max(self._left, 0.0)
+        return super().remaining

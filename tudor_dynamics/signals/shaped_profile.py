@@ -1,0 +1,306 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+r"""
+A move from rest to rest after which links do not swing, though their modes change on the way.
+
+Each mode obeys ``y'' + 2 zeta w y' + w^2 y = sum_j b_j ddq_j`` with w, zeta and b of the pose. For
+slow changes its swing at the end T is, in complex form (Wentzel, Kramers, Brillouin),
+
+    y(T) + i y'(T) / w = int g(t) sum_j b_j(t) ddq_j(t) dt,
+    g(t) = exp(-int_t^T zeta w) (sin f + i cos f) / sqrt(w(t) w(T)),   f(t) = int_t^T w_d
+
+so that no swing is one linear condition on the acceleration. With acceleration linear between
+knots the move is a linear programme: limits of speed and acceleration, no way back, no swing of
+any mode, and among all such moves the one with the least jerk and the least swing of a first mode
+that is a little slower or faster than was thought.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.sparse import csr_matrix, vstack
+
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.typing import FloatArray
+
+KNOTS = 30
+"""Of each joint's acceleration."""
+FINE = 16
+"""Steps between two knots, for integrals."""
+SPREAD = 0.07
+"""Part by which the first frequency may be another."""
+ROBUST = 0.3
+"""What its swing counts beside the jerk, each over what it is without shaping."""
+ROUNDING = 1.0 - 1e-6
+"""Of the limits of speed and acceleration."""
+LONGER = 0.5
+"""Of a period that a move may be longer than without shaping."""
+TRIES = 8
+"""More quarters of a period, where that is not enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathModes:
+    """
+    Modes along a path.
+
+    Attributes
+    ----------
+    omega, damping : ndarray of shape (n_samples, n_modes)
+        Angular frequencies [rad/s] and damping ratios.
+    drive : ndarray of shape (n_samples, n_modes, n_joints)
+        What accelerations drive each mode with.
+    size : ndarray of shape (n_modes,)
+        Strain by which each mode counts.
+
+    """
+
+    omega: FloatArray
+    damping: FloatArray
+    drive: FloatArray
+    size: FloatArray
+
+
+ModesAlong = Callable[[FloatArray], PathModes]
+"""From a path, shape (n_samples, n_joints) [rad], to the modes on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """
+    A move, its acceleration linear between knots.
+
+    Attributes
+    ----------
+    step : float
+        Time between knots [s].
+    q, dq, ddq : ndarray of shape (n_knots, n_joints)
+        At the knots [rad, rad/s, rad/s^2].
+
+    """
+
+    step: float
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+
+    @property
+    def duration(self) -> float:
+        """Length of the move [s]."""
+        return self.step * (len(self.q) - 1)
+
+    def at(self, t: float) -> FloatArray:
+        """
+        Give the motion at a time.
+
+        Parameters
+        ----------
+        t : float
+            Since the beginning [s].
+
+        Returns
+        -------
+        ndarray of shape (3, n_joints)
+            Position, speed, acceleration.
+
+        """
+        k = min(max(int(t / self.step), 0), len(self.q) - 2)
+        s = min(max(t - k * self.step, 0.0), self.step)
+        jerk = (self.ddq[k + 1] - self.ddq[k]) / self.step
+        return np.stack([
+            self.q[k] + s * (self.dq[k] + s * (0.5 * self.ddq[k] + s * jerk / 6.0)),
+            self.dq[k] + s * (self.ddq[k] + 0.5 * s * jerk), self.ddq[k] + s * jerk])
+
+
+def swing(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
+    """
+    Give what an acceleration at each time swings each mode with at the end.
+
+    Parameters
+    ----------
+    modes : PathModes
+        Modes at even times from begin to end.
+    step : float
+        Time between two of them [s].
+    scale : float
+        Of all frequencies.
+
+    Returns
+    -------
+    ndarray of complex, shape (n_samples, n_modes, n_joints)
+        Strain per acceleration and time [unit s^2/rad per s].
+
+    """
+    omega = scale * modes.omega
+    left = np.zeros((2, *omega.shape))
+    for kind, rate in enumerate((omega * np.sqrt(1.0 - modes.damping**2), omega * modes.damping)):
+        part = 0.5 * step * (rate[1:] + rate[:-1])
+        left[kind, :-1] = np.cumsum(part[::-1], axis=0)[::-1]
+    wave = 1j * np.exp(-left[1] - 1j * left[0]) / np.sqrt(omega * omega[-1])
+    return np.asarray((modes.size * wave)[:, :, None] * modes.drive)
+
+
+def plan_shaped(
+    start: FloatArray, target: FloatArray, limits: MotionLimits, along: ModesAlong,
+) -> Profile:
+    """
+    Plan a move that leaves no swing.
+
+    Parameters
+    ----------
+    start, target : ndarray of shape (n_joints,)
+        From rest to rest [rad].
+    limits : MotionLimits
+        Of speed and acceleration.
+    along : callable
+        Gives the modes on a path.
+
+    Returns
+    -------
+    Profile
+        The move; longer than without shaping by half a period of the first mode, or where that
+        is not enough by as many quarters more as it takes.
+
+    Raises
+    ------
+    SignalError
+        If no such move is found.
+
+    """
+    plain = MotionPlanner(limits, start)
+    plain.go(target)
+    period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
+    moving = np.abs(target - start) > 1e-9
+    if not moving.any():
+        raise SignalError('there is no way to go: the target is where the joints rest')
+    for more in range(TRIES):
+        duration = plain.remaining + (LONGER + 0.25 * more) * period
+        path = _plain_path(start, target)
+        found = None
+        for _ in range(2):  # modes along what is found then
+            found = _solve(start, target, limits, _denser(along(path)), duration, moving)
+            if found is None:
+                break
+            path = found.q
+        if found is not None:
+            return found
+    raise SignalError('no move without swing is found: modes and limits contradict each other')
+
+
+def _plain_path(start: FloatArray, target: FloatArray) -> FloatArray:
+    s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
+    return np.asarray(start + (s**3 * (10.0 - s * (15.0 - 6.0 * s))) * (target - start))
+
+
+def _denser(modes: PathModes) -> PathModes:
+    """Interpolate between the knots."""
+    fine = np.linspace(0.0, KNOTS, KNOTS * FINE + 1)
+    k = np.minimum(fine.astype(int), KNOTS - 1)
+    share = fine - k
+
+    def between(values: FloatArray) -> FloatArray:
+        part = share.reshape(-1, *[1] * (values.ndim - 1))
+        return (1.0 - part) * values[k] + part * values[k + 1]
+    return PathModes(between(modes.omega), between(modes.damping), between(modes.drive),
+                     modes.size)
+
+
+def _solve(
+    start: FloatArray, target: FloatArray, limits: MotionLimits, modes: PathModes,
+    duration: float, moving: FloatArray,
+) -> Profile | None:
+    """Solve the linear programme; None where there is no such move."""
+    step = duration / KNOTS
+    joints = np.flatnonzero(moving)
+    way = (target - start)[joints]
+    n, inner = len(joints), KNOTS - 1
+    count = n * inner
+    # knots are hats of acceleration, in units of the limit, forwards
+    unit = limits.acceleration[joints] * np.sign(way) * ROUNDING
+    fine = np.linspace(0.0, KNOTS, KNOTS * FINE + 1)
+    hats = np.maximum(1.0 - np.abs(fine[:, None] - np.arange(1, KNOTS)[None]), 0.0)
+    measure = np.full(len(fine), step / FINE)
+    measure[[0, -1]] *= 0.5
+
+    def swings(scale: float) -> FloatArray:
+        weights = swing(modes, step / FINE, scale)[:, :, joints] * measure[:, None, None]
+        rows = np.einsum('tk,tmj->mjk', hats, weights) * unit[None, :, None]
+        flat = rows.reshape(len(modes.size), count)
+        return np.vstack([flat.real, flat.imag])
+
+    speed = np.zeros((2 * KNOTS, inner))  # at the knots, and where the tangents between them meet
+    for k in range(inner):
+        speed[k + 1, k], speed[k + 2:KNOTS, k] = 0.5 * step, step
+        speed[KNOTS:, k] = speed[:KNOTS, k]
+        speed[KNOTS + k + 1, k] += 0.5 * step
+    reach = step * np.arange(KNOTS - 1, 0, -1) * step  # way by each hat
+    plain = swings(1.0)
+    scale = max(float(np.abs(plain).sum(axis=1).max()) / KNOTS, 1e-12)
+    equal = [plain / scale]
+    wanted = [np.zeros(len(plain))]
+    for j in range(n):
+        row = np.zeros((2, count))
+        row[0, j * inner:(j + 1) * inner] = 1.0
+        row[1, j * inner:(j + 1) * inner] = reach / reach.sum()
+        equal.append(row)
+        wanted.append(np.array([0.0, float(abs(way[j])) / (abs(unit[j]) * reach.sum())]))
+    first = [rows[[0, len(modes.size)]] / scale for rows in map(
+        swings, (1.0 - SPREAD, 1.0 + SPREAD))]
+    off = np.vstack(first)
+    change = np.zeros((KNOTS, inner))
+    for k in range(inner):
+        change[k, k], change[k + 1, k] = 1.0, -1.0
+    bound, right = [], []
+    for j in range(n):
+        block = np.zeros((KNOTS, count))
+        block[:, j * inner:(j + 1) * inner] = change
+        bound += [np.hstack([side * block, -np.ones((KNOTS, 1)), np.zeros((KNOTS, 1))])
+                  for side in (1.0, -1.0)]
+        right += [np.zeros(KNOTS)] * 2
+        block = np.zeros((2 * KNOTS, count))
+        block[:, j * inner:(j + 1) * inner] = speed * abs(unit[j])
+        most = float(limits.velocity[joints[j]]) * ROUNDING
+        bound += [np.hstack([side * block / most, np.zeros((2 * KNOTS, 2))])
+                  for side in (1.0, -1.0)]
+        right += [np.ones(2 * KNOTS), np.zeros(2 * KNOTS)]
+    bound += [np.hstack([side * off, np.zeros((len(off), 1)), -np.ones((len(off), 1))])
+              for side in (1.0, -1.0)]
+    right += [np.zeros(len(off))] * 2
+    cost = np.concatenate([np.zeros(count), [1.0, ROBUST]])
+    rows = np.vstack(equal)
+    answer = linprog(
+        cost, csr_matrix(np.vstack(bound)), np.concatenate(right),
+        vstack([csr_matrix(np.hstack([rows, np.zeros((len(rows), 2))]))]),
+        np.concatenate(wanted), [(-1.0, 1.0)] * count + [(0.0, None)] * 2, method='highs')
+    if answer.x is None or answer.status != 0:
+        return None
+    ddq = np.zeros((KNOTS + 1, len(start)))
+    ddq[1:-1, joints] = answer.x[:count].reshape(n, inner).T * unit
+    return _integrate(start, target, ddq, step)
+
+
+def _integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: float) -> Profile:
+    dq, q = np.zeros_like(ddq), np.zeros_like(ddq)
+    dq[1:] = np.cumsum(0.5 * step * (ddq[1:] + ddq[:-1]), axis=0)
+    q[1:] = np.cumsum(step * dq[:-1] + step**2 * (ddq[:-1] / 3.0 + ddq[1:] / 6.0), axis=0)
+    q += start
+    dq[-1], q[-1] = 0.0, target
+    return Profile(step, q, dq, ddq)
