@@ -20,16 +20,20 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from ros_world import joint_message, JOINTS, World
 from rosgraph_msgs.msg import Clock
+from schedule_making import schedule
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from tudor_dynamics.arm import load_arm
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 
 POSE = np.array([0.8, 0.1])
 GOAL = np.array([1.2, -0.3])
@@ -193,3 +197,34 @@ def test_two_publishers_of_collisions(world: World, tudor: Path) -> None:
     generator.node._look()
     status = generator.told()
     assert status.level == DiagnosticStatus.WARN and '2 nodes publish collision' in status.message
+
+
+def test_moves_are_shaped(world: World, root: Path, tmp_path: Path) -> None:
+    """With a schedule and a payload: longer by half a period, within limits, at the goal."""
+    path = tmp_path / 'schedule.yaml'
+    schedule().save(path)
+    generator = Generator(world, root / 'config/tudor.yaml', shaping='elastic',
+                          gain_schedule=str(path))
+    generator.run(5)
+    generator.go(GOAL)
+    generator.run(100)
+    assert 'payload' in generator.node.status()[2]['not shaped']
+    told = InertiaStamped()
+    told.inertia.m = 0.2
+    world.probe.create_publisher(InertiaStamped, 'payload', latched()).publish(told)
+    assert world.spin(lambda: generator.node.source.shaping.payload == 0.2)
+    generator.go(POSE)
+    plain = MotionPlanner(motion_limits(load_arm(root / 'config/tudor.yaml')), GOAL)
+    plain.go(POSE)
+    assert generator.node.source.motion.remaining == pytest.approx(
+        plain.remaining + 0.5 / 2.8, abs=0.01)
+    generator.run(120)
+    assert 'not shaped' not in generator.node.status()[2]
+    np.testing.assert_allclose(generator.node.source.q, POSE, atol=1e-6)
+
+
+def test_shaping_without_modes(world: World, root: Path) -> None:
+    """It says what is missing, and publishes nothing."""
+    node = world.add(ReferenceGeneratorNode, arm=str(root / 'config/tudor.yaml'),
+                     shaping='elastic')
+    assert node.source is None and 'gain_schedule' in node.fault

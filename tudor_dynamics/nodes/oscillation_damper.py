@@ -122,9 +122,8 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                         self.subscribe(JointState, JOINT_REFERENCE, self._on_reference)]
         self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
                          for topic in wanted if topic != self._own]
-        if controller.adaptation is not None:
-            self._inputs.append(self.create_subscription(
-                InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
+        self._inputs.append(self.create_subscription(
+            InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
         self._phase = 'inactive'
         return TransitionCallbackReturn.SUCCESS
 

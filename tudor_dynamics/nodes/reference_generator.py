@@ -92,10 +92,9 @@ class ReferenceGeneratorNode(TudorNode):
             self.subscribe(JointState, RESIDUALS['strain'], self._on_residuals),
             self.create_subscription(Bool, COLLISION, self._on_collision, latched()),
             self.create_subscription(
+                InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()),
+            self.create_subscription(
                 DiagnosticArray, DIAGNOSTICS, self._on_diagnostics, QoSProfile(depth=20))]
-        if self.source.shaping.schedule is not None:
-            self._inputs.append(self.create_subscription(
-                InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
         self._look()
         self._look_timer = self.every(LOOK, self._look)

@@ -87,7 +87,8 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
     k = math.exp(-damping * math.pi / root)
     half = 0.5 / (frequency * root)
     weight = np.array([1.0, k] if kind == 'zv' else [1.0, 2.0 * k, k**2])
-    return Impulses(half * np.arange(len(weight)), weight / weight.sum())
+    return Impulses(half * np.arange(len(weight), dtype=float),
+                    np.asarray(weight / weight.sum(), dtype=float))
 
 
 class ImpulseShaper:

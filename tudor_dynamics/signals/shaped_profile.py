@@ -34,6 +34,7 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import csr_matrix, vstack
 
@@ -225,7 +226,7 @@ def _denser(modes: PathModes) -> PathModes:
 
 def _solve(
     start: FloatArray, target: FloatArray, limits: MotionLimits, modes: PathModes,
-    duration: float, moving: FloatArray,
+    duration: float, moving: NDArray[np.bool_],
 ) -> Profile | None:
     """Solve the linear programme; None where there is no such move."""
     step = duration / KNOTS

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 PARTS: dict[str, str] = {
     'payload': 'Payload',
+    'damping': 'Load-adaptive damping',
+    'shaping': 'Shaped references',
 }
 """Name of a part, which is that of its module, to its title on the page. The module has a function
 ``section``, see `part.Compute`."""
