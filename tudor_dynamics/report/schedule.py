@@ -75,6 +75,7 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
         axis.set_ylabel(label)
         axis.set_ylim(bottom=0.0)
         axis.legend(loc='best')
+    axes[1, 0].set_ylim(0.0, max(1.3 * asked, 1.1 * float(fixed.max())))
     axes[1, 0].axhspan(0.8 * asked, 1.2 * asked, facecolor='none', edgecolor='#777777',
                        hatch='///', linewidth=0.0, alpha=0.5)
     for axis in axes[1]:

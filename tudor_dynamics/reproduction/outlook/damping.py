@@ -96,10 +96,10 @@ def section(setting: Setting) -> Section:
         'Taps across the last link, from both sides: half of the difference of the strains, and '
         'how far it swings back. Moves between random poses at 400 g: joints overshoot by at most '
         f'{over["fixed"]:.1f} deg with fixed gains and {over["scheduled"]:.1f} deg with '
-        f'scheduled ones; {int((~complete).sum())} of {len(complete)} moves end elsewhere with fixed gains, '
-        f'because the arm is too far from its reference, and '
-        f'{int((moves["scheduled"][:, 3] == 0.0).sum())} with scheduled ones. The loop has 4 ms of '
-        'delay at 500 Hz, the arm friction, play, noise and limits of its drives.')
+        f'scheduled ones; {int((~complete).sum())} of {len(complete)} moves end elsewhere with '
+        'fixed gains, because the arm is too far from its reference, and '
+        f'{int((moves["scheduled"][:, 3] == 0.0).sum())} with scheduled ones. The loop has 4 ms '
+        'of delay at 500 Hz, the arm friction, play, noise and limits of its drives.')
     pictures = (
         Picture('damping_schedule', 'Load-adaptive damping', 'The schedule',
                 'Medians over the workspace, bands from the least to the largest value.',
