@@ -20,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.control.schedule import Schedule, ScheduleFile
+from tudor_dynamics.control.schedule_point import columns_of, Mode, Point
 
 JOINTS = ('joint2', 'joint3')
 

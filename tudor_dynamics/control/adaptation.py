@@ -25,7 +25,10 @@ import math
 
 import numpy as np
 
-from tudor_dynamics.control.schedule import Point, Schedule
+from tudor_dynamics.control.damper import Damper
+from tudor_dynamics.control.loop_gains import LoopGains
+from tudor_dynamics.control.schedule import Schedule
+from tudor_dynamics.control.schedule_point import Point
 from tudor_dynamics.typing import FloatArray
 
 BLEND_TIME = 1.0
@@ -192,3 +195,28 @@ class Adaptation:
             shift = self.weight * (load - self._load)
         self._load = load
         return shift
+
+    def use(
+        self, now: float, dt: float, q: FloatArray, dq_ref: FloatArray, damper: Damper,
+        gains: LoopGains,
+    ) -> None:
+        """
+        Follow for one sample, and let damper and loop have what is in use then.
+
+        Parameters
+        ----------
+        now, dt, q, dq_ref
+            See ``step``.
+        damper : Damper
+            Gets gains, and the change of the load.
+        gains : LoopGains
+            Gets the position gain, and the delay up to which all hold.
+
+        """
+        shift = self.step(now, dt, q, dq_ref)
+        if shift is None or self.point is None:
+            damper.release()
+            gains.adapt(0.0, 0.0, 0.0)
+            return
+        damper.adapt(self.point.gain, self.mean_frequency, self.weight, shift)
+        gains.adapt(self.point.position_gain, self.point.full_delay, self.weight)

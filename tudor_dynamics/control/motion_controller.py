@@ -349,18 +349,6 @@ class MotionController:
         self._hold.brake()
         self.state, self.cause = State.FAULT, cause
 
-    def _adapt(
-        self, to: Adaptation, now: float, dt: float, q: FloatArray, dq_ref: FloatArray,
-    ) -> None:
-        """Let gains and expected load follow payload and pose."""
-        shift = to.step(now, dt, q, dq_ref)
-        if shift is None or to.point is None:
-            self.damper.release()
-            self.gains.adapt(0.0, 0.0, 0.0)
-            return
-        self.damper.adapt(to.point.gain, to.mean_frequency, to.weight, shift)
-        self.gains.adapt(to.point.position_gain, to.point.full_delay, to.weight)
-
     def _command(
         self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray,
     ) -> FloatArray:
@@ -370,7 +358,7 @@ class MotionController:
             q_ref, dq_ref = self._hold.q, self._hold.dq
         self.damper.dt = dt
         if self.adaptation is not None:
-            self._adapt(self.adaptation, now, dt, q, dq_ref)
+            self.adaptation.use(now, dt, q, dq_ref, self.damper, self.gains)
         moving = max((moving_share(float(a), float(b)) for a, b in zip(
             dq_ref, self.planned.velocity, strict=True)), default=0.0)
         yielding = np.zeros(len(q))

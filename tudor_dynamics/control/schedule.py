@@ -22,7 +22,6 @@ for, the strain that the load and the accelerations of a motion make there, and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -33,6 +32,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec
 from tudor_dynamics.bounded_yaml import load_yaml
+from tudor_dynamics.control.schedule_point import columns_of, Mode, Point
 from tudor_dynamics.errors import ScheduleError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.typing import FloatArray
@@ -63,95 +63,6 @@ class ScheduleFile(Spec):
     pose: tuple[Axis, ...]
     columns: Annotated[tuple[Name, ...], Field(min_length=1, max_length=2000)]
     nodes: Annotated[tuple[tuple[Finite, ...], ...], Field(min_length=1, max_length=MAX_NODES)]
-
-
-@dataclass(frozen=True, eq=False)
-class Mode:
-    """
-    A mode of the links, joints held.
-
-    Attributes
-    ----------
-    frequency : float
-        Undamped [Hz].
-    damping : float
-        Damping ratio of the links alone.
-    drive : ndarray of shape (n_joints,)
-        What an acceleration of each joint drives it with; see ``signals.shaped_profile``.
-    strain : ndarray of shape (n_damped,)
-        Its strain at the gauge of each damped joint [units of the gauges].
-
-    """
-
-    frequency: float
-    damping: float
-    drive: FloatArray
-    strain: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """
-    A schedule at one payload and pose.
-
-    Attributes
-    ----------
-    gain : ndarray of shape (n_damped,)
-        Yielding speed per mean-free strain [rad/s per m/m].
-    position_gain : float
-        Speed per position error [1/s].
-    full_delay : float
-        Delay of the loop up to which these gains hold [s].
-    reached : float
-        Damping ratio that they give; that asked for, or what the loop allows.
-    load : ndarray of shape (n_damped,)
-        Strain of the arm at rest [units of the gauges].
-    inertia : ndarray of shape (n_damped, n_joints)
-        Strain by the acceleration of each joint, links following [unit per rad/s^2].
-    modes : tuple of Mode
-        The first modes, ascending.
-
-    """
-
-    gain: FloatArray
-    position_gain: float
-    full_delay: float
-    reached: float
-    load: FloatArray
-    inertia: FloatArray
-    modes: tuple[Mode, ...]
-
-    def row(self) -> FloatArray:
-        """Give its values in the order of ``columns_of``."""
-        return np.concatenate([
-            self.gain, [self.position_gain, self.full_delay, self.reached], self.load,
-            self.inertia.ravel(),
-            *(np.concatenate([[m.frequency, m.damping], m.drive, m.strain]) for m in self.modes)])
-
-
-def columns_of(joints: tuple[str, ...], damped: tuple[str, ...], modes: int) -> tuple[str, ...]:
-    """
-    Name the columns of a node.
-
-    Parameters
-    ----------
-    joints, damped : tuple of str
-        Active joints, and those with a damper.
-    modes : int
-        Number of modes.
-
-    Returns
-    -------
-    tuple of str
-        Names in the order of ``Point.row``.
-
-    """
-    return (*(f'gain({d})' for d in damped), 'position_gain', 'full_delay', 'reached',
-            *(f'load({d})' for d in damped),
-            *(f'inertia({d},{j})' for d in damped for j in joints),
-            *(name for m in range(1, modes + 1) for name in (
-                f'frequency({m})', f'damping({m})', *(f'drive({m},{j})' for j in joints),
-                *(f'strain({m},{d})' for d in damped))))
 
 
 class Schedule:

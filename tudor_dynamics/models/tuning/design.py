@@ -31,7 +31,8 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm.limits import planned_limits
-from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.control.schedule import Schedule, ScheduleFile
+from tudor_dynamics.control.schedule_point import columns_of, Mode, Point
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.tuning.linear_loop import (
     DriveLoop, loop_damping, loop_matrix, LoopDamping, LoopGainsAt)

@@ -24,7 +24,8 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.control.adaptation import Adaptation
-from tudor_dynamics.control.schedule import Mode, Schedule
+from tudor_dynamics.control.schedule import Schedule
+from tudor_dynamics.control.schedule_point import Mode
 from tudor_dynamics.reproduction.outlook.tuned import DELAY, RATE
 from tudor_dynamics.simulation.loop.rig import Rig
 from tudor_dynamics.simulation.mechanics import layout as at
