@@ -128,7 +128,8 @@ def _trials(setting: Setting, arm: Arm, schedule: Schedule) -> Cached:
                         for used in (schedule, None)])
         ratios.append(row)
         setting.progress(f'taps at {1e3 * payload:.0f} g', 0.5 * len(ratios) / len(payloads))
-    heavy, moves, arrays = ENDS[1], [], {}
+    heavy, moves = ENDS[1], []
+    arrays: dict[str, FloatArray] = {}
     for number in range(count):
         ends = _ends(arm, random)
         told = heavy + TOLD_WRONG * (1 if number % 2 else -1)
