@@ -49,6 +49,8 @@ MEAN = 0.15
 """Corner of the DC blocker: the load is known, what is left changes slowly [Hz]."""
 FACTORS = np.geomspace(0.1, 6.0, 22)
 """Of the described gains, for a first look."""
+HALVINGS = 9
+"""Of an interval in which a factor or a delay is sought."""
 KEPT = 0.7
 """Part of the links' own damping that faster modes keep at least."""
 LONGEST_DELAY = 0.2
@@ -226,15 +228,14 @@ class Judge:
             loop_matrix(self.small, DriveLoop(self._bandwidth, delay, self._rotor), gains),
             self.first, self.second)
 
-    def holds(self, factor: float, delay: float) -> bool:
+    def holds(self, found: LoopDamping) -> bool:
         """Say whether nothing grows, and faster modes keep most of the links' damping."""
-        found = self(factor, delay)
         return found.decay > 0.0 and found.others >= KEPT * self.alone
 
     def full_delay(self, factor: float) -> float:
         """Give half of the delay from which on the gains excite [s]."""
         low, high = 0.0, LONGEST_DELAY
-        for _ in range(12):
+        for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             if self(factor, middle).decay > 0.0:
                 low = middle
@@ -262,12 +263,13 @@ def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
     """
     best, reached, before = 0.0, judge(0.0, wish.delay).first, 0.0
     for factor in FACTORS:
-        if not judge.holds(float(factor), wish.delay):
+        found = judge(float(factor), wish.delay)
+        if not judge.holds(found):
             break
-        ratio = judge(float(factor), wish.delay).first
+        ratio = found.first
         if ratio >= wish.damping_ratio:
             low, high = before, float(factor)
-            for _ in range(12):
+            for _ in range(HALVINGS):
                 middle = 0.5 * (low + high)
                 if judge(middle, wish.delay).first < wish.damping_ratio:
                     low = middle
