@@ -27,8 +27,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle import load_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.models.tuning.design import design, fixed_ratios, Wish
 from tudor_dynamics.models.tuning.small_motion import TunedArm
 from tudor_dynamics.report.roc import picture_path

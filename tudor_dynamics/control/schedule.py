@@ -29,8 +29,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.description import validation_message
 from tudor_dynamics.arm.fields import Finite, Name, NonNegative, Positive, Spec
+from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.control.schedule_point import columns_of, Mode, Point
 from tudor_dynamics.errors import ScheduleError
