@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.bags.layouts.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
@@ -34,6 +35,7 @@ from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, join
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference
 from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.load_changes import carried_at, LoadChange
 from tudor_dynamics.simulation.loop.push_truth import push_wrenches, random_pushes
 from tudor_dynamics.simulation.loop.pushes import Push
 from tudor_dynamics.simulation.loop.signals import LoopRecord, with_payload
@@ -65,6 +67,10 @@ class StimulusSpec:
         Number of pushes.
     imperfections : Imperfections
         What is not ideal.
+    loads : tuple of LoadChange
+        What is picked up and put down.
+    held : bool
+        Whether every second push lasts for seconds.
 
     """
 
@@ -78,6 +84,8 @@ class StimulusSpec:
     push_seed: int
     pushes: int = 0
     imperfections: Imperfections = Imperfections()  # noqa: RUF009 (frozen)
+    loads: tuple[LoadChange, ...] = ()
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,16 +184,26 @@ def record_stimulus(
         If the run diverges, or the bag cannot be written.
 
     """
-    loop = ClosedLoop(with_payload(arm, spec.payload), damping=spec.damping,
+    carrying = with_payload(arm, spec.payload)
+    if spec.loads and carrying.spec.payload is None:
+        # a place for what comes
+        carrying = Arm(carrying.spec.model_copy(update={'payload': InertiaPart(mass=0.0)}),
+                       arm.full_model, arm.source, arm.urdf)
+    loop = ClosedLoop(carrying, damping=spec.damping,
                       imperfections=spec.imperfections, seed=spec.noise_seed)
     every = steps_per_message(loop.dt, spec.rate)
     reference = stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
-    pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed)
+    pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed,
+                           held=spec.held)
     loop.reset(reference.q[0])
     loop.set_pushes(pushes)
     parts = []
-    for begin in range(0, len(reference.q), CHUNK):
-        part = slice(begin, begin + CHUNK)
+    changes = {round(change.time / loop.dt): change.mass for change in spec.loads}
+    edges = sorted({*range(0, len(reference.q), CHUNK), *changes, len(reference.q)})
+    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        part = slice(begin, end)
+        if begin in changes:
+            loop.set_payload(changes[begin])
         parts.append(loop.run(reference.q[part], reference.dq[part], every=every))
         if progress is not None:
             progress(len(reference.q[part]))
@@ -196,6 +214,9 @@ def record_stimulus(
         *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
         JointStateSeries('/joint_reference', stamp, arm.active_joints, signals.q_ref,
                          signals.dq_ref)]
+    if spec.loads:
+        carried = carried_at(spec.loads, spec.payload, signals.t)
+        series.append(JointStateSeries('/applied_payload', stamp, ('payload',), carried[:, None]))
     if pushes:
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
     write_bag(path, series, custom={'payload': f'{spec.payload:g}'})

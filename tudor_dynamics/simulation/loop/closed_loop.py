@@ -204,6 +204,24 @@ class ClosedLoop:
         """Give the pushes by their times since the last ``reset``."""
         self._plant = self._plant._replace(pushes=push_table(pushes, self.plant.mechanism))
 
+    def set_payload(self, mass: float) -> None:
+        """
+        Change what is carried at the tip from now on, at the speed that the tip has.
+
+        Parameters
+        ----------
+        mass : float
+            As a point [kg]. The arm needs a payload to begin with, be it one of no mass.
+
+        """
+        mechanism = self.plant.mechanism
+        rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
+        if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < math.inf:
+            msg = (f'{self.arm.name}: a payload of {mass} kg cannot be put on; describe the arm '
+                   'with a payload, of 0 kg or more')
+            raise SimulationError(msg)
+        mechanism.body_float[rows[0], at.MASS] = mass
+
     def set_force(self, force: ArrayLike, point: int | None = None) -> None:
         """
         Let a constant force act until it is changed.

@@ -31,11 +31,13 @@ from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 
 PUSH_FORCE = (3.0, 12.0)  # N
 PUSH_TIME = (0.1, 1.0)  # s
+HELD_FORCE = (2.0, 6.0)  # N
+HELD_TIME = (1.5, 4.0)  # s
 FIRST_PUSH = 3.0  # s: not before the arm moves
 
 
 def random_pushes(
-    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int,
+    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *, held: bool = False,
 ) -> tuple[Push, ...]:
     """
     Choose pushes on any beam, one after the other, across the axis of its joint.
@@ -50,6 +52,8 @@ def random_pushes(
         Length of the recording [s].
     seed : int
         Of the choice.
+    held : bool, default=False
+        Let every second push be weaker and last for seconds.
 
     Returns
     -------
@@ -65,9 +69,10 @@ def random_pushes(
     if count == 0:
         return ()
     slot = (seconds - FIRST_PUSH) / count
-    if slot < 2.0 * PUSH_TIME[1]:
+    longest = HELD_TIME[1] if held else PUSH_TIME[1]
+    if slot < 1.5 * longest + 0.5 * PUSH_TIME[1]:
         msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to '
-               f'{2.0 * PUSH_TIME[1]:g} s after the first {FIRST_PUSH:g} s; record longer or '
+               f'{1.5 * longest + 0.5 * PUSH_TIME[1]:g} s after the first {FIRST_PUSH:g} s; record longer or '
                'push less')
         raise SimulationError(msg)
     beams = [joint for joint in arm.active_joints if link_length(mechanism, joint) > 0.0]
@@ -80,12 +85,14 @@ def random_pushes(
     result = []
     for number in range(count):
         joint = beams[int(rng.integers(len(beams)))]
-        duration = float(rng.uniform(*PUSH_TIME))
+        times, forces = ((HELD_TIME, HELD_FORCE) if held and number % 2 else
+                         (PUSH_TIME, PUSH_FORCE))
+        duration = float(rng.uniform(*times))
         begin = FIRST_PUSH + slot * number + rng.uniform(0.0, slot - 1.5 * duration)
         axis = (data.oMi[arm.full_model.getJointId(joint)].rotation
                 @ joint_axis(arm.full_model, joint))
         across = np.cross(axis, rng.standard_normal(3))
-        force = across / np.linalg.norm(across) * rng.uniform(*PUSH_FORCE)
+        force = across / np.linalg.norm(across) * rng.uniform(*forces)
         place = float(rng.uniform(0.2, 1.0)) * link_length(mechanism, joint)
         fx, fy, fz = (round(float(value), 4) + 0.0 for value in force)
         result.append(Push(round(float(begin), 3), round(duration, 3), joint, round(place, 4),
