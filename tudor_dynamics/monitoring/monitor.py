@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from tudor_dynamics.errors import check_type
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad, PayloadStage
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.state_filter import Motion, StateFilter
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
@@ -37,6 +38,8 @@ class Monitor:
         Kind of model, methods of detection, false alarms allowed.
     thresholds : dict of str to MethodThresholds, optional
         In place of those of the bundle.
+    payload : CarriedLoad, optional
+        Load that predictions have in them, and that follows the arm if it is a `PayloadStage`.
 
     Attributes
     ----------
@@ -60,6 +63,7 @@ class Monitor:
         bundle: ModelBundle,
         settings: MonitorSettings = MonitorSettings(),
         thresholds: dict[str, MethodThresholds] | None = None,
+        payload: CarriedLoad | None = None,
     ) -> None:
         check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
         check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
@@ -70,6 +74,7 @@ class Monitor:
             bundle, settings.kind,
             settings.observer if 'strain' in self.watch.outputs else 'off')
         self.wanted = set(self.watch.outputs)
+        self.payload = payload
         self.motion: Motion | None = None
         self.predicted: dict[str, FloatArray] | None = None
 
@@ -99,7 +104,9 @@ class Monitor:
         if self.motion is None:
             return Found()
         self.predicted = self.predictor.step(self.motion, self.wanted)
-        return self.watch.add_motion(self.motion, self.predicted)
+        if self.payload is not None and self.predicted is not None:
+            self.predicted = self.payload.add_to(self.predicted, self.motion.row)
+        return self._followed(self.watch.add_motion(self.motion, self.predicted))
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """
@@ -122,4 +129,20 @@ class Monitor:
         """
         if output == 'strain':
             self.predictor.add_strain(stamp, values)
-        return self.watch.add_measured(output, stamp, values)
+        return self._followed(self.watch.add_measured(output, stamp, values))
+
+    def _followed(self, found: Found) -> Found:
+        """Let the load follow; a collision that is one is taken back."""
+        payload = self.payload
+        if not isinstance(payload, PayloadStage):
+            return found
+        if payload.expecting and found.events:
+            found.events.clear()
+            self.watch.detector.reset()
+        for method, residual in found.residuals:
+            if method == payload.output:
+                load = payload.step(residual, self.watch.level)
+                if load is not None:
+                    found.loads.append(load)
+                    self.watch.detector.reset()
+        return found

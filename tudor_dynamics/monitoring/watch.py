@@ -30,6 +30,7 @@ from tudor_dynamics.monitoring.detector import (
 from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
+from tudor_dynamics.monitoring.payload_stage import LoadFound
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.thresholds.excess import Excess, ExcessStage, Rates
@@ -89,12 +90,15 @@ class Found:
         Method and ratios, where thresholds are known.
     events : list of CollisionEvent
         Collisions that begin with it.
+    loads : list of LoadFound
+        Collisions from before that turned out to be loads.
 
     """
 
     residuals: list[tuple[str, Residual]] = field(default_factory=list)
     excesses: list[tuple[str, Excess]] = field(default_factory=list)
     events: list[CollisionEvent] = field(default_factory=list)
+    loads: list[LoadFound] = field(default_factory=list)
 
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:

@@ -25,6 +25,7 @@ from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.gathering import Gathering
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import MonitorSettings
@@ -32,6 +33,7 @@ from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTE
 from tudor_dynamics.nodes.common.listened import ListenedPublishers
 from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.common.model_node import ModelNode
+from tudor_dynamics.nodes.common.payload_port import PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, PointSample
 
@@ -44,23 +46,27 @@ class DynamicsPredictorNode(ModelNode):
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
         self._gauges: list[Any] = []
+        self._port = PayloadPort(self, str(self.value('payload_source')))
         self._listened = ListenedPublishers()
         self._predicted = {output: self._listened.add(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
         self.start()
         self._subscription = self.hear_motions(JOINT_MOTION, self._on_motion)
 
-    def prepare(self, bundle: ModelBundle) -> Predictor:
+    def prepare(self, bundle: ModelBundle) -> tuple[Predictor, CarriedLoad | None]:
         """Build the predictor."""
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
-        return Predictor(bundle, self.value('kind'), self.value('observer'))
+        load = self._port.prepare(self.of_all or bundle, float(self.value('payload')))
+        return Predictor(bundle, self.value('kind'), self.value('observer')), load
 
-    def use(self, bundle: ModelBundle, prepared: Predictor) -> None:
+    def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
         """Put another predictor into use."""
-        self.bundle, self.predictor = bundle, prepared
+        self.bundle = bundle
+        self.predictor, load = prepared
+        self._port.use(load)
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
-        if prepared.observing and not self._gauges:
+        if self.predictor.observing and not self._gauges:
             self._hear_strain(bundle)
         self._encoders = {
             'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
@@ -94,6 +100,8 @@ class DynamicsPredictorNode(ModelNode):
         predicted = self.predictor.step(motion, wanted)
         if predicted is None:
             return
+        if self._port.load is not None:
+            predicted = self._port.load.add_to(predicted, motion.row)
         for output, values in predicted.items():
             self._predicted[output].publish(self._encoders[output].encode(motion.stamp, values))
         self.meter.end(begun)
@@ -102,7 +110,7 @@ class DynamicsPredictorNode(ModelNode):
         """Tell the kind of model."""
         level, message, values = super().status()
         values['kind'] = str(self.value('kind'))
-        return level, message, values
+        return level, message, {**values, **self._port.values()}
 
 
 def main(args: Sequence[str] | None = None) -> int:

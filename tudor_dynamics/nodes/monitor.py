@@ -32,6 +32,7 @@ from tudor_dynamics.monitoring.watch import Found, Watch
 from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import NamedReader
+from tudor_dynamics.nodes.common.payload_port import PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
 
@@ -39,8 +40,8 @@ from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, Mot
 class MonitorNode(DetectNode):
     """Monitor node; ``**kwargs`` go to rclpy's Node."""
 
-    def __init__(self, **kwargs: Any) -> None:
-        super().__init__('monitor', **kwargs)
+    def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
         self.monitor: Monitor | None = None
         self._joints: NamedReader | None = None
         self._motion = self.listened.add(self.publish_on(JointTrajectory, JOINT_MOTION))
@@ -49,12 +50,18 @@ class MonitorNode(DetectNode):
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
         self._carried: dict[str, list[str]] = {}
+        self.port = PayloadPort(self, self.payload_source())
         self.start()
+
+    def payload_source(self) -> str:
+        """Give where the load is known from."""
+        return str(self.value('payload_source'))
 
     def prepare(self, bundle: ModelBundle) -> Monitor:
         """Build the monitor."""
         warm_up(bundle, self.settings())
-        return Monitor(bundle, self.settings())
+        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
+        return Monitor(bundle, self.settings(), payload=load)
 
     def use(self, bundle: ModelBundle, prepared: Monitor) -> None:
         """Put another model into use; the filter goes on where it is."""
@@ -64,6 +71,7 @@ class MonitorNode(DetectNode):
         own = self._own = bundle.arm.spec.joint_topic
         self.adopt(bundle, prepared.watch, own, (self._joint_drops, prepared.filter.drops), {})
         self.monitor = prepared
+        self.port.use(prepared.payload)
         self._motion_encoder = MotionEncoder(bundle.arm.active_joints)
         self._prediction_encoders = {
             'effort': JointStateEncoder(bundle.arm.active_joints, (FIELD['effort'],)),
@@ -118,6 +126,19 @@ class MonitorNode(DetectNode):
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)
+
+    def tell(self, found: Found) -> None:
+        """Publish what was found, and the load."""
+        super().tell(found)
+        for load in found.loads:
+            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
+        if found.residuals:
+            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Add the load."""
+        level, message, values = super().status()
+        return level, message, {**values, **self.port.values()}
 
     def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
         """Take a whole measurement into account, also in the model."""

@@ -79,21 +79,29 @@ class LoadRows:
     output : {'effort', 'strain'}
         Output whose rows are wanted.
 
+    Attributes
+    ----------
+    regressor : EffortRegressor or StrainRegressor
+        Rows of the whole arm.
+    point_parameters : ndarray of shape (n_channels, n_columns)
+        One kilogram at the tip, for these rows.
+
     """
 
     def __init__(self, arm: Arm, output: str) -> None:
         model = arm.gauge_model if output == 'strain' else arm.model
-        self._regressor = plain_regressor(arm, output, 'exact')
-        self.channels = self._regressor.channels
+        self.regressor = plain_regressor(arm, output, 'exact')
+        self.channels = self.regressor.channels
         body = last_body(model)
-        columns = self._regressor.columns
+        columns = self.regressor.columns
         self._carried = np.array([columns.index(f'{name}({body})') for name in BODY_PARAMETERS],
                                  dtype=np.intp)
         data = model.createData()
         pin.forwardKinematics(model, data, pin.neutral(model))
         places = [data.oMi[model.getJointId(name)] for name in (carrier(arm), body)]
         self._frame = reframed(places[0].actInv(places[1]))
-        self._point = self._frame @ point_mass(tip(arm))
+        self.point_parameters = np.zeros((len(self.channels), len(columns)))
+        self.point_parameters[:, self._carried] = self._frame @ point_mass(tip(arm))
 
     def rows(self, motion: FloatArray) -> FloatArray:
         """
@@ -111,7 +119,7 @@ class LoadRows:
             moment of a gauge in N m.
 
         """
-        return np.asarray(self._regressor.rows(motion)[:, :, self._carried] @ self._frame)
+        return np.asarray(self.regressor.rows(motion)[:, :, self._carried] @ self._frame)
 
     def point(self, motion: FloatArray) -> FloatArray:
         """
@@ -128,6 +136,4 @@ class LoadRows:
             As from `rows`, per kilogram.
 
         """
-        parameters = np.zeros((len(self.channels), len(self._regressor.columns)))
-        parameters[:, self._carried] = self._point
-        return self._regressor.outputs(motion, parameters)
+        return self.regressor.outputs(motion, self.point_parameters)

@@ -33,6 +33,7 @@ THRESHOLDS = {'effort': 'effort_thresholds', 'strain': 'strain_thresholds',
 COLLISION = 'collision'
 CONTACT = 'contact'
 COLLISION_EVENT = 'collision_event'
+PAYLOAD_TOPIC = 'payload'
 JOINT_REFERENCE = 'joint_reference'
 VELOCITY_COMMANDS = 'velocity_commands'
 JOINT_TRAJECTORY = 'joint_trajectory'
@@ -43,6 +44,7 @@ DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
 RESET, CALIBRATE, RELOAD = '~/reset', '~/calibrate', '~/reload'
+EXPECT_PAYLOAD = '~/expect_payload'
 
 FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
 """Field of a JointState that carries each signal."""
@@ -102,6 +104,13 @@ OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the el
                  choices=('off', 'ringing', 'contact'))
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
                 'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
+PAYLOAD_SOURCE = Param(
+    'payload_source', 'parameter', 'where the load is known from: the parameter payload, the own '
+    'estimate, which payload then is the beginning of, or the topic payload',
+    choices=('parameter', 'estimate', 'topic'))
+LOAD_FROM = Param(
+    'payload_source', 'parameter', 'where the load is known from: the parameter payload, or the '
+    'topic payload', choices=('parameter', 'topic'))
 GAP = Param('gap', 0.0, 'longest time between samples that is no gap; 0 for five periods, at '
             'least 20 ms', 's', 0.0, 60.0)
 
@@ -199,9 +208,10 @@ SIMULATE = (
 
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
-    'dynamics_predictor': (*PREDICT, OBSERVER, *COMMON),
+    'dynamics_predictor': (*PREDICT, LOAD_FROM, OBSERVER, *COMMON),
     'collision_detector': (*PREDICT, *DETECT, *COMMON),
-    'monitor': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
+    'monitor': (*PREDICT, PAYLOAD_SOURCE, OBSERVER, GAP, *DETECT, *COMMON),
+    'payload_estimator': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'reference_generator': (*REFERENCE, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),

@@ -45,6 +45,8 @@ class ModelNode(TudorNode):
     ----------
     bundle : ModelBundle or None
         Model in use.
+    of_all : ModelBundle or None
+        The same before the payload was put in.
     ros_time : callable
         Stands for the stamps of messages that have none [ns].
 
@@ -55,6 +57,7 @@ class ModelNode(TudorNode):
         self.bundle: ModelBundle | None = None
         self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self._loaded: ModelBundle | None = None
+        self.of_all: ModelBundle | None = None
         self._source = str(self.value('model'))
         self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
         self._reload_fault = ''
@@ -84,6 +87,7 @@ class ModelNode(TudorNode):
 
     def _carrying(self, bundle: ModelBundle) -> ModelBundle:
         """Put the payload into a model; it may be one of all payloads."""
+        self.of_all = bundle
         return bundle.at(float(self.value('payload'))) if 'payload' in self.params else bundle
 
     def check(self, values: dict[str, Any]) -> None:

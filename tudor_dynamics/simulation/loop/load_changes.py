@@ -85,8 +85,8 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
         return ()
     slot = (seconds - FIRST_CHANGE) / count
     if slot < APART:
-        msg = (f'{count} changes of the load do not fit into {seconds:g} s: each takes {APART:g} s '
-               f'after the first {FIRST_CHANGE:g} s; record longer or change less')
+        msg = (f'{count} changes of the load do not fit into {seconds:g} s: each takes '
+               f'{APART:g} s after the first {FIRST_CHANGE:g} s; record longer or change less')
         raise SimulationError(msg)
     rng = np.random.default_rng(seed)
     found = []

@@ -37,7 +37,8 @@ FIRST_PUSH = 3.0  # s: not before the arm moves
 
 
 def random_pushes(
-    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *, held: bool = False,
+    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *,
+    held: bool = False,
 ) -> tuple[Push, ...]:
     """
     Choose pushes on any beam, one after the other, across the axis of its joint.
@@ -71,9 +72,9 @@ def random_pushes(
     slot = (seconds - FIRST_PUSH) / count
     longest = HELD_TIME[1] if held else PUSH_TIME[1]
     if slot < 1.5 * longest + 0.5 * PUSH_TIME[1]:
-        msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to '
-               f'{1.5 * longest + 0.5 * PUSH_TIME[1]:g} s after the first {FIRST_PUSH:g} s; record longer or '
-               'push less')
+        room = 1.5 * longest + 0.5 * PUSH_TIME[1]
+        msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to {room:g} s after '
+               f'the first {FIRST_PUSH:g} s; record longer or push less')
         raise SimulationError(msg)
     beams = [joint for joint in arm.active_joints if link_length(mechanism, joint) > 0.0]
     if not beams:

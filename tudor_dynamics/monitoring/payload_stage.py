@@ -1,0 +1,216 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The load beside the running robot: estimated, expected, taken for what it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.detector import Level
+from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.payload.observer import LoadObserver
+from tudor_dynamics.payload.rows import carrier_frame, tip
+from tudor_dynamics.payload.worth import channel_noise, load_worth
+from tudor_dynamics.typing import FloatArray
+
+EXPECTED = 3.0
+"""Time for which a load that was announced may come [s]."""
+ROUGHLY = 0.05
+"""Error of a model of which nothing is known, as a part of what loads the output."""
+
+
+@dataclass(frozen=True)
+class LoadFound:
+    """
+    A collision that was none: a load.
+
+    Attributes
+    ----------
+    stamp : int
+        Stamp of the sample at which it was clear [ns].
+    mass : float
+        What is carried now in all [kg].
+    change : float
+        By how much it has changed [kg].
+
+    """
+
+    stamp: int
+    mass: float
+    change: float
+
+
+class CarriedLoad:
+    """
+    A load that is put onto predictions of an arm without it.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models as they were loaded, of all payloads or of one.
+    known : float
+        Payload that predictions have in them already [kg].
+
+    Attributes
+    ----------
+    known : float
+        As given [kg].
+    frame : str
+        Frame of the last link.
+    place : ndarray of shape (3,)
+        Where the load is taken to sit, in that frame [m].
+    worth : dict of str to LoadWorth
+        Output to what a kilogram adds.
+
+    Raises
+    ------
+    ModelError
+        If no output tells kilograms.
+
+    """
+
+    def __init__(self, bundle: ModelBundle, known: float) -> None:
+        self.worth = load_worth(bundle.arm, bundle.models)
+        if not self.worth:
+            msg = ('no output of this model tells a load in kilograms: fit a model to bags of two '
+                   'payloads (tudor fit --payload-of), or describe torque constants or the gain '
+                   'of a gauge')
+            raise ModelError(msg)
+        self.known = known
+        self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
+        self._mass = known
+
+    @property
+    def mass(self) -> float:
+        """What is carried in all [kg]."""
+        return self._mass
+
+    def carry(self, mass: float) -> None:
+        """
+        Take another load, as somebody else knows it.
+
+        Parameters
+        ----------
+        mass : float
+            What is carried in all [kg].
+
+        """
+        self._mass = mass
+
+    def add_to(self, predicted: dict[str, FloatArray], row: FloatArray) -> dict[str, FloatArray]:
+        """
+        Add the load to predictions.
+
+        Parameters
+        ----------
+        predicted : dict of str to ndarray of shape (n_channels,)
+            Output to prediction with the known payload.
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        dict of str to ndarray of shape (n_channels,)
+            Output to prediction with all of it.
+
+        """
+        more = self.mass - self.known
+        return {output: values + more * self.worth[output].at(row)
+                if output in self.worth else values for output, values in predicted.items()}
+
+
+class PayloadStage(CarriedLoad):
+    """
+    Follows the load of the arm.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models as they were loaded, of all payloads or of one.
+    known : float
+        Payload that models of all were put at, or that of the model [kg].
+
+    Attributes
+    ----------
+    output : {'effort', 'strain'}
+        Output that tells the load: strain, where it does.
+    observer : LoadObserver
+        Estimate.
+
+    """
+
+    def __init__(self, bundle: ModelBundle, known: float) -> None:
+        super().__init__(bundle, known)
+        self.output = 'strain' if 'strain' in self.worth else 'effort'
+        self._base = bundle.models[self.output]['analytical'].at(known)
+        own, channels = self.worth[self.output], self._base.channels
+        otherwise = np.maximum(ROUGHLY * own.reference * own.typical, 1e-300)
+        self.observer = LoadObserver(
+            channel_noise(bundle.facts, self.output, channels, otherwise), own.reference)
+        self._expected = self._last = 0
+
+    @property
+    def mass(self) -> float:
+        """What is carried in all [kg]."""
+        return self.known + self.observer.mass
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of it [kg]."""
+        return self.observer.std
+
+    def expect(self) -> None:
+        """Let a load come or go within the next seconds without being a collision."""
+        self._expected = self._last + round(EXPECTED * 1e9)
+
+    @property
+    def expecting(self) -> bool:
+        """Say whether a load may come now."""
+        return self._last < self._expected
+
+    def step(self, residual: Residual, level: Level) -> LoadFound | None:
+        """
+        Take a sample of the output that tells the load into account.
+
+        Parameters
+        ----------
+        residual : Residual
+            What was measured, and the motion.
+        level : Level
+            State of the arm; while it is touched, the load stays as it is.
+
+        Returns
+        -------
+        LoadFound or None
+            A load, where a collision has just turned out to be one.
+
+        """
+        motion = residual.motion
+        if motion.stamp < self._last:  # the clock was set back
+            self.observer.reset()
+            self._expected = 0
+        dt = 0.0 if motion.dt == 0.0 else (motion.stamp - self._last) * 1e-9
+        self._last = motion.stamp
+        row = motion.row
+        n = len(row) // 3
+        change = self.observer.step(
+            motion.stamp, dt, row[2 * n:], residual.measured - self._base.predict(row[None, :])[0],
+            self.worth[self.output].at(row), held=level is not Level.FREE and not self.expecting,
+            expected=self.expecting)
+        return LoadFound(motion.stamp, self.mass, change) if change else None

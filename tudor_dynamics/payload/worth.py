@@ -1,0 +1,165 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a kilogram at the tip adds to an output, sample by sample."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.base_parameters import random_inputs
+from tudor_dynamics.models.payload import PayloadModel
+from tudor_dynamics.payload.rows import LoadRows
+from tudor_dynamics.payload.scale import find_scale, Source
+from tudor_dynamics.typing import FloatArray
+
+SAMPLES = 200
+"""Random motion by which masses of the description are compared with torques."""
+
+
+class LoadWorth:
+    """
+    Outputs per kilogram.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that carries the load.
+    output : {'effort', 'strain'}
+        Output that feels it.
+    model : AnalyticalModel
+        Of all payloads, which knows, or of one: then by what its readings are worth.
+
+    Attributes
+    ----------
+    source : Source
+        Where kilograms come from; `Source.NOTHING` where they do not.
+    reference : float
+        Payloads of the model, or what weighs like the arm itself [kg].
+    typical : ndarray of shape (n_channels,)
+        Spread of what a kilogram adds, over random motion, in units of the output.
+
+    """
+
+    def __init__(self, arm: Arm, output: str, model: AnalyticalModel) -> None:
+        self._factor: FloatArray | None = None
+        if isinstance(model, PayloadModel):
+            low, high = model.payload_range
+            self.source, self.reference = Source.PAYLOADS, high - low
+            full = model.coefficients()
+            both: Any = model.regressor  # a PayloadRegressor: rows, and those for a kilogram
+            self._regressor = both.plain
+            count = len(both.plain.columns)
+            self._parameters = np.zeros((len(full), count))
+            self._parameters[:, both.carried] = full[:, count:]
+            motion = random_inputs(both.plain, len(arm.joints), SAMPLES, 1)
+            self.typical = both.plain.outputs(motion, self._parameters).std(axis=0)
+            return
+        rows = LoadRows(arm, output)
+        motion = random_inputs(model.regressor, len(arm.joints), SAMPLES, 1)
+        predicted = model.predict(motion)
+        scale = find_scale(arm, output, motion, predicted)
+        self.source = scale.source
+        self._regressor, self._parameters = rows.regressor, rows.point_parameters
+        self._factor = scale.factor
+        self.typical = (rows.point(motion) * np.abs(scale.factor)).std(axis=0)
+        most = int(np.argmax(self.typical))
+        self.reference = float(predicted.std(axis=0)[most] /
+                               max(float(self.typical[most]), 1e-300))
+
+    def at(self, row: FloatArray) -> FloatArray:
+        """
+        Evaluate one sample.
+
+        Parameters
+        ----------
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_channels,)
+            In units of the output per kilogram.
+
+        """
+        found = self._regressor.outputs(row[None, :], self._parameters)[0]
+        return found if self._factor is None else found * self._factor
+
+
+def load_worth(arm: Arm, models: Mapping[str, Mapping[str, Model]]) -> dict[str, LoadWorth]:
+    """
+    Find the outputs of a bundle that tell kilograms.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm of the models.
+    models : mapping of str to mapping of str to Model
+        Output to kind to model.
+
+    Returns
+    -------
+    dict of str to LoadWorth
+        Output to what a kilogram adds; without those of which nothing is known.
+
+    """
+    found = {}
+    for output, kinds in models.items():
+        model = kinds.get('analytical')
+        if isinstance(model, AnalyticalModel):
+            worth = LoadWorth(arm, output, model)
+            if worth.source is not Source.NOTHING:
+                found[output] = worth
+    return found
+
+
+def channel_noise(
+    facts: Mapping[str, Any], output: str, channels: tuple[str, ...], otherwise: FloatArray,
+) -> FloatArray:
+    """
+    Give what a model beside the robot leaves over in its training.
+
+    Parameters
+    ----------
+    facts : mapping
+        Facts of a bundle.
+    output : {'effort', 'strain'}
+        Output that is predicted.
+    channels : tuple of str
+        Its channels.
+    otherwise : ndarray of shape (n_channels,)
+        Where the facts do not say, in units of the output.
+
+    Returns
+    -------
+    ndarray of shape (n_channels,)
+        Root mean square error, in units of the output.
+
+    """
+    found = otherwise.copy()
+    for key in ('validation', 'causal_validation'):
+        try:
+            known = facts[key][output]['analytical']['training']['channels']
+            values = np.array([float(known[name]['rmse']) for name in channels])
+        except (KeyError, TypeError, ValueError):
+            continue
+        if np.isfinite(values).all() and (values > 0.0).all():
+            found = values
+    return found
