@@ -29,9 +29,10 @@ from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle, save_bundle
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.regressor import StrainRegressor
+from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.payload_stage import PayloadStage
 from tudor_dynamics.monitoring.watch import MonitorSettings
@@ -102,12 +103,16 @@ def test_over_topics(world: World, bundle: Path, seen: Recording) -> None:
     predictor = world.add(DynamicsPredictorNode, model=str(bundle), payload_source='topic')
     world.listen('payload', InertiaStamped, latched())
     world.meet('joint_states', 'link_strains')
+
     def named(_: int, messages: dict[str, Any]) -> None:
         messages['joint_states'].name = ['j1', 'j2']
     feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
     mass, std = offline(bundle, seen)[-1]
     assert node.port.load.mass == pytest.approx(mass, abs=1e-9)
     assert node.port.load.std == pytest.approx(std, abs=1e-9)
+    own = {item.topic_name for item in node.publishers}
+    assert '/payload' in own and '/payload_estimator/collision' in own
+    assert '/collision' not in own and '/strain_residuals' not in own
     told = world.heard['payload']
     assert told[-1].header.frame_id == node.port.load.frame
     assert told[-1].inertia.com.x == pytest.approx(LENGTH_2)

@@ -164,6 +164,12 @@ class PayloadStage(CarriedLoad):
         self.observer = LoadObserver(
             channel_noise(bundle.facts, self.output, channels, otherwise), own.reference)
         self._expected = self._last = 0
+        # compiled now, and not beside the robot
+        nothing = np.zeros(3 * len(bundle.arm.joints))
+        for stamp in range(0, 400_000_000, 100_000_000):
+            self.observer.step(stamp, 0.1, nothing[:1], self._base.predict(nothing[None])[0],
+                               own.at(nothing), held=False)
+        self.observer.reset()
 
     @property
     def mass(self) -> float:

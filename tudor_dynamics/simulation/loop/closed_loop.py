@@ -216,7 +216,7 @@ class ClosedLoop:
         """
         mechanism = self.plant.mechanism
         rows = np.flatnonzero(mechanism.body_int[:, at.POINT] == mechanism.tip)
-        if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < math.inf:
+        if self.arm.spec.payload is None or len(rows) != 1 or not 0.0 <= mass < float('inf'):
             msg = (f'{self.arm.name}: a payload of {mass} kg cannot be put on; describe the arm '
                    'with a payload, of 0 kg or more')
             raise SimulationError(msg)
