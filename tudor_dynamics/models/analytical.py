@@ -123,20 +123,7 @@ class AnalyticalModel(MemorylessModel):
                           base=self.base_)
 
     def fit_blocks(self: Analytical, blocks: Blocks) -> Analytical:
-        """
-        Estimate from data that come in blocks.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the blocks anew at each call; Huber's estimator needs several passes.
-
-        Returns
-        -------
-        AnalyticalModel
-            Self.
-
-        """
+        """Estimate from data that come in blocks; see ``MemorylessModel``."""
         self._begin()
         triangular = self._least_squares({WHOLE: blocks}, {})
         for _ in range(LOAD_PASSES if self.regressor.loaded else 0):
@@ -257,28 +244,7 @@ class AnalyticalModel(MemorylessModel):
         return Group(base, solve(products, weighted=self.estimator != 'ols'), constants)
 
     def predict(self, motion: FloatArray) -> FloatArray:
-        """
-        Predict the outputs.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        Raises
-        ------
-        NotFittedError
-            If the model has no parameters yet.
-        FitError
-            If the motion is that of another number of joints.
-
-        """
+        """Predict the outputs; see ``Model``."""
         coefficients = self.coefficients()
         motion = np.asarray(motion, dtype=float)
         check_motion(motion, self.n_inputs)

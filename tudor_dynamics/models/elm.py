@@ -106,20 +106,7 @@ class ExtremeLearningMachine(MemorylessModel):
                    ridge=settings.elm_ridge, seed=settings.elm_seed)
 
     def fit_blocks(self: Machine, blocks: Blocks) -> Machine:
-        """
-        Learn from data that come in blocks: one pass for the ranges, one for the products.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the blocks anew at each call.
-
-        Returns
-        -------
-        ExtremeLearningMachine
-            Self.
-
-        """
+        """Learn from data that come in blocks; see ``MemorylessModel``."""
         if self.hidden < 1 or not self.ridge >= 0:
             msg = (f'hidden is {self.hidden} and ridge {self.ridge}; expected at least one neuron '
                    'and a ridge of 0 or more')
@@ -158,28 +145,7 @@ class ExtremeLearningMachine(MemorylessModel):
         return self
 
     def predict(self, motion: FloatArray) -> FloatArray:
-        """
-        Predict the outputs.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        Raises
-        ------
-        NotFittedError
-            If the model has learned nothing yet.
-        FitError
-            If the motion is that of another number of joints.
-
-        """
+        """Predict the outputs; see ``Model``."""
         if self.output_weights_ is None:
             msg = 'the ELM has no weights yet: call fit, or load a bundle'
             raise NotFittedError(msg)

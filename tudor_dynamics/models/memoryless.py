@@ -160,20 +160,7 @@ class MemorylessModel(Model):
 
     @abstractmethod
     def predict(self, motion: FloatArray) -> FloatArray:
-        """
-        Predict the outputs, each sample by itself.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, n_inputs)
-            As for ``fit``.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        """
+        """Predict the outputs, each sample by itself; see ``Model``."""
 
     def follow(self, stretch: Stretch) -> FloatArray:
         """Predict each sample of a stretch by itself; see ``Model``."""
@@ -228,24 +215,7 @@ class RowByRow:
     def step(
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
     ) -> dict[str, FloatArray]:
-        """
-        Predict one sample.
-
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before, which counts for nothing [s].
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        wanted : collection of str, optional
-            Outputs that somebody needs; all by default.
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,)
-            Output to values in its units.
-
-        """
+        """Predict one sample; see ``Live``."""
         rows = row[None]
         return {output: model.predict(rows)[0] for output, model in self._models.items()
                 if wanted is None or output in wanted}

@@ -91,22 +91,7 @@ class PayloadRegressor:
         self.columns: tuple[str, ...] = (*plain.columns, *(PAYLOAD + name for name in own))
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
-        """
-        Evaluate rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints + 1)
-            ``[q, dq, ddq, payload]``, the last in kg.
-        out : ndarray of shape (n_samples, n_channels, n_columns), optional
-            Result of an earlier call, to be overwritten.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels, n_columns)
-            Rows of the plain regressor, then those that count for each kilogram.
-
-        """
+        """Evaluate rows; see ``Regressor``."""
         n = len(self.plain.columns)
         shape = (len(motion), len(self.channels), len(self.columns))
         rows = np.zeros(shape) if out is None else out
@@ -118,22 +103,7 @@ class PayloadRegressor:
         """Take parameters that no row depends on; see ``Regressor``."""
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
-        """
-        Evaluate rows times parameters, without making the rows.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints + 1)
-            ``[q, dq, ddq, payload]``, the last in kg.
-        parameters : ndarray of shape (n_channels, n_columns)
-            Parameters of each channel.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units.
-
-        """
+        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
         n = len(self.plain.columns)
         carried = np.zeros((len(parameters), n))
         carried[:, self.carried] = parameters[:, n:]
@@ -230,25 +200,7 @@ class PayloadModel(AnalyticalModel):
         return model
 
     def at(self, payload: float) -> AnalyticalModel:
-        """
-        Put a payload in.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-
-        Returns
-        -------
-        AnalyticalModel
-            Model of the motion alone, its parameters pi_0 + payload pi_1.
-
-        Raises
-        ------
-        NotFittedError, FitError
-            If there are no parameters yet, or the payload is impossible.
-
-        """
+        """Put a payload in; see ``Model``."""
         full = self.coefficients()
         check_payload(payload, self.payload_range)
         n = len(self._plain.columns)
@@ -310,20 +262,7 @@ class PayloadELM(ExtremeLearningMachine):
                         content, arm, output, extra=1)
 
     def at(self, payload: float) -> ExtremeLearningMachine:
-        """
-        Put a payload in: what it does to a neuron is a constant, which goes into the bias.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg]; beyond the range of training its edge counts, as for any input.
-
-        Returns
-        -------
-        ExtremeLearningMachine
-            ELM of the motion alone.
-
-        """
+        """Put a payload in; see ``Model``."""
         if self.output_weights_ is None:
             self.predict(np.zeros((1, 0)))  # says what is missing
         check_payload(payload, self.payload_range)

@@ -114,25 +114,7 @@ class LiveElastic:
     def step(
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
     ) -> dict[str, FloatArray] | None:
-        """
-        Go to the next sample and predict.
-
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s]; 0 to begin anew, at rest.
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        wanted : collection of str, optional
-            Outputs that somebody needs; all by default.
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,), or None
-            Output to values in its units; None where the motion made the model diverge, which
-            then begins anew with the next sample.
-
-        """
+        """Go to the next sample and predict; see ``Live``."""
         step = np.array([0.0 if self._lost else dt])
         self._lost = False
         try:

@@ -48,24 +48,7 @@ class ElasticModel(FittedElastic, Model):
     def observe(
         self, stretch: Stretch, strain_model: Model | None = None, observer: str = 'ringing',
     ) -> FloatArray:
-        """
-        Predict each sample from the strain measured until the sample before.
-
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap, with its strain; without strain it is followed.
-        strain_model : Model, optional
-            Elastic model of the strain that corrects; this one itself where it predicts strain.
-        observer : {'off', 'ringing', 'contact'}
-            Whether measured strain corrects the model.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Outputs in their units; NaN where the model diverged.
-
-        """
+        """Predict each sample from the strain measured until the sample before; see ``Model``."""
         strain_model = self if self.output == 'strain' else strain_model
         if stretch.strain is None or observer == 'off' or strain_model is None:
             return self.follow(stretch)
@@ -87,25 +70,7 @@ class ElasticModel(FittedElastic, Model):
         return friction_jumps(self.arm, self.coefficients_)
 
     def at(self, payload: float) -> ElasticModel:
-        """
-        Put a payload in.
-
-        Parameters
-        ----------
-        payload : float
-            Mass at the tip [kg].
-
-        Returns
-        -------
-        ElasticModel
-            The model with this payload.
-
-        Raises
-        ------
-        FitError
-            If the payload is impossible.
-
-        """
+        """Put a payload in; see ``Model``."""
         if self.payload_range is not None:
             check_payload(payload, self.payload_range)
         kept = tuple(p for p in self.physical if p.name != 'payload')
