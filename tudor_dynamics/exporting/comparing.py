@@ -26,10 +26,10 @@ import pinocchio as pin
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.bundle import load_bundle, ModelBundle
-from tudor_dynamics.models.consistent.full import (
-    full_parameters, FullParameters, scaled_columns)
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.consistent.full import full_parameters, FullParameters, scaled_columns
 from tudor_dynamics.models.consistent.solve import full_of
+from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 

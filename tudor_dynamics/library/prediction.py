@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import io
 from pathlib import Path
 from typing import TypeVar
 import warnings
@@ -28,7 +27,6 @@ from matplotlib.figure import Figure
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bag_choice import BagChoice, choices, Paths
 from tudor_dynamics.identification.bundling import trained_on
 from tudor_dynamics.identification.dataset import BagData, common_outputs, load
@@ -36,6 +34,7 @@ from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.data import liveliest
+from tudor_dynamics.report.figure import write_figure
 from tudor_dynamics.report.plots import ComparedSignal, draw_signal
 from tudor_dynamics.report.roc import picture_path
 from tudor_dynamics.report.style import PAGE, style
@@ -111,9 +110,7 @@ class Prediction:
         with style(PAGE):
             figure = draw_signal(series, liveliest(trace, self.data))
             if target is not None:
-                stream = io.BytesIO()
-                figure.savefig(stream, format=target.suffix[1:], dpi=150)
-                write_whole(target, stream.getvalue())
+                write_figure(figure, target)
         return figure
 
 

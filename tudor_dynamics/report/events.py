@@ -17,16 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import io
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.collisions.replay import MethodResult
-from tudor_dynamics.report.figure import plain_text
+from tudor_dynamics.report.figure import plain_text, write_figure
 from tudor_dynamics.report.style import BLUE, PRINT, style, VERMILION
 
 LOWEST = 0.05
@@ -54,9 +52,7 @@ def write_events(results: Sequence[MethodResult], path: Path) -> None:
         for place, axes in enumerate(rows):
             result, bag = results[place % len(results)], place // len(results)
             _draw(axes, result, bag, first=place == 0, last=place == len(rows) - 1)
-        stream = io.BytesIO()
-        figure.savefig(stream, format=path.suffix[1:], dpi=150)
-    write_whole(path, stream.getvalue())
+        write_figure(figure, path)
 
 
 def _draw(axes: Any, result: MethodResult, bag: int, *, first: bool, last: bool) -> None:

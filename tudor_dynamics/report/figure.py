@@ -23,12 +23,14 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 import io
+from pathlib import Path
 import re
 from typing import Any
 
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from tudor_dynamics.files import write_whole
 from tudor_dynamics.report.wording import pretty_name, pretty_unit
 
 WIDTH = 8.2
@@ -129,3 +131,20 @@ def new_figure(
         rows.append([figure.add_axes(
             (begin / WIDTH, top / height, width / WIDTH, tall / height)) for begin in begins])
     return figure, rows
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """
+    Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+        Figure that was drawn.
+    path : Path
+        File; its suffix says what kind.
+
+    """
+    stream = io.BytesIO()
+    figure.savefig(stream, format=path.suffix[1:], dpi=150)
+    write_whole(path, stream.getvalue())

@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import io
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.collisions.replay import MethodResult
+from tudor_dynamics.report.figure import write_figure
 
 SUFFIXES = ('.png', '.svg', '.pdf')
 
@@ -84,6 +83,4 @@ def write_roc(results: Sequence[MethodResult], path: Path) -> None:
     axes.set_xlim(left=0)
     axes.grid(alpha=0.3)
     axes.legend(title='marker: threshold in force')
-    stream = io.BytesIO()
-    figure.savefig(stream, format=path.suffix[1:], dpi=150)
-    write_whole(path, stream.getvalue())
+    write_figure(figure, path)
