@@ -21,20 +21,16 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.report.style import BLUE
+from tudor_dynamics.report.style import BLUE, VERMILION
 from tudor_dynamics.reproduction.figures import look
 from tudor_dynamics.reproduction.figures.pictures import Picture
-from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Floor, Section, Setting
-from tudor_dynamics.reproduction.plan import Campaign
+from tudor_dynamics.reproduction.outlook.payload_trials import (
+    fitted, offline, picked_up, pushed, size_of)
 from tudor_dynamics.reproduction.result_cache import Cached
 
-ENDS = (0.0, 0.4)
-"""Payloads that the model is fitted to [kg]."""
-BETWEEN = (0.1, 0.2, 0.3)
-CLOSE = 0.005
-"""Error of a mass that is asked for [kg]."""
+CLOSE, CLOSE_SOON, CLOSE_LATER = 0.005, 0.020, 0.010
+"""Errors of a mass that are asked for: of a recording, a second behind a change, later [kg]."""
 
 
 def section(setting: Setting) -> Section:
@@ -48,55 +44,89 @@ def section(setting: Setting) -> Section:
 
     """
     campaign = setting.campaign
-    depends: dict[str, Any] = {'of': [campaign.described(payload, damped=True)
-                                      for payload in (*ENDS, *BETWEEN)]}
-    found = campaign.stages.result('payload_offline', depends, lambda: _offline(campaign))
-    content = found.content
-    worst = max(abs(mass - float(truth)) for truth, masses in content.items() for mass in masses)
-    floor = Floor('simulated arm, model of 0 and 400 g: error at 100, 200, 300 g', 'within 5 g',
-                  f'{1000.0 * worst:.1f} g', worst < CLOSE)
+    depends: dict[str, Any] = {'of': campaign.described(0.0, damped=True),
+                               'quick': setting.quick, 'size': str(size_of(setting))}
+    content = campaign.stages.result('payload', depends, lambda: _computed(setting)).content
+    true, mass, std = np.array(content['offline']).T
+    off, inside = np.abs(mass - true), np.abs(mass - true) < 2.0 * std
+    expected, sudden = content['announced'], content['unannounced']
+    errors = np.abs(np.array(expected['errors']))
+    soon, later = errors[:, 0], errors[:, 1]
+    free, followed = content['pushed_without'], content['pushed']
+    changes = len(sudden['errors'])
+    floors = (
+        Floor(f'{len(off)} recordings of 100, 200, 300 g, model of 0 and 400 g', 'within 5 g',
+              f'{1000 * np.sqrt(np.mean(off ** 2)):.1f} g (root mean square), largest '
+              f'{1000 * off.max():.1f} g, {np.mean(off < CLOSE):.0%} within 5 g',
+              bool(off.max() < CLOSE)),
+        Floor('the same: truth within two standard deviations', '90 %',
+              f'{np.mean(inside):.0%}', bool(np.mean(inside) >= 0.9)),
+        Floor(f'{len(soon)} announced pick-ups and drops: 1 s later', 'within 20 g',
+              f'median {1000 * np.median(soon):.0f} g, {np.mean(soon < CLOSE_SOON):.0%} within '
+              f'20 g; {expected["events"]} collisions',
+              bool((soon < CLOSE_SOON).all() and not expected['events'])),
+        Floor('the same: 5 s later', 'within 10 g',
+              f'median {1000 * np.median(later):.0f} g, {np.mean(later < CLOSE_LATER):.0%} within '
+              '10 g', bool((later < CLOSE_LATER).all())),
+        Floor(f'{changes} unannounced: told as payload within 1 s', '96 %',
+              f'{sudden["told"]} (and {sudden["corrections"]} corrections later)',
+              bool(sudden['told'] >= 0.96 * changes)),
+        Floor(f'{followed["pushes"]} pushes, half of them held: told as payload', 'at most 2 %',
+              f'{followed["told"]}', bool(followed['told'] <= 0.02 * followed['pushes'])),
+        Floor('the same: found, median latency', 'as without the estimator',
+              f'{_pushes(followed)}; without {_pushes(free)}',
+              bool(followed['found'] >= free['found'])))
     return Section(
-        ('A model of two payloads knows what each further kilogram does to every output. The mass '
-         'is what explains, by least squares, the strain that the model without payload leaves '
-         'over.',), (floor,),
-        (Picture('payload_offline', 'Payload', 'Masses from strains',
-                 'Each recording of 100, 200 and 300 g by itself; the model has seen 0 and 400 g.',
-                 lambda: _draw(content)),), {'masses': content})
+        ('A model of two payloads knows what each further kilogram does to every output. Offline '
+         'the mass is what explains, by least squares, what the model without payload leaves '
+         'over; online a Kalman filter does so sample by sample, and a load is told from a touch '
+         'by whether all gauges tell the same mass, and both halves of the time do.',), floors,
+        (Picture('payload_offline', 'Payload', 'Masses of recordings',
+                 'Each recording by itself, with two standard deviations; the model has seen 0 '
+                 'and 400 g.', lambda: _draw_offline(true, mass, std)),
+         Picture('payload_online', 'Payload', 'Loads that are picked up and put down',
+                 'One recording, unannounced. The arm moves at random.',
+                 lambda: _draw_online(sudden))),
+        {key: value for key, value in content.items() if key != 'offline'})
 
 
-def _offline(campaign: Campaign) -> Cached:
-    arm = campaign.arm
-    training = [bag for end in ENDS for bag in read(arm, campaign.record(end))]
-    fitted = fit_models(arm, training, [], None, arm.spec.preprocessing, FitSettings(
-        kinds=('analytical',), payloads=ENDS))
-    strain = next(item for item in fitted.fitted if item.output == 'strain')
-    errors = strain.validation.score.channels.values()
-    weights = 1.0 / np.array([channel.rmse for channel in errors])
-    empty, loaded = strain.model.at(ENDS[0]), strain.model.at(ENDS[1])
-    content: dict[str, Any] = {}
-    for payload in BETWEEN:
-        for bag in read(arm, campaign.record(payload)):
-            left, each = [], []
-            for stretch in bag.stretches:
-                assert stretch.strain is not None  # campaigns are those of arms with gauges
-                kept = stretch.decimation(stretch.strain)
-                base = empty.follow_kept(stretch)
-                left.append((kept - base) * weights)
-                each.append((loaded.follow_kept(stretch) - base) * weights)
-            one, rest = np.vstack(each), np.vstack(left)
-            centred = one - one.mean(axis=0)  # gauges have offsets
-            content.setdefault(f'{payload:g}', []).append(
-                float(ENDS[1] * np.sum(centred * rest) / np.sum(centred ** 2)))
+def _pushes(found: dict[str, Any]) -> str:
+    latency = found['latency']
+    return f'{found["found"]}' + ('' if latency is None else f', {1000 * latency:.0f} ms')
+
+
+def _computed(setting: Setting) -> Cached:
+    setting.progress('model of 0 and 400 g', 0.0)
+    bundle = fitted(setting)
+    setting.progress('recordings between', 0.2)
+    content: dict[str, Any] = {'offline': offline(setting, bundle)}
+    for share, name, announced in ((0.4, 'announced', True), (0.55, 'unannounced', False)):
+        setting.progress(f'loads, {name}', share)
+        content[name] = picked_up(setting, bundle, announced=announced)
+    for share, name, estimate in ((0.7, 'pushed', True), (0.85, 'pushed_without', False)):
+        setting.progress('pushes', share)
+        content[name] = pushed(setting, bundle, estimate=estimate)
     return Cached(content, {})
 
 
-def _draw(content: dict[str, Any]) -> Figure:
+def _draw_offline(true: Any, mass: Any, std: Any) -> Figure:
     figure, axes = look.new_figure(3.0, 1)
-    for truth, masses in content.items():
-        axes[0, 0].plot([1000.0 * float(truth)] * len(masses),
-                        [1000.0 * (mass - float(truth)) for mass in masses], 'o', color=BLUE,
-                        markersize=4)
+    spread = np.linspace(-12.0, 12.0, len(true))
     axes[0, 0].axhspan(-1000.0 * CLOSE, 1000.0 * CLOSE, color='#dddddd', zorder=0)
+    axes[0, 0].errorbar(1000.0 * true + spread, 1000.0 * (mass - true), 2000.0 * std, fmt='o',
+                        color=BLUE, markersize=3, linewidth=0.8)
     axes[0, 0].set_xlabel('payload [g]')
     axes[0, 0].set_ylabel('error of the mass [g]')
+    return figure
+
+
+def _draw_online(found: dict[str, Any]) -> Figure:
+    figure, axes = look.new_figure(3.0, 1)
+    axes[0, 0].plot(found['t'], 1000.0 * np.array(found['true']), color='#111111', linewidth=1.0,
+                    label='carried')
+    axes[0, 0].plot(found['t'], 1000.0 * np.array(found['mass']), color=VERMILION, linewidth=1.0,
+                    label='estimated')
+    axes[0, 0].set_xlabel('time [s]')
+    axes[0, 0].set_ylabel('payload [g]')
+    look.legend_above(figure, axes[0, 0], 2)
     return figure
