@@ -151,7 +151,7 @@ class PayloadStage(CarriedLoad):
     output : {'effort', 'strain'}
         Output that tells the load: strain, where it does.
     observer : LoadObserver
-        Estimate.
+        Mass with its standard deviation, and what has come suddenly.
 
     """
 

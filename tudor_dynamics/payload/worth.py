@@ -143,7 +143,7 @@ def channel_noise(
     output : {'effort', 'strain'}
         Output that is predicted.
     channels : tuple of str
-        Its channels.
+        Names of the channels of the output, in its order.
     otherwise : ndarray of shape (n_channels,)
         Where the facts do not say, in units of the output.
 

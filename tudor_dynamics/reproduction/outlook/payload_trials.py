@@ -55,7 +55,23 @@ LOADED, PUSHED = 1000, 2000
 
 @dataclass(frozen=True)
 class Size:
-    """How many recordings, of which length [s], with how much in each."""
+    """
+    How much is recorded.
+
+    Attributes
+    ----------
+    training : int
+        Recordings of each payload that the model is fitted to.
+    runs : int
+        Recordings of each payload between.
+    bags : int
+        Recordings with loads that change; twice as many with pushes.
+    seconds : float
+        Length of each [s].
+    each : int
+        Loads or pushes in each.
+
+    """
 
     training: int
     runs: int
@@ -121,7 +137,21 @@ def offline(setting: Setting, bundle: ModelBundle) -> list[list[float]]:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A recording watched: times, the mass over time, events and loads taken back."""
+    """
+    A recording that was watched.
+
+    Attributes
+    ----------
+    t : ndarray of shape (n_samples,)
+        Time since its beginning [s].
+    mass : ndarray of shape (n_samples,)
+        What is thought to be carried [kg].
+    events : tuple of float
+        Times of collisions [s].
+    loads : tuple of float
+        Times at which something turned out to be a load [s].
+
+    """
 
     t: FloatArray
     mass: FloatArray
@@ -141,7 +171,7 @@ def watch(
     bundle : ModelBundle
         Model of all payloads.
     path : Path
-        Bag.
+        Directory of the recording.
     known : float
         Payload at the beginning [kg].
     estimate : bool

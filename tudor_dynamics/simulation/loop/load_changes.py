@@ -109,7 +109,7 @@ def carried_at(changes: Sequence[LoadChange], before: float, t: FloatArray) -> F
     before : float
         What is carried before the first [kg].
     t : ndarray of shape (n_samples,)
-        Times [s].
+        When it is asked for, since the beginning [s].
 
     Returns
     -------
