@@ -99,6 +99,7 @@ class ReferenceSource:
         self._goals: list[tuple[float, FloatArray]] = []
         self._elapsed = 0.0
         self._seed: int | None = None
+        self._stretches = 0
 
     @property
     def q(self) -> FloatArray | None:
@@ -112,7 +113,7 @@ class ReferenceSource:
 
     def wander(self, seed: int) -> None:
         """
-        Take random targets from now on (an APRBS).
+        Take random targets from now on (an APRBS), others in each stretch of ten minutes.
 
         Parameters
         ----------
@@ -120,7 +121,7 @@ class ReferenceSource:
             Seed of the random targets.
 
         """
-        self._seed = seed
+        self._seed, self._stretches = seed, 0
 
     def measured(self, now: float, q: FloatArray) -> None:
         """
@@ -257,7 +258,10 @@ class ReferenceSource:
     def _take_targets(self, motion: ReactingReference) -> None:
         if not self._goals:
             assert self._seed is not None
-            targets = aprbs(self._range, LONGEST, self._seed)
+            seed = self._seed if not self._stretches else int(np.random.SeedSequence(
+                [self._seed, self._stretches]).generate_state(1)[0])
+            self._stretches += 1
+            targets = aprbs(self._range, LONGEST, seed)
             self._goals = sorted(
                 ((self._elapsed + float(t), self._only(j, float(v)))
                  for j in range(len(targets.times))
