@@ -21,7 +21,8 @@ from setuptools import find_packages, setup
 PACKAGE = 'tudor_dynamics'
 NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
          'payload_estimator',
-         'oscillation_damper', 'reference_generator', 'arm_simulator', 'bag_player',
+         'oscillation_damper', 'force_controller',
+         'reference_generator', 'arm_simulator', 'bag_player',
          'bag_recorder')
 
 setup(

@@ -135,7 +135,7 @@ def pushed(
     dt = even(len(q), rate)
     found = []
     for k in range(len(q)):
-        truth.contact[:] = force[k]
-        truth._use_contact()
+        truth.tables.chain.wrench[truth.mechanism.tip, :3] = force[k]
+        truth.loaded = bool(np.any(force[k]))
         found.append(truth.follow(q[k:k + 1], dt[k:k + 1]).moment[0])
     return np.array(found)

@@ -24,7 +24,8 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.control.motion_controller import MotionController
 from tudor_dynamics.control.reaction import ReactingReference, yielding_speed
-from tudor_dynamics.simulation.loop.arm_process import ArmProcess, Floor
+from tudor_dynamics.simulation.loop.arm_process import ArmProcess
+from tudor_dynamics.simulation.loop.floor import Floor
 
 DT = 0.002
 FELT = 30.0

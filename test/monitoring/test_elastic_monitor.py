@@ -103,7 +103,7 @@ def difference(found: dict[int, FloatArray], stamps: FloatArray, offline: FloatA
 
 
 @pytest.mark.parametrize('when', ['before', 'after'])
-@pytest.mark.parametrize('observer', ['off', 'ringing', 'contact'])
+@pytest.mark.parametrize('observer', ['off', 'ringing'])
 def test_live_equals_offline(
     observer: str, when: str, bundle: ModelBundle, recording: Recording,
 ) -> None:
@@ -174,7 +174,7 @@ def test_without_strain_there_is_no_observer(bundle: ModelBundle) -> None:
 
 def test_warm_up(bundle: ModelBundle) -> None:
     """The chain runs at rest before the robot does."""
-    for observer in ('off', 'ringing', 'contact'):
+    for observer in ('off', 'ringing'):
         warm_up(bundle, MonitorSettings(kind='elastic', observer=observer))
 
 
@@ -227,7 +227,7 @@ def watched(bundle: ModelBundle, recording: Recording, observer: str) -> Watched
     return said
 
 
-@pytest.mark.parametrize('observer', ['off', 'ringing', 'contact'])
+@pytest.mark.parametrize('observer', ['off', 'ringing'])
 def test_residuals_online_and_offline(
     observer: str, armed: ModelBundle, push: Recording,
 ) -> None:

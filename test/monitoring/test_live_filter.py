@@ -152,7 +152,7 @@ def test_memory_is_bounded() -> None:
 
 def test_links_by_name(root) -> None:
     """Gauges and joints belong to links; D-H rows have no names for them."""
-    from tudor_dynamics.monitoring.watch import channel_links
+    from tudor_dynamics.monitoring.link_names import channel_links
     links = channel_links(load_arm(root / 'config/two_blade_arm.yaml'))
     assert links['joint3'] == links['link3_hub'] == (3, 'link3')
     assert links['link2_hub'][0] == 2

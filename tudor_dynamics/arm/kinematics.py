@@ -185,6 +185,26 @@ def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
     return np.asarray(axis, dtype=float)
 
 
+def link_frame(model: pin.Model, joint: str) -> str:
+    """
+    Give the name of the frame that turns with a joint: its link's, or the joint's own.
+
+    Parameters
+    ----------
+    model : pinocchio.Model
+        Model with the joint.
+    joint : str
+        Name of the joint.
+
+    """
+    index = model.getJointId(joint)
+    for frame in model.frames:
+        if (frame.type == pin.FrameType.BODY and frame.parentJoint == index
+                and frame.placement.isIdentity(1e-9)):
+            return str(frame.name)
+    return joint
+
+
 def with_gauge_joints(
     model: pin.Model,
     places: Sequence[tuple[str, str, NDArray[np.float64], NDArray[np.float64]]],

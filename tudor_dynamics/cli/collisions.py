@@ -95,7 +95,7 @@ def run_collisions(args: argparse.Namespace) -> int:
     choices = [parse_choice(text) for text in args.bags]
     settings = MonitorSettings(
         args.kind, rates=Rates(args.false_alarms, 60.0 * args.false_alarms),
-        detector=DetectorSettings(debounce=args.debounce))
+        detector=DetectorSettings(debounce=args.debounce), contact=True)
     with steps(len(choices) + 1) as step:
         data, truths = [], []
         for place, choice in enumerate(choices):
@@ -174,7 +174,9 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
             f'{max(quiet):.2f}' if quiet else '-')
     print_table(table)
     _print_events(results)
-    for sentence in unknown(results):
+    for sentence in (*unknown(results), *(
+            f'{item.method}: force and place are not told: {item.no_contact}'
+            for item in results if item.no_contact)):
         print(sentence)
 
 
@@ -189,11 +191,22 @@ def _print_events(results: Sequence[MethodResult]) -> None:
         if not rows:
             continue
         table = new_table(f'events in {bag.bag}', names=('method', 'link', 'channel', 'push'),
-                          figures=('time [s]', 'ratio', 'lasts [s]'))
+                          figures=('time [s]', 'ratio', 'lasts [s]', 'touched at',
+                                   'force [N]', 'place [mm]'))
         for method, seen, watched in sorted(rows, key=lambda row: row[1].time):
             table.add_row(method, seen.event.link, seen.channel, _push(watched, seen.push),
-                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', f'{seen.seconds:.2f}')
+                          f'{seen.time:.2f}', f'{seen.ratio:.1f}', f'{seen.seconds:.2f}',
+                          *_contact(seen.contact))
         print_table(table)
+
+
+def _contact(found: dict[str, Any] | None) -> tuple[str, str, str]:
+    """Give link, force and place of what touched the arm."""
+    if not found:
+        return '-', '-', '-'
+    place, spread = found['place'], found['place_deviation']
+    return (found['link'], f'{found["force"]:.1f}',
+            'not told' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
 
 
 def _push(watched: Watched, place: int | None) -> str:

@@ -158,7 +158,7 @@ class Model(ABC):
             Motion without a gap, with its strain.
         strain_model : Model, optional
             Model of the same kind by whose strain an effort is corrected.
-        observer : {'off', 'ringing', 'contact'}
+        observer : {'off', 'ringing'}
             Whether measured strain corrects the model, where the kind can make use of it.
 
         Returns
@@ -269,7 +269,7 @@ class Model(ABC):
         ----------
         models : mapping of str to Model
             Output to model, all of this kind.
-        observer : {'off', 'ringing', 'contact'}, default='off'
+        observer : {'off', 'ringing'}, default='off'
             Whether measured strain corrects them, where the kind can make use of it.
 
         Returns

@@ -42,7 +42,7 @@ class Predictor:
         Fitted models of an arm.
     kind : str
         Kind of model, see `models.kinds.KINDS`.
-    observer : {'off', 'ringing', 'contact'}, default='off'
+    observer : {'off', 'ringing'}, default='off'
         Whether measured strain corrects the models, where their kind can make use of it.
 
     Attributes

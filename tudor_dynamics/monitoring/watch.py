@@ -22,12 +22,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.contact.choice import AnyEstimator, contact_estimator
+from tudor_dynamics.contact.estimate import ContactEstimate
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import (
     CollisionDetector, CollisionEvent, DetectorSettings, Level)
 from tudor_dynamics.monitoring.familiarity import UNLIKE
+from tudor_dynamics.monitoring.link_names import channel_links
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
 from tudor_dynamics.monitoring.payload_stage import LoadFound
@@ -52,7 +54,7 @@ class MonitorSettings:
     ----------
     kind : str
         Kind of model whose residuals are watched.
-    observer : {'off', 'ringing', 'contact'}
+    observer : {'off', 'ringing'}
         Whether measured strain corrects an elastic model.
     methods : tuple of str
         What the detector listens to, of `METHODS`; empty for all that the model has thresholds
@@ -65,6 +67,8 @@ class MonitorSettings:
         Bandwidth of the momentum observer [1/s].
     gap : float
         Longest time between samples that is not a gap [s]; 0 for five periods.
+    contact : bool
+        Whether force and place of contacts are estimated.
 
     """
 
@@ -75,6 +79,7 @@ class MonitorSettings:
     detector: DetectorSettings = DetectorSettings()
     observer_gain: float = 30.0
     gap: float = 0.0
+    contact: bool = False
 
 
 @dataclass(eq=False, slots=True)
@@ -92,6 +97,8 @@ class Found:
         Collisions that begin with it.
     loads : list of LoadFound
         Collisions from before that turned out to be loads.
+    contacts : list of ContactEstimate
+        What touches the arm, where that is estimated.
 
     """
 
@@ -99,41 +106,7 @@ class Found:
     excesses: list[tuple[str, Excess]] = field(default_factory=list)
     events: list[CollisionEvent] = field(default_factory=list)
     loads: list[LoadFound] = field(default_factory=list)
-
-
-def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
-    """
-    Say which link each joint and gauge belongs to.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with joints and gauges.
-
-    Returns
-    -------
-    dict of str to (int, str)
-        Joint or gauge to its link: distance from the base in joints, and name. A link without a
-        name of its own, as D-H rows give, is named after its joint.
-
-    """
-    model = arm.full_model
-    bodies: dict[int, str] = {}
-    for frame in model.frames:
-        if frame.type.name == 'BODY':
-            bodies.setdefault(int(frame.parentJoint), frame.name)
-
-    def link(joint: str) -> tuple[int, str]:
-        index = int(model.getJointId(joint))
-        depth, place = 0, index
-        while place:
-            depth, place = depth + 1, int(model.parents[place])
-        named = joint.replace('joint', 'link') if 'joint' in joint else f'{joint}_link'
-        return depth, bodies.get(index, named)
-
-    links = {joint: link(joint) for joint in arm.active_joints}
-    links.update({gauge.name: link(gauge.joint) for gauge in arm.gauges})
-    return links
+    contacts: list[ContactEstimate] = field(default_factory=list)
 
 
 class Watch:
@@ -157,6 +130,10 @@ class Watch:
         Thresholds of each method that has some.
     counts : dict of str to collections.Counter
         For each output the samples that were ``judged``, and those that were not, by cause.
+    contact : AnyEstimator or None
+        Estimates what touches the arm; None where it is not asked for, or nothing tells.
+    no_contact : str
+        Why contacts are not estimated though they were asked for; empty where they are.
 
     """
 
@@ -187,6 +164,13 @@ class Watch:
                           for output in self.outputs}
         self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
                                           spec.settle) if 'momentum' in self.methods else None)
+        self.contact: AnyEstimator | None = None
+        self.no_contact = ''
+        if settings.contact:
+            try:
+                self.contact = contact_estimator(bundle, settings.kind, self.methods)
+            except ModelError as err:
+                self.no_contact = str(err)
         self.use_thresholds(thresholds, settings)
 
     def use_thresholds(
@@ -329,12 +313,16 @@ class Watch:
         for pair in pairs:
             before = len(found.excesses)
             plain = self._residual[output].step(pair)
+            if self.contact is not None and output == self.contact.source:
+                self._touch(pair, plain, found)
             for method in self._methods_of[output]:
                 if pair.motion.dt == 0.0:
                     self._restart[method] = True
                 if method == 'momentum':
                     assert self.observer is not None
                     residual = self.observer.step(pair)
+                    if self.contact is not None and method == self.contact.source:
+                        self._touch(pair, residual, found)
                 else:
                     residual = plain
                 if residual is None:
@@ -354,3 +342,15 @@ class Watch:
                 'no_thresholds' if not judging else
                 'judged' if len(found.excesses) - before == judging else
                 'settling' if not pair.motion.settled(self.settle) else 'no_prediction'] += 1
+
+    def _touch(
+        self, pair: PairedSample, residual: Residual | None, found: Found,
+    ) -> None:
+        """Estimate what touches the arm at a sample."""
+        assert self.contact is not None
+        motion = pair.motion
+        estimate = self.contact.step(
+            motion.stamp, motion.dt == 0.0, motion.row, pair.measured,
+            None if residual is None else residual.value)
+        if estimate is not None:
+            found.contacts.append(estimate)

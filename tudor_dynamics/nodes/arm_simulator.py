@@ -37,7 +37,8 @@ from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.simulation.loop.arm_process import ArmProcess, Floor
+from tudor_dynamics.simulation.loop.arm_process import ArmProcess
+from tudor_dynamics.simulation.loop.floor import Floor
 
 BEHIND = 0.2
 """A process that is so late gives up real time instead of hurrying [s]."""

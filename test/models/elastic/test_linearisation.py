@@ -63,7 +63,7 @@ def differences(driven: DrivenArm) -> tuple[FloatArray, ...]:
             for step in (nudge, -nudge):
                 vectors[:] = rest
                 vectors[row, i] += step
-                residual(vectors, tables.gears, tables.chain, driven._loaded)
+                residual(vectors, tables.gears, tables.chain, driven.loaded)
                 sides.append(vectors[FORCE, free])
             columns.append((sides[0] - sides[1]) / (2.0 * nudge))
         found.append(np.column_stack(columns))

@@ -49,13 +49,15 @@ and compared too.
 outlook: what the first paper names as its outlook, computed on the simulated reference arm, part
 by part; outlook.html with figures and with what must be reached, the numbers in outlook.json.
 With --data also on other recordings: DIR/bags/NAME, DIR/arms/NAME.yaml.
+force: short for outlook --only force, steps of a held force on floors of 100 to 20 000 N/m.
 """
 
-EXPERIMENTS = ('table1', 'figures', 'lshape', 'outlook')
+EXPERIMENTS = ('table1', 'figures', 'lshape', 'outlook', 'force')
 OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
        'table1': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'split'),
        'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs'),
-       'outlook': ('arm', 'quick', 'seed', 'jobs', 'only', 'data')}
+       'outlook': ('arm', 'quick', 'seed', 'jobs', 'only', 'data'),
+       'force': ('arm', 'quick', 'seed', 'jobs')}
 """Options that an experiment knows, beside --out and --json."""
 
 
@@ -105,5 +107,7 @@ def run(args: argparse.Namespace) -> int:
             msg = f'--{name} is no option of {args.experiment}; it knows ' + ', '.join(
                 f'--{item}' for item in (*own, 'out', 'json'))
             raise UsageError(msg)
+    if args.experiment == 'force':
+        args.experiment, args.only = 'outlook', ['force']
     module = import_module(f'tudor_dynamics.cli.reproduce.{args.experiment}')
     return int(module.run(args))

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags import Recording
+from tudor_dynamics.contact.estimate import ContactRecord
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.collisions.score import (
     alarms_at, CollisionScore, push_of, score, Sighting, Watched)
@@ -50,6 +51,8 @@ class MethodResult:
         Bags that were replayed.
     roc : tuple of (float, float, float)
         Factor on the threshold, false alarms per hour, detection rate.
+    no_contact : str
+        Why nothing is said of force and place; empty where something is, or was not asked for.
 
     """
 
@@ -57,6 +60,7 @@ class MethodResult:
     score: CollisionScore
     watched: tuple[Watched, ...]
     roc: tuple[tuple[float, float, float], ...]
+    no_contact: str = ''
 
 
 @dataclass(slots=True)
@@ -67,6 +71,7 @@ class _Open:
     ratio: float
     channel: str
     last: int
+    touched: ContactRecord | None = None
 
 
 @dataclass(slots=True)
@@ -78,8 +83,9 @@ class _Log:
     under_way: list[_Open] = field(default_factory=list)
     closed: list[_Open] = field(default_factory=list)
 
-    def add(self, found: Found, level: Level) -> None:
+    def add(self, found: Found, watch: Watch) -> None:
         """Take the samples that became known, and the level behind them."""
+        level = watch.level
         for _, excess in found.excesses:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
             self.stamps.append(stamp)
@@ -93,7 +99,12 @@ class _Log:
         for event in found.events:
             self.close()
             channel = max(event.ratios, key=lambda name: event.ratios[name])
-            self.under_way = [_Open(event, event.ratios[channel], channel, event.stamp)]
+            self.under_way = [_Open(
+                event, event.ratios[channel], channel, event.stamp,
+                None if watch.contact is None else watch.contact.record())]
+        if self.under_way and self.under_way[-1].touched is not None:
+            for estimate in found.contacts:
+                self.under_way[-1].touched.add(estimate)
         if level is not Level.COLLISION:
             self.close()
 
@@ -111,7 +122,8 @@ class _Log:
         self.close()
         return tuple(Sighting(
             item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
-            (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes))
+            (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes),
+            (item.touched.summary() or None) if item.touched is not None else None)
             for item in self.closed)
 
 
@@ -160,7 +172,7 @@ def watch_bag(
             values = getattr(recording, SOURCE[method])[k]
             for found in (Found() if motion is None else watch.add_motion(motion, predicted),
                           watch.add_measured(SOURCE[method], stamp, values)):
-                logs[method].add(found, watch.level)
+                logs[method].add(found, watch)
     first = int(recording.stamp[0])
     result = {}
     for method, alone in settings.items():
@@ -220,7 +232,8 @@ def evaluate_collisions(
             point = score(watched, [alarms_at(item, factor, alone.detector.rearm)
                                     for item in watched])
             roc.append((factor, point.false_alarms_per_hour or 0.0, point.detection_rate or 0.0))
-        results.append(MethodResult(method, found, watched, tuple(roc)))
+        results.append(MethodResult(method, found, watched, tuple(roc),
+                                    Watch(bundle.beside_robot(), alone).no_contact))
     if not results:
         msg = ('the model has no collision thresholds for signals that these bags have; fit it '
                'again with more free motion to be judged by')

@@ -96,6 +96,8 @@ class Sighting:
         From the first sample above the threshold to the last.
     push : int or None
         Place of the push that it belongs to; None where there is none, or none is known.
+    contact : dict or None
+        What touched the arm meanwhile, see ``ContactRecord.summary``; None where that is unknown.
 
     """
 
@@ -105,12 +107,13 @@ class Sighting:
     ratio: float
     seconds: float
     push: int | None = None
+    contact: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as JSON-ready dictionary."""
         return {'time': self.time, 'stamp': self.event.stamp, 'onset': self.event.onset,
                 'link': self.event.link, 'channel': self.channel, 'ratio': self.ratio,
-                'seconds': self.seconds, 'push': self.push}
+                'seconds': self.seconds, 'push': self.push, 'contact': self.contact}
 
 
 @dataclass(frozen=True, eq=False)

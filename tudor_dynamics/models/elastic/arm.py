@@ -50,8 +50,6 @@ INNER_STEP = 2.5e-3
 """Longest inner step [s]: 1 % of phase at 15 Hz."""
 SAMPLE = 0.01
 """Sample time that deviations of measurements belong to [s]."""
-CONTACT_BANDWIDTH = 30.0
-"""Rate at which the estimated force at the tip follows [1/s]."""
 NO_GAINS = np.zeros((1, 3, 0, 0))
 """Of an arm that follows positions alone."""
 
@@ -91,8 +89,12 @@ class DrivenArm:
         Physical parameters by name, such as ``gear(joint2)``, see ``parameters.PHYSICAL``.
     tables : Driven
         Arrays of the arm, for compiled functions that advance or look at it.
-    contact : ndarray of shape (3,)
-        Force at the tip as the observer has it, base frame [N].
+    gauges : GaugePlaces
+        Its gauges on their bodies.
+    arrays : tuple of ndarray
+        Those of the tables, in their order, for functions that take them apart again.
+    loaded : bool
+        Whether wrenches of its chain act on it.
 
     Raises
     ------
@@ -104,7 +106,7 @@ class DrivenArm:
     def __init__(self, arm: Arm, *, inner: float = INNER_STEP) -> None:
         self.arm, self.inner = arm, inner
         mechanism = self.mechanism = reduced_mechanism(arm)
-        gauges = self._gauges = place_gauges(mechanism, arm)
+        gauges = self.gauges = place_gauges(mechanism, arm)
         place = spring_coordinates(mechanism, arm)
         free = moving_coordinates(mechanism, gauges, place)
         n, m, joints = mechanism.size, free.size, place.size
@@ -117,10 +119,10 @@ class DrivenArm:
             Gauges(gauges.body, gauges.place, gauges.axis,
                    np.column_stack([gauges.sign, np.zeros(len(gauges.sign))]),
                    np.zeros((len(gauges.body), LOADS))))
-        self._arrays = tuple(array for table in self.tables for array in table)
+        self.arrays = tuple(array for table in self.tables for array in table)
         self._vectors = self.tables.equations.vectors
         self._vectors[Z] = mechanism.initial
-        self._loaded, self.contact = False, np.zeros(observer.FORCES)
+        self.loaded = False
         self._reading = np.zeros(len(gauges.body))
         self._physics = Physics(arm, mechanism, self.tables.gears.springs)
         self.parameters = described(self._physics)
@@ -152,7 +154,7 @@ class DrivenArm:
         stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
                          matrices[STIFFNESS], matrices[DAMPING])
         gain = self.tables.gauges.gain
-        gain[:, 1] = -gain[:, 0] * self._gauges.damping(self.parameters)
+        gain[:, 1] = -gain[:, 0] * self.gauges.damping(self.parameters)
 
     def follow(self, q: FloatArray, dt: FloatArray) -> Response:
         """
@@ -182,11 +184,11 @@ class DrivenArm:
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
     ) -> Response:
         n = len(q)
-        moment = np.zeros((n, len(self._gauges.body)))
+        moment = np.zeros((n, len(self.gauges.body)))
         torque = np.zeros((n, len(self.arm.active_joints)))
         done = kernel.follow(
-            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self._loaded,
-            np.ascontiguousarray(measured), gains, moment, torque, *self._arrays)
+            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
+            np.ascontiguousarray(measured), gains, moment, torque, *self.arrays)
         if done < n:
             msg = (f'{self.arm.name}: the elastic model '
                    + (f'finds no equilibrium at q = {np.round(q[done], 3).tolist()}'
@@ -236,12 +238,10 @@ class DrivenArm:
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
         tables = self.tables
-        tangents(tables.equations, tables.gears, tables.chain, self._loaded, result)
+        tangents(tables.equations, tables.gears, tables.chain, self.loaded, result)
         return Linearised(*result[::-1])
 
-    def start_observer(
-        self, deviation: FloatArray, bandwidth: float, *, contact: bool = False,
-    ) -> None:
+    def start_observer(self, deviation: FloatArray, bandwidth: float) -> None:
         """
         Let measured moments correct the state from now on, see ``correct``.
 
@@ -251,8 +251,6 @@ class DrivenArm:
             Standard deviation of what a sample of 0.01 s measures [N m].
         bandwidth : float
             Rate at which an error of the first vibration dies out [1/s].
-        contact : bool, default=False
-            Estimate a lasting force at the tip as well.
 
         Raises
         ------
@@ -263,24 +261,19 @@ class DrivenArm:
         m, lag = self.size, self._physics.lag
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
         self._small, self._pushed = np.zeros((3, m, m)), np.zeros((m, observer.FORCES))
-        self._shown = moment_rows(self.mechanism, self._gauges, self.tables.equations.free)
+        self._shown = moment_rows(self.mechanism, self.gauges, self.tables.equations.free)
         self._seen = seen_rows(self._shown, lags=lag > 0.0)
         self._covariance = np.zeros((self._seen.shape[1],) * 2)
-        self.contact[:] = 0.0
-        self._use_contact()
         self.follow(np.tile(self._vectors[Z, self.tables.gears.place], (2, 1)),
                     np.array([0.0, 1e-3]))
         self._linearise()
         self._noise = SAMPLE * white_force(
             Linearised(*self._small), self._pushed, self._shown / self._deviation[:, None],
             bandwidth, lag)
-        self._walk = self._noise * CONTACT_BANDWIDTH**2 if contact else 0.0
 
     def forget(self) -> None:
-        """Forget contact and uncertainty: the arm begins anew, at rest."""
+        """Forget all uncertainty: the arm begins anew, at rest."""
         self._covariance[:] = 0.0
-        self.contact[:] = 0.0
-        self._use_contact()
 
     def correct(self, innovation: FloatArray, dt: float) -> bool:
         """
@@ -303,21 +296,15 @@ class DrivenArm:
         mass, damping, stiffness = self._small
         good = observer.propagate(
             self._covariance, mass, damping, stiffness, self._pushed, self._shown, dt,
-            self._noise, self._walk, self._physics.lag)
+            self._noise, self._physics.lag)
         good = good and observer.correct(
             self._covariance, self._seen, self._deviation**2 * (SAMPLE / dt), innovation, mass,
-            damping, stiffness, self._vectors, self.tables.equations.free, self.contact,
-            self._reading)
-        self._use_contact()
+            damping, stiffness, self._vectors, self.tables.equations.free, self._reading)
         return bool(good)
 
     def _linearise(self) -> None:
-        observer.linearise(self._loaded, self.mechanism.tip, *self._small, self._pushed,
-                           *self._arrays)
-
-    def _use_contact(self) -> None:
-        self.tables.chain.wrench[self.mechanism.tip, :3] = self.contact
-        self._loaded = bool(np.any(self.contact != 0.0))
+        observer.linearise(self.loaded, self.mechanism.tip, *self._small, self._pushed,
+                           *self.arrays)
 
 
 def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:

@@ -26,7 +26,7 @@ from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.outputs import live_output
 from tudor_dynamics.typing import FloatArray
 
-OBSERVERS = ('off', 'ringing', 'contact')
+OBSERVERS = ('off', 'ringing')
 BANDWIDTH = 8.0
 """Rate at which the observer forgets what it does not know the cause of [1/s]."""
 
@@ -43,9 +43,8 @@ class LiveElastic:
     ----------
     models : mapping of str to FittedElastic
         Output to model.
-    observer : {'off', 'ringing', 'contact'}, default='off'
-        Whether measured strain corrects the state, and whether a lasting force at the tip is
-        estimated with it. With a contact, the residual forgets a lasting force as well.
+    observer : {'off', 'ringing'}, default='off'
+        Whether measured strain corrects the state.
     bandwidth : float, default=8.0
         Of the observer [1/s].
 
@@ -87,17 +86,11 @@ class LiveElastic:
                 msg = 'a gauge of the elastic model has the gain 0; fit again'
                 raise ModelError(msg)
             self._driven.start_observer(
-                strain.noise_ / np.abs(self._gauges[:, 0]), bandwidth,
-                contact=observer == 'contact')
+                strain.noise_ / np.abs(self._gauges[:, 0]), bandwidth)
         self._moment: FloatArray | None = None
         self._strain: FloatArray | None = None
         self._since = 0.0
         self._lost = False
-
-    @property
-    def contact(self) -> FloatArray:
-        """Force at the tip as the observer has it, base frame, shape (3,) [N]."""
-        return self._driven.contact.copy()
 
     def measure(self, strain: FloatArray) -> None:
         """

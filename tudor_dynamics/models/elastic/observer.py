@@ -13,11 +13,11 @@
 # limitations under the License.
 
 """
-Extended Kalman filter for a driven arm: strain corrects twists, bending and a force at the tip.
+Extended Kalman filter for a driven arm: strain corrects twists and bending.
 
 Between samples the covariance follows the arm linearised where it is, by the implicit midpoint
-rule, which is stable for the stiffest mode at any sample rate. The unknown is a force at the tip:
-white noise, that lets the state follow what nobody modelled, and a random walk, the contact.
+rule, which is stable for the stiffest mode at any sample rate. The unknown is a white force at the
+tip, that lets the state follow what nobody modelled.
 Readings that lag behind the moments are states themselves, and the gauges show these.
 """
 
@@ -102,7 +102,7 @@ def linearise(
 @compiled
 def propagate(
     covariance: NDArray, mass: NDArray, damping: NDArray, stiffness: NDArray, pushed: NDArray,
-    shown: NDArray, dt: float, noise: float, walk: float, lag: float,
+    shown: NDArray, dt: float, noise: float, lag: float,
 ) -> bool:
     """
     Carry the covariance over one sample.
@@ -110,8 +110,8 @@ def propagate(
     Parameters
     ----------
     covariance : ndarray of shape (n, n)
-        Of coordinates, rates and force, 2 m + FORCES of them, then of the readings of gauges
-        that lag; overwritten.
+        Of coordinates and rates, 2 m of them, then of the readings of gauges that lag;
+        overwritten.
     mass, damping, stiffness : ndarray of shape (m, m)
         Of the free coordinates.
     pushed : ndarray of shape (m, FORCES)
@@ -122,8 +122,6 @@ def propagate(
         Time between the samples [s].
     noise : float
         Power density of the white force [N^2 s].
-    walk : float
-        Growth of the variance of the contact force [N^2/s].
     lag : float
         Of the readings behind the moments, where they are part of the state [s].
 
@@ -135,32 +133,33 @@ def propagate(
     """
     m = mass.shape[0]
     n = covariance.shape[0]
-    inner = 2 * m + FORCES
+    inner = 2 * m
     s = mass + 0.5 * dt * damping + 0.25 * dt * dt * stiffness
     if not cholesky(s):
         return False
-    step = np.zeros((n, n))
+    step, entering = np.zeros((n, n)), np.zeros((n, FORCES))
     column = np.empty(m)
-    for j in range(inner):
+    for j in range(inner + FORCES):
         for a in range(m):
             if j < m:
                 column[a] = -dt * stiffness[a, j]
-            elif j < 2 * m:
+            elif j < inner:
                 k = j - m
                 column[a] = (mass[a, k] - 0.5 * dt * damping[a, k]
                              - 0.25 * dt * dt * stiffness[a, k])
             else:
-                column[a] = dt * pushed[a, j - 2 * m]
+                column[a] = dt * pushed[a, j - inner]
         solve(s, column)
         for a in range(m):
-            step[m + a, j] = column[a]
-            step[a, j] = 0.5 * dt * column[a]
+            if j < inner:
+                step[m + a, j], step[a, j] = column[a], 0.5 * dt * column[a]
+            else:
+                entering[m + a, j - inner] = column[a]
+                entering[a, j - inner] = 0.5 * dt * column[a]
         if j < m:
             step[j, j] += 1.0
-        elif j < 2 * m:
+        elif j < inner:
             step[j - m, j] += 0.5 * dt
-        else:
-            step[j, j] = 1.0
     # a reading follows the new moment, as ``DrivenArm`` lets it
     share = -math.expm1(-dt / lag) if n > inner else 1.0
     for g in range(n - inner):
@@ -168,14 +167,10 @@ def propagate(
         for j in range(inner):
             for a in range(m):
                 step[inner + g, j] += share * shown[g, a] * step[a, j]
-    covariance[:] = step @ covariance @ step.T
-    for j in range(FORCES):
-        felt = step[:, 2 * m + j].copy()
-        felt[2 * m:inner] = 0.0
-        for i in range(n):
-            for k in range(n):
-                covariance[i, k] += (noise / dt) * felt[i] * felt[k]
-        covariance[2 * m + j, 2 * m + j] += walk * dt
+        for j in range(FORCES):
+            for a in range(m):
+                entering[inner + g, j] += share * shown[g, a] * entering[a, j]
+    covariance[:] = step @ covariance @ step.T + noise / dt * (entering @ entering.T)
     return True
 
 
@@ -183,7 +178,7 @@ def propagate(
 def correct(
     covariance: NDArray, shown: NDArray, variance: NDArray, innovation: NDArray,
     mass: NDArray, damping: NDArray, stiffness: NDArray, vectors: NDArray, free: NDArray,
-    contact: NDArray, reading: NDArray,
+    reading: NDArray,
 ) -> bool:
     """
     Correct the state by what the gauges say.
@@ -200,8 +195,6 @@ def correct(
         Measured less predicted readings; NaN for a gauge that does not count [N m].
     mass, damping, stiffness, vectors, free
         As above; the state in ``vectors`` is changed.
-    contact : ndarray of shape (FORCES,)
-        Force at the tip, changed [N].
     reading : ndarray of shape (n_gauges,)
         Readings that lag, changed where they are part of the state [N m].
 
@@ -250,10 +243,8 @@ def correct(
         vectors[DZ, i] += change[m + a]
         vectors[DDZ, i] += bent[a]
         vectors[ACC, i] += bent[a]
-    for j in range(FORCES):
-        contact[j] += change[2 * m + j]
-    for g in range(n - 2 * m - FORCES):
-        reading[g] += change[2 * m + FORCES + g]
+    for g in range(n - 2 * m):
+        reading[g] += change[2 * m + g]
     return True
 
 
@@ -271,12 +262,12 @@ def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
     Returns
     -------
     ndarray of shape (n_gauges, n)
-        By coordinates, rates and force, then by the readings, if they are there.
+        By coordinates and rates, then by the readings, if they are there.
 
     """
     gauges, m = shown.shape
-    still = np.zeros((gauges, m + FORCES))
-    return np.hstack([0.0 * shown, still, np.eye(gauges)] if lags else [shown, still])
+    still = np.zeros((gauges, m))
+    return np.hstack([still, still, np.eye(gauges)] if lags else [shown, still])
 
 
 def white_force(

@@ -38,6 +38,7 @@ from tudor_dynamics.monitoring.thresholds.calibration import Calibration
 from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.nodes.common.base import ERROR, OK, WARN
+from tudor_dynamics.nodes.common.contact_told import ContactTold
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.listened import ListenedPublisher, ListenedPublishers
@@ -86,6 +87,7 @@ class DetectNode(ModelNode):
         self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
                        Level.CONTACT: self.publish_on(Bool, CONTACT, latch=True)}
         self._events = self.publish_on(Header, COLLISION_EVENT)
+        self._contact = ContactTold(self)
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
         self._tell_level(Level.FREE)
@@ -100,7 +102,8 @@ class DetectNode(ModelNode):
                         self.value('contact_alarms_per_hour')),
             detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
             observer_gain=self.value('observer_gain'),
-            gap=self.value('gap') if 'gap' in self.params else 0.0)
+            gap=self.value('gap') if 'gap' in self.params else 0.0,
+            contact=self.value('estimate_contact'))
 
     def adopt(
         self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
@@ -219,6 +222,9 @@ class DetectNode(ModelNode):
                 self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
             self._tell_event(event)
+        for estimate in found.contacts:
+            assert self.watch is not None  # which found it
+            self._contact.tell(self.watch, estimate)
         if self.watch is not None and found.excesses:
             self._tell_level(self.watch.level)
 
@@ -324,6 +330,7 @@ class DetectNode(ModelNode):
             values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
         for method, (factor, channel) in self.watch.widened.items():
             values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
+        values |= self._contact.values(self.watch)
         if self._last_event is not None:
             values['last collision [ns]'] = str(self._last_event.onset)
             values['last link'] = self._last_event.link

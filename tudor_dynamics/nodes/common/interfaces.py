@@ -34,6 +34,10 @@ COLLISION = 'collision'
 CONTACT = 'contact'
 COLLISION_EVENT = 'collision_event'
 PAYLOAD_TOPIC = 'payload'
+CONTACT_WRENCH = 'contact_wrench'
+CONTACT_POINT = 'contact_point'
+WANTED_FORCE = 'wanted_force'
+TIP_FORCE = 'tip_force'
 JOINT_REFERENCE = 'joint_reference'
 VELOCITY_COMMANDS = 'velocity_commands'
 JOINT_TRAJECTORY = 'joint_trajectory'
@@ -43,7 +47,7 @@ APPLIED_WRENCH = 'applied_wrench'
 DIAGNOSTICS = '/diagnostics'
 CLOCK = '/clock'
 
-RESET, CALIBRATE, RELOAD = '~/reset', '~/calibrate', '~/reload'
+RESET, CALIBRATE, RELOAD, RETREAT = '~/reset', '~/calibrate', '~/reload', '~/retreat'
 EXPECT_PAYLOAD = '~/expect_payload'
 
 FIELD = {'effort': 'effort', 'momentum': 'effort', 'strain': 'position'}
@@ -100,8 +104,7 @@ COMMAND_TIMEOUT = Param('timeout', 0.1, 'a reference or positions older than thi
 MODEL = Param('model', '', 'directory of a model bundle made by tudor fit')
 KIND = Param('kind', 'analytical', 'model that predicts', choices=KINDS)
 OBSERVER = Param('observer', 'ringing', 'what measured strain corrects in the elastic model: '
-                 'nothing, ringing that no motion explains, or also a force at the tip',
-                 choices=('off', 'ringing', 'contact'))
+                 'nothing, or ringing that no motion explains', choices=('off', 'ringing'))
 PAYLOAD = Param('payload', 0.0, 'mass at the tip, for a model of all payloads; a detector begins '
                 'anew when it changes', 'kg', 0.0, 1e3, dynamic=True)
 PAYLOAD_SOURCE = Param(
@@ -140,6 +143,8 @@ DETECT = (
     Param('rearm', 0.3, 'time below its threshold after which a level is left', 's', 0.0, 60.0,
           dynamic=True),
     Param('observer_gain', 30.0, 'bandwidth of the momentum observer', '1/s', 0.1, 1e4),
+    Param('estimate_contact', False, 'estimate force and place of contacts, from strain where the '
+          'model has it, else from the momentum observer'),
     Param('calibration_time', 60.0, 'free motion that ~/calibrate learns from', 's', 30.0, 3600.0,
           dynamic=True),
     Param('stuck_time', 1.0, 'time without any change while the arm moves, behind which a channel '
@@ -189,6 +194,22 @@ REFERENCE = (
           dynamic=True),
     Param('require_monitor', False, 'take goals only while a node that publishes collision is '
           'alive and able to judge', dynamic=True))
+FORCE = (
+    ARM,
+    Param('model', '', 'model bundle that says what gauges read of the weight of the arm; without '
+          'one its links and the gains of its sensors do'),
+    Param('autostart', True, 'configure and activate at the start'),
+    Param('normal', 'z', 'direction in which the surface presses on the tip, in the base frame',
+          choices=('x', '-x', 'y', '-y', 'z', '-z')),
+    Param('approach_speed', 0.02, 'speed of the tip towards the surface and back', 'm/s', 1e-4,
+          1.0),
+    Param('reach', 0.1, 'farthest that a surface is looked for', 'm', 1e-3, 10.0),
+    Param('touch', 0.4, 'force from which there is contact', 'N', 0.01, 1e3),
+    Param('integral', 0.3, 'speed of the tip per force that is missing', 'm/s per N', 0.0, 10.0),
+    Param('proportional', 0.02, 'way of the tip per force that is missing', 'm/N', 0.0, 1.0),
+    Param('give', 0.1, 'farthest that the surface may give way', 'm', 1e-3, 10.0),
+    Param('largest', 15.0, 'force at which the arm stops', 'N', 0.1, 1e4),
+    Param('lost', 0.5, 'time without contact after which the surface is lost', 's', 0.01, 60.0))
 SIMULATE = (
     ARM,
     Param('rate', 500.0, 'rate of the messages', 'Hz', 1.0, 2000.0),
@@ -213,6 +234,7 @@ NODES: dict[str, tuple[Param, ...]] = {
     'monitor': (*PREDICT, PAYLOAD_SOURCE, OBSERVER, GAP, *DETECT, *COMMON),
     'payload_estimator': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
+    'force_controller': (*FORCE, *COMMON),
     'reference_generator': (*REFERENCE, *COMMON),
     'arm_simulator': (*SIMULATE, *COMMON),
     'bag_player': (*PLAYER, *COMMON),

@@ -18,6 +18,8 @@ from __future__ import annotations
 
 PARTS: dict[str, str] = {
     'payload': 'Payload',
+    'contact': 'Contact',
+    'force': 'Force control',
     'damping': 'Load-adaptive damping',
     'shaping': 'Shaped references',
 }

@@ -25,27 +25,10 @@ from tudor_dynamics.arm.limits import drive_stop
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.floor import Floor
 from tudor_dynamics.simulation.loop.signals import with_payload
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.typing import FloatArray
-
-
-@dataclass(frozen=True)
-class Floor:
-    """
-    An elastic floor below the tip.
-
-    Attributes
-    ----------
-    height : float
-        In the base frame [m].
-    stiffness : float
-        Force per penetration [N/m].
-
-    """
-
-    height: float
-    stiffness: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +159,20 @@ class ArmProcess:
         t = self.t
         self._samples += 1
         try:
-            return self._advance(t, self._force())
+            return self._advance(t, self.force, self.floor)
         except SimulationError as err:
             self.failure = str(err)
             self._rest()
-            return self._advance(t, np.zeros(3))
+            return self._advance(t, np.zeros(3), None)
 
-    def _force(self) -> FloatArray:
-        force = np.zeros(3)
-        if not self.failure:
-            force += self.force
-            if self.floor is not None:
-                depth = self.floor.height - float(self.tip()[2])
-                force[2] += self.floor.stiffness * max(depth, 0.0)
-        return force
-
-    def _advance(self, t: float, force: FloatArray) -> Sample:
+    def _advance(self, t: float, force: FloatArray, floor: Floor | None) -> Sample:
+        if self.failure:
+            force, floor = np.zeros(3), None
         self.loop.set_force(force)
+        self.loop.set_floor(floor)
+        felt = np.array(force, dtype=float)
+        if floor is not None:
+            felt[2] += floor.stiffness * max(floor.height - float(self.tip()[2]), 0.0)
         period = self.steps * self.loop.dt
         if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
             self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
@@ -201,4 +181,4 @@ class ArmProcess:
         q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
         signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
         return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
-                      force)
+                      felt)

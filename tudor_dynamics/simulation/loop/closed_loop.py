@@ -35,6 +35,7 @@ from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.simulation.loop import drive as dr
 from tudor_dynamics.simulation.loop.drive import drive_row, Imperfections
+from tudor_dynamics.simulation.loop.floor import Floor, floor_row
 from tudor_dynamics.simulation.loop.kernel import (
     ControlTables, DrivenPlant, MISSING, NO_FAULT, run_loop, SensorTables, STUCK)
 from tudor_dynamics.simulation.loop.pushes import Push, push_table
@@ -109,7 +110,8 @@ class ClosedLoop:
         self.damper = Damper(settings, self.dt)
         n, count, gauges = len(index), len(settings), len(arm.gauges)
         self._plant = DrivenPlant(self.plant.tables, index, np.zeros((mechanism.points, 6)),
-                                  np.zeros(mechanism.size), push_table([], mechanism))
+                                  np.zeros(mechanism.size), push_table([], mechanism),
+                                  floor_row(None, mechanism))
         self._sensors = SensorTables(
             self._drive, np.zeros((n, dr.STATES)),
             np.array([drive_sensor_row(motor, imperfections) for motor in chosen]),
@@ -221,6 +223,10 @@ class ClosedLoop:
                    'with a payload, of 0 kg or more')
             raise SimulationError(msg)
         mechanism.body_float[rows[0], at.MASS] = mass
+
+    def set_floor(self, floor: Floor | None) -> None:
+        """Put a floor below the tip, or take it away."""
+        self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike, point: int | None = None) -> None:
         """

@@ -30,7 +30,8 @@ from tudor_dynamics.control.cascade import position_law, SATURATED, velocity_law
 from tudor_dynamics.control.damper_law import damper_law, moving_share, STATUS
 from tudor_dynamics.control.envelope_law import CUT, envelope_law, SATURATING
 from tudor_dynamics.simulation.loop import drive as dr, sensors as sn
-from tudor_dynamics.simulation.loop.pushes import put_pushes
+from tudor_dynamics.simulation.loop.floor import press
+from tudor_dynamics.simulation.loop.pushes import add_pushes_to_sections, put_pushes
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 from tudor_dynamics.simulation.mechanics.loads import section_loads
 from tudor_dynamics.simulation.plant import integrator as gen
@@ -39,13 +40,14 @@ from tudor_dynamics.small_arrays import unowned
 
 
 class DrivenPlant(NamedTuple):
-    """Tables of a plant, coordinates of the driven joints, forces that stay and pushes."""
+    """Tables of a plant, coordinates of the driven joints, forces that stay, pushes, floor."""
 
     tables: PlantTables
     driven: NDArray
     external: NDArray
     force: NDArray
     pushes: NDArray
+    floor: NDArray
 
 
 class SensorTables(NamedTuple):
@@ -88,13 +90,14 @@ NO_FAULT, STUCK, MISSING = 0, 1, 2  # of a gauge
 
 @compiled
 def sense(
-    plant: DrivenPlant, sensors: SensorTables, noise: NDArray, dt: float, loaded: bool,
+    plant: DrivenPlant, sensors: SensorTables, noise: NDArray, t: float, dt: float, loaded: bool,
 ) -> None:
-    """Read all sensors at the present state."""
+    """Read all sensors at the present state, at the time t."""
     v, chain = plant.tables.vectors, plant.tables.chain
     inverse_dynamics(v[gen.Z], v[gen.DZ], v[gen.DDZ], chain, loaded, 1.0, plant.force)
     section_loads(v[gen.Z], v[gen.DZ], v[gen.DDZ], chain, sensors.bodies, sensors.places,
                   sensors.loads)
+    add_pushes_to_sections(plant.pushes, t, chain, sensors.bodies, sensors.places, sensors.loads)
     joints = plant.driven.shape[0]
     for j in range(joints):
         row = sensors.sensor[j]
@@ -151,6 +154,7 @@ def advance(
             body.chain.wrench[row, i] = plant.external[row, i]
     acting = put_pushes(plant.pushes, t, body.chain) or loaded
     v = body.vectors
+    acting = press(plant.floor, v[gen.Z], v[gen.DZ], body.chain, dt) or acting
     for j in range(plant.driven.shape[0]):
         i = plant.driven[j]
         body.torque[i] = dr.gear_push(
@@ -202,7 +206,7 @@ def run_loop(
     joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
     record = 0
     for k in range(q_ref.shape[0]):
-        sense(plant, sensors, noise[k], dt, acting)
+        sense(plant, sensors, noise[k], (done + k) * dt, dt, acting)
         if (done + k) % every == 0:
             row = out[record]
             for j in range(joints):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.bags.layouts.messages import WrenchSeries
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.loop.pushes import link_length, Push, push_forces, push_table
@@ -101,17 +101,6 @@ def random_pushes(
     return tuple(result)
 
 
-def link_frame(arm: Arm, joint: str) -> str:
-    """Give the name of the frame that turns with a joint: its link's, or the joint's own."""
-    model = arm.full_model
-    index = model.getJointId(joint)
-    for frame in model.frames:
-        if (frame.type == pin.FrameType.BODY and frame.parentJoint == index
-                and frame.placement.isIdentity(1e-9)):
-            return str(frame.name)
-    return joint
-
-
 def push_wrenches(
     arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: LoopRecord,
     stamp: NDArray[np.int64],
@@ -147,7 +136,7 @@ def push_wrenches(
         floats = mechanism.body_float[mechanism.body_of[push.joint]]
         along = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)[:, 0]
         place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * along
-        index, frame = model.getJointId(push.joint), link_frame(arm, push.joint)
+        index, frame = model.getJointId(push.joint), link_frame(model, push.joint)
         for row in np.flatnonzero(np.any(values != 0.0, axis=1)):
             q[columns] = signals.q_true[row]
             pin.forwardKinematics(model, data, q)

@@ -26,9 +26,10 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.mechanics import layout as at
-from tudor_dynamics.simulation.mechanics.chain import Chain
-from tudor_dynamics.simulation.mechanics.loads import shape
+from tudor_dynamics.simulation.mechanics.chain import Chain, vector_at
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
+from tudor_dynamics.simulation.mechanics.point_load import add_to_sections, put_force
+from tudor_dynamics.simulation.mechanics.vector import times
 from tudor_dynamics.typing import FloatArray
 
 # Columns of a table of pushes.
@@ -98,8 +99,6 @@ def put_pushes(table: NDArray, t: float, chain: Chain) -> bool:
         Whether any push acts.
 
     """
-    body_int, body_float = chain.body_int, chain.body_float
-    moving, wrench = chain.moving, chain.wrench
     acting = False
     for i in range(table.shape[0]):
         row = table[i]
@@ -107,35 +106,21 @@ def put_pushes(table: NDArray, t: float, chain: Chain) -> bool:
         if share == 0.0:
             continue
         acting = True
-        fx, fy, fz = share * row[FORCE], share * row[FORCE + 1], share * row[FORCE + 2]
-        body = int(row[BODY])
-        first = body_int[body, at.POINT]
-        if body_int[body, at.FLEXIBLE] == 0:
-            wrench[first, 0] += fx
-            wrench[first, 1] += fy
-            wrench[first, 2] += fz
-            continue
-        length = body_float[body, at.LENGTH]
-        element = min(int(row[DISTANCE] / length), body_int[body, at.ELEMENTS] - 1)
-        xi = row[DISTANCE] / length - element
-        h = shape(xi, length)
-        here = moving[body]
-        ax, ay, az = here[at.WORLD], here[at.WORLD + 3], here[at.WORLD + 6]
-        along = fx * ax + fy * ay + fz * az
-        tx, ty, tz = fx - along * ax, fy - along * ay, fz - along * az
-        # Turning by dx of the beam's axis: x cross f.
-        mx, my, mz = ay * tz - az * ty, az * tx - ax * tz, ax * ty - ay * tx
-        for end in range(2):
-            node = wrench[first + element + end]
-            line = (1.0 - xi) if end == 0 else xi
-            bend, turn = h[2 * end], h[2 * end + 1]
-            node[0] += line * along * ax + bend * tx
-            node[1] += line * along * ay + bend * ty
-            node[2] += line * along * az + bend * tz
-            node[3] += turn * mx
-            node[4] += turn * my
-            node[5] += turn * mz
+        put_force(chain, int(row[BODY]), row[DISTANCE], times(share, vector_at(row, FORCE)))
     return acting
+
+
+@compiled
+def add_pushes_to_sections(
+    table: NDArray, t: float, chain: Chain, bodies: NDArray, places: NDArray, loads: NDArray,
+) -> None:
+    """Correct ``section_loads`` where pushes stand on the element of a section."""
+    for i in range(table.shape[0]):
+        row = table[i]
+        share = push_share(row, t)
+        if share != 0.0:
+            add_to_sections(chain, bodies, places, int(row[BODY]), row[DISTANCE],
+                            times(share, vector_at(row, FORCE)), loads)
 
 
 def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:

@@ -1,0 +1,268 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Force and place of a contact from strain, sample by sample.
+
+On each span of each link a contact is looked for by a Kalman filter of its own, and their
+likelihoods say which link and span it is. A rigid model leaves the moments of the contact over; an
+elastic one also the vibration that the contact causes, which the filters carry along.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tudor_dynamics.arm.kinematics import link_frame
+from tudor_dynamics.contact.elastic import ElasticFront, SAMPLE
+from tudor_dynamics.contact.estimate import (
+    Belief, ContactEstimate, ContactRecord, place_on, prior_spread, significance, TOLD)
+from tudor_dynamics.contact.modal import correct
+from tudor_dynamics.contact.rigid import RigidFront
+from tudor_dynamics.contact.scale import gauge_scale, strain_deviation
+from tudor_dynamics.contact.span import ACROSS, ALONG, link_axes, MOMENT, PRESSING, spans_of
+from tudor_dynamics.errors import ModelError, SimulationError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.fitted import FittedElastic
+from tudor_dynamics.typing import FloatArray
+
+SHORTEST = 0.0039
+"""Samples that follow sooner are passed over: no contact is so quick [s]."""
+LASTING = 2.0
+"""Time over which a force is forgotten [s]."""
+EVIDENCE = 0.6
+"""Time over which it is forgotten which span was the likely one [s]."""
+RECENT = 0.03
+"""The same while nothing is felt [s]."""
+FELT, LEFT = 49.0, 16.0
+"""Squared standard deviations from which, and until which, something is felt."""
+TRUSTED = 1.5
+"""Standard deviations up to which an innovation counts by its square."""
+STANDING = 0.03
+"""Speed below which an arm stands [rad/s or m/s]."""
+CALM = 0.2
+"""Part of the usual deviation that a standing arm keeps at least."""
+TARE = 3.0
+"""Time over which a standing arm takes what is left over for an offset [s]."""
+
+
+class ContactEstimator:
+    """
+    Estimates what touches an arm with gauges.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models of the arm.
+    kind : str
+        Kind of model in use.
+
+    Attributes
+    ----------
+    spans : tuple of Span
+        Where contacts are looked for.
+    links : tuple of str
+        Frame of the link of each.
+    scale : Scale
+        Of the gauges.
+
+    Raises
+    ------
+    ModelError
+        If there is no model of the strain, no gauge has a scale, or no link a length.
+
+    """
+
+    source = 'strain'
+
+    def __init__(self, bundle: ModelBundle, kind: str) -> None:
+        model = bundle.models.get('strain', {}).get(kind)
+        if model is None:
+            msg = f'contacts need a model of the strain, and the bundle has no {kind} one'
+            raise ModelError(msg)
+        self.scale = gauge_scale(bundle, kind)
+        deviation = np.abs(strain_deviation(bundle, kind) / self.scale.gain)
+        if not np.isfinite(deviation).any():
+            msg = (f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with a gain to '
+                   'the arm description, or fit an elastic model')
+            raise ModelError(msg)
+        arm = bundle.arm
+        self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
+        if not self.spans:
+            msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
+            raise ModelError(msg)
+        self._deviation = np.where(np.isfinite(deviation), deviation, 1e9)
+        self._front: ElasticFront | RigidFront = (
+            ElasticFront(model, self.spans, self._deviation)
+            if isinstance(model, FittedElastic) else RigidFront(arm, self.spans))
+        self._offset = (np.array([values[1] for values in model.coefficients_ or ()])
+                        if isinstance(model, FittedElastic) else np.zeros(len(arm.gauges)))
+        self.links = tuple(link_frame(arm.full_model, span.joint) for span in self.spans)
+        self._axes = [link_axes(arm, span.joint) for span in self.spans]
+        n = 2 * self._front.modes + PRESSING
+        self._state = np.zeros((len(self.spans), n))
+        self._covariance = np.zeros((len(self.spans), n, n))
+        self._weight = np.zeros(len(self.spans))
+        self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
+        self._tare = np.zeros(len(arm.gauges))
+        self._stood, self._spread = 0.0, np.zeros(len(arm.gauges))
+        self._last: int | None = None
+        self._begin_at = True
+        self.felt = False
+
+    def record(self) -> ContactRecord:
+        """Give a record for a contact that begins."""
+        return ContactRecord(self.spans, self.links)
+
+    def _begin(self) -> None:
+        self._state[:] = 0.0
+        self._covariance[:] = 0.0
+        for covariance, span in zip(self._covariance, self.spans, strict=True):
+            covariance[-PRESSING:, -PRESSING:] = span.covariance
+        self._weight = self._prior.copy()
+        self._tare[:] = 0.0
+        self._stood = 0.0
+        self.felt = False
+
+    def step(
+        self, stamp: int, begins: bool, row: FloatArray, measured: FloatArray,
+        residual: FloatArray | None,
+    ) -> ContactEstimate | None:
+        """
+        Take a sample into account.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        begins : bool
+            Whether nothing before it counts.
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        measured : ndarray of shape (n_gauges,)
+            Readings in their units.
+        residual : ndarray of shape (n_gauges,) or None
+            What a rigid model leaves over of them; None while its filters settle.
+
+        Returns
+        -------
+        ContactEstimate or None
+            None at a beginning, and for samples that are passed over.
+
+        """
+        if self._last is None or begins or stamp <= self._last:
+            self._begin_at = True
+        dt = 0.0 if self._last is None or self._begin_at else (stamp - self._last) * 1e-9
+        if not self._begin_at and dt < SHORTEST:
+            return None
+        self._last = stamp
+        try:
+            left = self._left(dt, row, measured, residual)
+        except SimulationError:
+            left = None
+        if left is None or self._begin_at:
+            self._begin()
+            self._begin_at = left is None
+            return None
+        n = len(row) // 3
+        standing = float(np.abs(row[n:2 * n]).max()) < STANDING
+        variance = self._variance(dt, left, standing)
+        likely = self._correct(dt, row, left - self._tare, variance)
+        if isinstance(self._front, ElasticFront):
+            self._front.settle(left - self._tare, dt, self._state)
+        # free motion says nothing of where a contact is
+        kept = math.exp(-dt / (EVIDENCE if self.felt else RECENT))
+        self._weight = (self._weight - self._prior) * kept + self._prior + likely
+        return self._told(stamp, likely)
+
+    def _left(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Give the moments that the model leaves over [N m]; None where it cannot say."""
+        gain = self.scale.gain
+        if isinstance(self._front, ElasticFront):
+            return np.asarray((measured - self._offset) / gain - self._front.follow(dt, row))
+        return None if residual is None else np.asarray(residual / gain)
+
+    def _variance(self, dt: float, left: FloatArray, standing: bool) -> FloatArray:
+        """Learn the offset of an arm that stands untouched; give the variance of the readings."""
+        if not standing:
+            self._stood = 0.0
+            self._tare *= math.exp(-dt / TARE)
+        elif not self.felt:
+            share = min(dt / TARE, 1.0)
+            self._stood += dt
+            off = left - self._tare
+            self._tare += share * off
+            self._spread += share * ((1.0 - share) * off**2 - self._spread)
+        usual = self._deviation**2
+        if self._stood > TARE:
+            usual = np.minimum(usual, 4.0 * self._spread + CALM**2 * usual)
+        return np.asarray(usual * (SAMPLE / dt if self._front.modes else 1.0))
+
+    def _correct(
+        self, dt: float, row: FloatArray, left: FloatArray, variance: FloatArray,
+    ) -> FloatArray:
+        front = self._front
+        fade = math.exp(-dt / LASTING)
+        levers = front.rows(row) if isinstance(front, RigidFront) else None
+        likely = np.zeros(len(self.spans))
+        for k, span in enumerate(self.spans):
+            state, covariance = self._state[k], self._covariance[k]
+            rise = (1.0 - fade * fade) * span.covariance
+            if isinstance(front, ElasticFront):
+                rows = front.carry(k, state, covariance, dt, fade, rise)
+            else:
+                assert levers is not None
+                rows = levers[k]
+                state *= fade
+                covariance *= fade * fade
+                covariance += rise
+            likely[k] = correct(state, covariance, rows, variance, left, TRUSTED)
+        return likely
+
+    def _told(self, stamp: int, likely: FloatArray) -> ContactEstimate:
+        weight = np.exp(self._weight - self._weight.max())
+        belief = Belief(self._state[:, -PRESSING:].copy(),
+                        self._covariance[:, -PRESSING:, -PRESSING:].copy(), weight / weight.sum())
+        joints = [span.joint for span in self.spans]
+        totals = {joint: float(sum(w for w, of in zip(belief.weight, joints, strict=True)
+                                   if of == joint)) for joint in joints}
+        joint = max(totals, key=lambda name: totals[name])
+        own = [k for k, of in enumerate(joints) if of == joint]
+        best = max(own, key=lambda k: float(belief.weight[k]))
+        size = max(significance(belief, k) for k in range(len(self.spans)))
+        self.felt = size > (LEFT if self.felt else FELT)
+        share = belief.weight[own] / belief.weight[own].sum()
+        values = share @ belief.pressing[own]
+        spread = sum(part * (belief.covariance[k] + np.outer(
+            belief.pressing[k] - values, belief.pressing[k] - values))
+            for part, k in zip(share, own, strict=True))
+        assert not isinstance(spread, int)
+        places, deviations = np.array([place_on(belief, k, self.spans[k]) for k in own]).T
+        place = float(share @ places)
+        unsure = math.sqrt(float(share @ (deviations**2 + (places - place)**2)))
+        prior = prior_spread([self.spans[k] for k in own])
+        known = self.felt and (prior == 0.0 or unsure <= TOLD * prior)
+        axes = self._axes[best]
+        if not known:
+            place = unsure = math.nan
+        return ContactEstimate(
+            stamp, self.links[best], joint, self.felt,
+            values[ACROSS] * axes.across + values[ALONG] * axes.along,
+            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
+            math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
+            place * axes.along, belief.pressing, likely)

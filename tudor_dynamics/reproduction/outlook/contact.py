@@ -1,0 +1,222 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Contact: force and place from two gauges a link, at rest and in motion without damping."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.contact.estimator import ContactEstimator
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.report.style import BLUE
+from tudor_dynamics.reproduction.elastic_fits import ElasticFit, KIND
+from tudor_dynamics.reproduction.figures import look
+from tudor_dynamics.reproduction.figures.pictures import Picture
+from tudor_dynamics.reproduction.judging import read
+from tudor_dynamics.reproduction.outlook.part import Floor, Section, Setting
+from tudor_dynamics.reproduction.plan import arm_content
+from tudor_dynamics.reproduction.result_cache import Cached
+from tudor_dynamics.signals.excitation import aprbs_motion
+from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
+from tudor_dynamics.simulation.loop.push_truth import random_pushes
+from tudor_dynamics.simulation.loop.pushes import Push
+from tudor_dynamics.simulation.loop.signals import LoopRecord
+from tudor_dynamics.typing import FloatArray
+
+EVERY = 20
+"""Steps of the loop between two samples: 100 Hz."""
+SLOT = 2.0
+"""Time for each push in motion [s]."""
+FELT = 1.0
+"""Pushes with less across the link are none that its gauges could tell [N]."""
+RUNS, PUSHES, RESTING = 5, 40, 12
+CLOSE, STRONG = 0.010, 0.2
+FAR, WEAK = 0.030, 0.10
+"""Errors asked for at rest [m, N], and in motion [m, 1]."""
+
+
+def section(setting: Setting) -> Section:
+    """
+    Compute the section.
+
+    Parameters
+    ----------
+    setting : Setting
+        What it is computed with.
+
+    """
+    campaign = setting.campaign
+    runs, pushes, resting = (1, 4, 2) if setting.quick else (RUNS, PUSHES, RESTING)
+    depends: dict[str, Any] = {
+        'arm': arm_content(campaign.arm), 'runs': runs, 'pushes': pushes, 'resting': resting,
+        'seed': campaign.plan.seed, 'quick': setting.quick,
+        'of': None if setting.quick else campaign.described(0.0, damped=True)}
+
+    def compute() -> Cached:
+        bundle = _bundle(setting)
+        at_rest = [row for k in range(resting) for row in _rest(setting, bundle, k, resting)]
+        moving = [row for k in range(runs) for row in _move(setting, bundle, k, runs, pushes)]
+        return Cached({'rest': at_rest, 'motion': moving}, {})
+
+    content = campaign.stages.result('contact_places', depends, compute).content
+    rest, motion = content['rest'], content['motion']
+    beyond = [row for row in rest if row['told']]
+    place = float(np.median([row['place_error'] for row in beyond])) if beyond else np.nan
+    force = float(np.median([row['force_error'] for row in beyond])) if beyond else np.nan
+    far = _median(motion, 'place_error')
+    weak = _median(motion, 'relative_error')
+    right = float(np.mean([row['link_right'] for row in motion]))
+    told = float(np.mean([row['told'] for row in motion]))
+    return Section(
+        ('Each span between gauges has a Kalman filter of its own that looks for a force there; '
+         'their likelihoods say which link and span it is. Truth and estimate are the force '
+         'across the link, which is what its gauges feel, and its place; a push of which the '
+         'wrong link, or no place, is told counts as one that is off by the whole link.',
+         f'In motion the right link is told of {100.0 * right:.0f} % of the pushes, and a place '
+         f'of {100.0 * told:.0f} %.'),
+        (Floor('at rest, beyond the second gauge: median error of the place', 'within 10 mm',
+               f'{1e3 * place:.1f} mm', place <= CLOSE),
+         Floor('the same: of the force', 'within 0.2 N', f'{force:.2f} N', force <= STRONG),
+         Floor(f'{len(motion)} pushes in motion, no damping: median error of the place',
+               'within 30 mm', f'{1e3 * far:.1f} mm', far <= FAR),
+         Floor('the same: of the force', 'within 10 %', f'{100.0 * weak:.0f} %', weak <= WEAK)),
+        (Picture('contact_places', 'Contact', 'Places of contacts',
+                 'Pushes of a moving arm without damping: where they were, and where they were '
+                 'found, from the joint of their link.', lambda: _draw(motion)),), content)
+
+
+def _median(rows: list[dict[str, Any]], name: str) -> float:
+    return float(np.median([row[name] for row in rows])) if rows else float('nan')
+
+
+def _bundle(setting: Setting) -> ModelBundle:
+    """Give an elastic model: of other recordings, or for a quick look of the description."""
+    campaign = setting.campaign
+    arm = campaign.carrying(0.0)
+    if setting.quick:
+        model = ElasticModel(arm, 'strain')
+        gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
+        model.coefficients_ = tuple(np.array([gains[name], 0.0]) for name in arm.gauge_names)
+        model.noise_ = np.full(len(arm.gauges), 6.0)
+        return ModelBundle(arm, arm.spec.preprocessing, {'strain': {KIND: model}}, {})
+    bags = read(arm, campaign.record(0.0)[:1])
+    fit = ElasticFit(arm, bags, None, progress=lambda text: setting.progress(text, 0.1))
+    return ModelBundle(arm, arm.spec.preprocessing, {
+        output: {KIND: model} for output, model in fit.models.items()}, {})
+
+
+def _rest(
+    setting: Setting, bundle: ModelBundle, number: int, total: int,
+) -> list[dict[str, Any]]:
+    """Push an arm that stands, across a link, somewhere beyond its second gauge."""
+    setting.progress('at rest', 0.2 + 0.2 * number / total)
+    random = np.random.default_rng([setting.campaign.plan.seed, number])
+    loop = ClosedLoop(bundle.arm, damping=0.0, seed=number)
+    limits = np.array([[0.3, 2.5], [-1.0, 1.0]])
+    pose = random.uniform(limits[:, 0], limits[:, 1])
+    joint = ('joint2', 'joint3')[number % 2] if 'joint2' in bundle.arm.active_joints else (
+        bundle.arm.active_joints[number % len(bundle.arm.active_joints)])
+    order = bundle.arm.active_joints.index(joint)
+    angle = float(pose[:order + 1].sum())
+    size = float(random.choice((-1.0, 1.0)) * random.uniform(2.0, 5.0))
+    place = float(random.uniform(0.26, 0.39))
+    loop.reset(pose)
+    push = Push(3.0, 9.0, joint, place, (-size * np.sin(angle), 0.0, size * np.cos(angle)), 0.2)
+    loop.set_pushes([push])
+    steps = round(6.0 / loop.dt)
+    seen = loop.run(np.tile(pose, (steps, 1)), np.zeros((steps, len(pose))), every=EVERY)
+    return _judge(bundle, seen, [push], within=(2.0, 3.0))
+
+
+def _move(
+    setting: Setting, bundle: ModelBundle, number: int, total: int, pushes: int,
+) -> list[dict[str, Any]]:
+    """Push a moving arm without damping anywhere on its links."""
+    setting.progress('in motion', 0.4 + 0.6 * number / total)
+    seed = 1000 * setting.campaign.plan.seed + number + 17
+    loop = ClosedLoop(bundle.arm, damping=0.0, seed=seed)
+    seconds = 3.0 + SLOT * pushes
+    motion = aprbs_motion(bundle.arm, seconds, seed, loop.dt)
+    chosen = random_pushes(bundle.arm, loop.plant.mechanism, pushes, seconds, seed)
+    loop.reset(motion.q[0])
+    loop.set_pushes(chosen)
+    return _judge(bundle, loop.run(motion.q, motion.dq, every=EVERY), list(chosen))
+
+
+def _judge(
+    bundle: ModelBundle, seen: LoopRecord, pushes: list[Push],
+    within: tuple[float, float] | None = None,
+) -> list[dict[str, Any]]:
+    """Estimate sample by sample, and compare what each push comes to with the truth."""
+    estimator = ContactEstimator(bundle, KIND)
+    found = [estimator.step(round(t * 1e9) + 1, k == 0,
+                            np.concatenate([seen.q[k], seen.dq[k], np.zeros_like(seen.q[k])]),
+                            seen.strain[k], None) for k, t in enumerate(seen.t)]
+    rows = []
+    for push in pushes:
+        begin, end = within or (0.0, push.duration)
+        part = np.flatnonzero((seen.t > push.time + begin) & (seen.t < push.time + end))
+        truth = _across(bundle.arm, push, seen.q_true[part], seen.t[part])
+        if not len(part) or abs(truth.mean()) < FELT:
+            continue
+        record = estimator.record()
+        for k in part:
+            estimate = found[k]
+            if estimate is not None:
+                record.add(estimate)
+        rows.append(_row(push, float(truth.mean()), record.summary(), estimator))
+    return rows
+
+
+def _across(arm: Arm, push: Push, q: FloatArray, t: FloatArray) -> FloatArray:
+    """Give the force across the link of a planar arm over time [N]."""
+    order = arm.active_joints.index(push.joint)
+    angle = q[:, :order + 1].sum(axis=1)
+    since = np.minimum(t - push.time, push.time + push.duration - t)
+    rise = np.sin(0.5 * np.pi * np.clip(since / max(push.rise, 1e-9), 0.0, 1.0)) ** 2
+    return rise * (-np.sin(angle) * push.force[0] + np.cos(angle) * push.force[2])
+
+
+def _row(
+    push: Push, truth: float, found: dict[str, Any], estimator: ContactEstimator,
+) -> dict[str, Any]:
+    links = {span.joint: link for span, link in zip(estimator.spans, estimator.links, strict=True)}
+    reach = max(span.outer for span in estimator.spans if span.joint == push.joint)
+    right = bool(found) and found['link'] == links[push.joint]
+    told = right and found['place'] is not None
+    force = found['force'] if right else 0.0
+    return {'link': links[push.joint], 'place': push.distance, 'force': truth,
+            'link_right': right, 'told': told, 'found': found['place'] if told else None,
+            'place_error': abs(found['place'] - push.distance) if told else reach,
+            'force_error': abs(force - truth), 'relative_error': abs(force / truth - 1.0)}
+
+
+def _draw(rows: list[dict[str, Any]]) -> Figure:
+    links = sorted({row['link'] for row in rows})
+    figure, axes = look.new_figure(3.0, 1, max(len(links), 1), sharey=True)
+    for axis, link in zip(axes[0], links, strict=False):
+        own = [row for row in rows if row['link'] == link and row['told']]
+        axis.plot([1e3 * row['place'] for row in own], [1e3 * row['found'] for row in own], 'o',
+                  color=BLUE, markersize=3)
+        axis.axline((0.0, 0.0), slope=1.0, color='#888888', linewidth=0.8)
+        axis.set_title(link)
+        axis.set_xlabel('pushed at [mm]')
+    axes[0, 0].set_ylabel('found at [mm]')
+    return figure
