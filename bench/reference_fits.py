@@ -69,7 +69,7 @@ def two_blade(bags, out):
                  CONFIG / 'two_blade_arm.yaml', '--out', out, '--overwrite', '--json')
     row('two blades, four bags of 80 s', 'tudor fit, start to report', said['seconds']['total'],
         20, 's', at_most=True)
-    row('', 'of which fit, leave one bag out, ELMs', said['seconds']['fit and validate'], 1, 's',
+    row('', 'of which fit, leaving each bag out once', said['seconds']['fit and validate'], 1, 's',
         at_most=True)
     training = [bags / f'arm_200g_free_{i}' for i in (1, 2, 3)]
     test = [bags / 'arm_200g_free_4']

@@ -20,16 +20,18 @@ import signal
 import sqlite3
 
 from backports import zstd
+from carrier_making import ARRAY, array, DYNAMIC, dynamic, STORE
 from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.bags import JointStateSeries, open_bag, read_recording, WrenchSeries
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.joint_states import decode_joint_states
 from tudor_dynamics.bags.labels import read_wrenches
+from tudor_dynamics.bags.layouts.carriers import array_layout, dynamic_layout
+from tudor_dynamics.bags.layouts.cdr import decode
 from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.storage.files import dump_yaml
@@ -38,10 +40,22 @@ import yaml
 JOINTS = ('shoulder', 'elbow')
 MESSAGES = 60
 START = 1_700_000_000_000_000_000
-STORE = get_typestore(Stores.ROS2_JAZZY)
 MODES = {'': None, 'chunk': CompressionMode.STORAGE, 'message': CompressionMode.MESSAGE,
          'file': CompressionMode.FILE}
 ROSBAGS_SECONDS = 4
+
+
+def _of_array(message):
+    return {('data', str(i)): x.tobytes() for i, x in enumerate(message.data)}
+
+
+def _of_interfaces(message):
+    return {(interface, joint): x.tobytes()
+            for joint, values in zip(message.joint_names, message.interface_values)
+            for interface, x in zip(values.interface_names, values.values)}
+
+
+CARRIERS = {ARRAY: (array_layout, _of_array), DYNAMIC: (dynamic_layout, _of_interfaces)}
 
 
 class Slow(BaseException):
@@ -66,10 +80,16 @@ def _write(path, plugin, mode):
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         writer.set_custom_data('payload', '0.2')
-        rows = sorted((time, which, data) for which, item in enumerate(series)
-                      for time, data in zip(item.stamp.tolist(), item.encode()))
-        ids = [writer.add_connection(item.topic, item.msgtype, typestore=STORE)
-               for item in series]
+        topics = [(item.topic, item.msgtype, item.stamp, item.encode()) for item in series]
+        topics.append(('/bridge', ARRAY, stamp[::3], [array(50 * row) for row in q[::3]]))
+        topics.append(('/dynamic_joint_states', DYNAMIC, stamp[::2], [
+            dynamic(int(at), {name: {'current': x, 'temperature': 40.0}
+                              for name, x in zip(JOINTS, row.tolist())})
+            for at, row in zip(stamp[::2], q[::2])]))
+        rows = sorted((time, which, data) for which, (_, _, times, messages) in enumerate(topics)
+                      for time, data in zip(times.tolist(), messages))
+        ids = [writer.add_connection(name, kind, typestore=STORE)
+               for name, kind, _, _ in topics]
         for time, which, data in rows:
             writer.write(ids[which], time, data)
 
@@ -100,6 +120,15 @@ class Bags:
             {'name': 'pair', 'kinematics': {'dh': [[0.4, 0, 0, 0], [0.4, 0, 0, 0]]},
              'joints': [{'name': name, 'effort': {'topic': 'motor_currents', 'unit': 'A'}}
                         for name in JOINTS]}, base=folder, source='fuzz')
+        # the same from an array and from interfaces
+        self.carried = arm_from_dict(
+            {'name': 'pair', 'kinematics': {'dh': [[0.4, 0, 0, 0], [0.4, 0, 0, 0]]},
+             'joints': [{'name': name, 'effort': {
+                 'topic': 'dynamic_joint_states', 'unit': 'A', 'interface': 'current'}}
+                        for name in JOINTS],
+             'gauges': [{'name': f'gauge{i}', 'joint': name, 'distance': 0.05, 'topic': 'bridge',
+                         'index': i} for i, name in enumerate(JOINTS)]},
+            base=folder, source='fuzz')
 
     def _keep(self, path, plugin, mode, name):
         _write(path / 'bag', plugin, mode)
@@ -166,7 +195,7 @@ class Bags:
         where = 'id = ?' if rng.random() < 0.7 else 'id <> ?'
         try:
             connection.execute(f'UPDATE {table} SET {column} = ? WHERE {where}',  # noqa: S608
-                               (value, int(rng.integers(1, 4))))
+                               (value, int(rng.integers(1, 6))))
             connection.commit()
         except sqlite3.Error:
             connection.rollback()
@@ -178,7 +207,8 @@ class Bags:
     def use(self, path):
         """Read the bag in every way; BagError where it cannot be."""
         self._turn += 1
-        ways = (describe, lambda p: read_recording(p, self.arm), read_wrenches)
+        ways = (describe, lambda p: read_recording(p, self.arm),
+                lambda p: read_recording(p, self.carried), read_wrenches)
         try:  # each takes its turn
             ways[self._turn % len(ways)](path)
         except BagError:
@@ -218,6 +248,8 @@ class Bags:
         return None
 
     def _compare_values(self, raw):
+        if raw.msgtype in CARRIERS:
+            return self._compare_carried(raw)
         if raw.msgtype != JOINT_STATE:
             return None
         try:
@@ -237,5 +269,25 @@ class Bags:
                             == block.values(field)[row].tobytes()
                             for field in ('position', 'velocity', 'effort')))
                 if not same:
+                    return f'message {index} has other values'
+        return None
+
+    def _compare_carried(self, raw):
+        layout, values_of = CARRIERS[raw.msgtype]
+        try:
+            blocks = decode(raw.data, layout, 'fuzz')
+        except BagError:
+            return None
+        for block in blocks:
+            found = {field: block.values(field) for field in block.layout.fields}
+            for row, index in enumerate(block.index.tolist()):
+                try:
+                    theirs = values_of(STORE.deserialize_cdr(raw.data[index], raw.msgtype))
+                except Exception as err:
+                    return f'message {index} is read, by rosbags not ({err!r})'
+                ours = {(field, name): values[row, column].tobytes()
+                        for field, values in found.items()
+                        for column, name in enumerate(block.layout.names)}
+                if any(ours.get(key) != value for key, value in theirs.items()):
                     return f'message {index} has other values'
         return None

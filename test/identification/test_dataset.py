@@ -42,10 +42,12 @@ def test_choices(text: str, expected: BagChoice) -> None:
     assert parse_choice(text) == expected
 
 
-@pytest.mark.parametrize('text', ['run@60-60%', 'run@60-40%', 'run@0-101%', 'run@9s-5s'])
-def test_impossible_parts(text: str) -> None:
-    """A part that is empty or outside is refused with the argument."""
-    with pytest.raises(UsageError, match=f'{text}: the part'):
+@pytest.mark.parametrize(('text', 'remedy'), [
+    ('run@60-60%', 'run@0-60%'), ('run@60-40%', 'run@0-60%'), ('run@0-101%', 'run@0-60%'),
+    ('run@9s-5s', 'run@5s-50s')])
+def test_impossible_parts(text: str, remedy: str) -> None:
+    """A part that is empty or outside is refused with the argument, and with what to give."""
+    with pytest.raises(UsageError, match=f'{text}: the part .*such as {remedy}'):
         parse_choice(text)
 
 

@@ -240,12 +240,14 @@ def _only_a_trend(case: Case, chosen: Alternative, hinted: list[int]) -> bool:
              for item in trends(case, output, explained, case.outputs[output])]
     if not found:
         return False
+    trending = {name for item in found for name in item.channels}
     better = sum(2.0 * np.log(item.now / item.otherwise) if item.now and item.otherwise else
                  np.inf for item in found)
-    if better < chosen.gain:
+    # parameters that channels share spoil others with the one that drifts
+    if better < chosen.gain and trending >= {*chosen.channels}:
         return False
     rest = Case(case.arm, case.recording, case.thinned,
-                case.broken | {name for item in found for name in item.channels})
+                case.broken | trending)
     for name, values in case.outputs.items():  # scaled as those of the case are
         rest.outputs[name] = np.where(rest.sound[name], values, 0.0)
     return choose(rest, hinted) is None

@@ -32,8 +32,8 @@ LEAST_GAIN = 1.0
 """An alternative has to leave less by this sum of log ratios: e.g. 1/e in one channel."""
 HINTED_GAIN = 0.3
 """The same where friction that drives instead of braking points at the channel."""
-COUPLED_GAIN = 1.5
-"""The same for drives coupled in one of many ways."""
+GRAVITY_GAIN, COUPLED_GAIN = 0.5, 1.5
+"""The same for gravity, which all channels feel, and for drives coupled in one of many ways."""
 SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
                for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
 """Factors between the units of efforts: those of gears with motors, and thousandths."""
@@ -332,7 +332,9 @@ def choose(case: Case, hinted: list[int]) -> Alternative | None:
         return None
     names = {case.arm.active_joints[i] for i in hinted}
     least = case.surely(LEAST_GAIN)
-    if best.kind == 'coupling_missing':
+    if best.gravity is not None:
+        least = case.surely(GRAVITY_GAIN)
+    elif best.kind == 'coupling_missing':
         least = case.surely(COUPLED_GAIN)
     elif best.kind == 'coupling_wrong' or names & set(best.channels):
         least = HINTED_GAIN  # the plainer description needs no more

@@ -118,7 +118,8 @@ def parse_choice(text: str) -> BagChoice:
     if timed is not None:
         begin, end = float(timed[2]), float(timed[3])
         if not begin < end < float('inf'):
-            msg = f'{text}: the part {timed[2]}s-{timed[3]}s is empty'
+            msg = (f'{text}: the part {timed[2]}s-{timed[3]}s is empty; give the earlier time '
+                   f'first, such as {timed[1]}@5s-50s')
             raise UsageError(msg)
         return BagChoice(timed[1], begin, end, seconds=True)
     match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
@@ -126,7 +127,8 @@ def parse_choice(text: str) -> BagChoice:
         return BagChoice(text)
     begin, end = float(match[2]) / 100.0, float(match[3]) / 100.0
     if not 0.0 <= begin < end <= 1.0:
-        msg = f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%'
+        msg = (f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%; give two '
+               f'shares of the bag, the smaller first, such as {match[1]}@0-60%')
         raise UsageError(msg)
     return BagChoice(match[1], begin, end)
 

@@ -167,11 +167,17 @@ def build_mechanism(arm: Arm) -> Mechanism:
     Raises
     ------
     SimulationError
-        If a link is missing or has no length, or the mechanism has no mass where it can move.
+        If a link is missing or has no length, the mechanism has no mass where it can move, or
+        its drives are coupled.
 
     """
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     builder = Builder(arm)
+    if arm.spec.couplings is not None:
+        msg = (f'{arm.source}: couplings are described, and a simulated motor turns with its own '
+               'joint alone; leave couplings out of a copy of the description to simulate the '
+               'arm as if nothing were coupled')
+        raise SimulationError(msg)
     if not arm.spec.links and not any(i.mass > 0 for i in list(arm.full_model.inertias)[1:]):
         msg = (f'{arm.source}: the description has no links; add links: with a rigid or flexible '
                'entry a joint to simulate it')
