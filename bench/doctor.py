@@ -166,13 +166,21 @@ def summary(found):
     return content
 
 
+def table(content):
+    """Give the confusion matrix as the document has it."""
+    yield '| put in | n | named | with place | with size | also said |'
+    yield '|---|---|---|---|---|---|'
+    for kind, row in content['all']['rows'].items():
+        others = ', '.join(f'`{name}` {count}' for name, count in row['also_said'].items())
+        yield (f'| `{kind}` | {row["put_in"]} | {row["named"]} | {row["placed"]} | '
+               f'{row["sized"]} | {others} |')
+
+
 def show(content):
     """Print the confusion matrix."""
-    print(f'{"put in":26}{"n":>5}{"named":>7}{"placed":>7}{"sized":>7}  also said')
-    for kind, row in content['all']['rows'].items():
-        others = ', '.join(f'{name} {count}' for name, count in row['also_said'].items())
-        print(f'{kind:26}{row["put_in"]:5}{row["named"]:7}{row["placed"]:7}{row["sized"]:7}'
-              f'  {others}')
+    for line in table(content):
+        print(line)
+    print()
     for name in ('developed on', 'proof', 'all'):
         part = content[name]
         print(f'{name}: {part["put_in"]} faults, named {100 * part["named"]:.1f} %, with place '

@@ -26,6 +26,7 @@ import numpy as np
 
 import tudor_dynamics as td
 from tudor_dynamics.doctor.evaluation import examine_evaluation
+from tudor_dynamics.identification.dataset import filtered
 from tudor_dynamics.identification.fit import FitSettings
 
 LOADS = (('airbot_chirp', 'airbot_chirp_loaded', 'airbot_trapezoidal'),
@@ -95,10 +96,13 @@ def of_loads(bags):
             continue
         bag = known[trained]
         bundle = td.fit([str(_place(bag))], bag.arm, settings=FitSettings(kinds=('analytical',)))
+        def judged(name, bundle=bundle):
+            return examine_evaluation(bundle, [filtered(known[name].data, bundle.preprocessing)])
+
         yield (known[loaded], Fault('load_unknown', ('load_unknown',), bag.arm, ()),
-               examine_evaluation(bundle, [known[loaded].data]))
+               judged(loaded))
         if same is not None and same in known:
-            yield known[same], None, examine_evaluation(bundle, [known[same].data])
+            yield known[same], None, judged(same)
 
 
 def _place(bag):
