@@ -16,13 +16,18 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 import subprocess
 import sys
 
+import pytest
 
-def test_injected_faults(root: Path) -> None:
+from tudor_dynamics.identification.finding import KINDS
+
+
+def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nearly all faults in one bag are named, with place and size, and the bag stays clean."""
     done = subprocess.run(
         [sys.executable, 'bench/doctor.py', '--own', '--bags', 'two_blade_test', '--json'],
@@ -32,3 +37,18 @@ def test_injected_faults(root: Path) -> None:
     assert content['put_in'] > 30
     assert content['named'] >= content['placed'] >= content['sized'] >= 0.95
     assert content['false'] == []
+    # the document has what the command prints
+    monkeypatch.syspath_prepend(str(root / 'bench'))
+    table = importlib.import_module('doctor').table
+    head, rule, *lines = table({'all': content})
+    printed = (root / 'docs/doctor.md').read_text(encoding='utf-8').split('\n\n')
+    tables = [part.splitlines() for part in printed if part.startswith(head)]
+    assert tables
+    for found in tables:
+        assert found[1] == rule
+        kinds = [line.split('`')[1] for line in found[2:]]
+        assert kinds == [kind for kind in KINDS if kind in kinds]
+        assert {line.split('`')[1] for line in lines} <= set(kinds)
+        for line in found[2:]:
+            put_in, named, placed, sized = (int(cell) for cell in line.split('|')[2:6])
+            assert put_in >= named >= placed >= sized

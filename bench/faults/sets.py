@@ -96,6 +96,7 @@ def of_loads(bags):
             continue
         bag = known[trained]
         bundle = td.fit([str(_place(bag))], bag.arm, settings=FitSettings(kinds=('analytical',)))
+
         def judged(name, bundle=bundle):
             return examine_evaluation(bundle, [filtered(known[name].data, bundle.preprocessing)])
 

@@ -23,9 +23,9 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
-from tudor_dynamics.identification.collision_score import CollisionScore, Sighting, Watched
-from tudor_dynamics.identification.collision_truth import KnownPush, Truth
-from tudor_dynamics.identification.collisions import MethodResult
+from tudor_dynamics.identification.collisions.replay import MethodResult
+from tudor_dynamics.identification.collisions.score import CollisionScore, Sighting, Watched
+from tudor_dynamics.identification.collisions.truth import KnownPush, Truth
 from tudor_dynamics.monitoring.detector import CollisionEvent
 from tudor_dynamics.report.events import _draw, LOWEST, MOST, write_events
 
