@@ -18,8 +18,7 @@ A schedule of gains over payload and pose: the damping ratio asked for, as far a
 At each node the described gains of the dampers are taken times one factor, the position gain in
 proportion to the first frequency. The damping ratio of the first mode rises with the factor up to
 where links and position loop begin to fight; the smallest factor that gives what was asked for is
-taken, or the best one. A factor with which faster modes are damped less than the links alone do
-is none.
+taken, or the best one. A factor that would excite at twice the delay is none.
 """
 
 from __future__ import annotations
@@ -49,12 +48,14 @@ MEAN = 0.15
 """Corner of the DC blocker: the load is known, what is left changes slowly [Hz]."""
 FACTORS = np.geomspace(0.1, 6.0, 22)
 """Of the described gains, for a first look."""
-HALVINGS = 9
+HALVINGS = 7
 """Of an interval in which a factor or a delay is sought."""
-KEPT = 0.7
-"""Part of the links' own damping that faster modes keep at least."""
-LONGEST_DELAY = 0.2
-"""Beyond which nobody asks whether gains still hold [s]."""
+ROOM = 2.0
+"""Delay from which on gains excite, over the one that they are used with."""
+SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2
+"""Within which, and in which ratio, delays are looked at [s]."""
+LOOKS = 4
+"""Delays at which a factor is looked at."""
 MODES = 2
 """In the schedule."""
 
@@ -219,7 +220,6 @@ class Judge:
         self._bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
         self.mean = 2.0 * math.pi * min(MEAN, damper.mean_frequency)
         self._rotor = tuple(tuned.rotor.tolist())
-        self.alone = self(0.0, 0.0).others
 
     def __call__(self, factor: float, delay: float) -> LoopDamping:
         """Judge a factor of the described gains at a delay of the loop [s]."""
@@ -228,20 +228,24 @@ class Judge:
             loop_matrix(self.small, DriveLoop(self._bandwidth, delay, self._rotor), gains),
             self.first, self.second)
 
-    def holds(self, found: LoopDamping) -> bool:
-        """Say whether nothing grows, and faster modes keep most of the links' damping."""
-        return found.decay > 0.0 and found.others >= KEPT * self.alone
+    def holds(self, factor: float, delay: float) -> bool:
+        """Say whether nothing grows at a delay of the loop, with room for more [s]."""
+        return all(self(factor, share * delay).decay > 0.0
+                   for share in np.linspace(1.0, ROOM, LOOKS))
 
     def full_delay(self, factor: float) -> float:
-        """Give half of the delay from which on the gains excite [s]."""
-        low, high = 0.0, LONGEST_DELAY
+        """Give the delay up to which gains hold: half of the first at which they excite [s]."""
+        low, high = 0.0, SHORTEST_DELAY
+        # from below: gains that excite at some delay may damp again at a longer one
+        while high < LONGEST_DELAY and self(factor, high).decay > 0.0:
+            low, high = high, FINER * high
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             if self(factor, middle).decay > 0.0:
                 low = middle
             else:
                 high = middle
-        return max(0.5 * low, 1e-3)
+        return max(low / ROOM, 0.5 * SHORTEST_DELAY)
 
 
 def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
@@ -263,10 +267,9 @@ def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
     """
     best, reached, before = 0.0, judge(0.0, wish.delay).first, 0.0
     for factor in FACTORS:
-        found = judge(float(factor), wish.delay)
-        if not judge.holds(found):
+        if not judge.holds(float(factor), wish.delay):
             break
-        ratio = found.first
+        ratio = judge(float(factor), wish.delay).first
         if ratio >= wish.damping_ratio:
             low, high = before, float(factor)
             for _ in range(HALVINGS):
