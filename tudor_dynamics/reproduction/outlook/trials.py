@@ -224,8 +224,9 @@ class PickedUp:
     ----------
     swing, command : float
         From 4 to 5 s behind it: range of the strain [um/m] and largest command [deg/s].
-    quiet : bool
-        Whether the damper was not switched off for a swing, and the reference was followed.
+    quiet, followed : bool
+        Whether the damper was not switched off for a swing; whether the arm was with its reference
+        all the time.
     t, strain, payload : ndarray of shape (n_samples,)
         Since the payload is there [s]; strain [um/m]; payload in use [kg].
 
@@ -234,6 +235,7 @@ class PickedUp:
     swing: float
     command: float
     quiet: bool
+    followed: bool
     t: FloatArray
     strain: FloatArray
     payload: FloatArray
@@ -281,5 +283,5 @@ def picked_up(
     command = np.degrees(np.abs(rig.trace.array('command')[begin:]))
     end = round(4.0 * RATE)
     return PickedUp(float(np.ptp(strain[end:])), float(command[end:].max()),
-                    controller.gains.excited == '' and source.note == '',
+                    controller.gains.excited == '', source.note == '',
                     np.arange(len(strain)) / RATE, strain, np.array(used))
