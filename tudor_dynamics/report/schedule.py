@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.control.schedule import Schedule
-from tudor_dynamics.files import write_whole
-from tudor_dynamics.report.figure import plain_text
+from tudor_dynamics.report.figure import plain_text, write_figure
 from tudor_dynamics.report.style import BLUE, PRINT, style, VERMILION
 from tudor_dynamics.typing import FloatArray
 
@@ -100,7 +98,5 @@ def write_schedule_figure(schedule: Schedule, fixed: FloatArray, path: Path) -> 
         Picture.
 
     """
-    stream = io.BytesIO()
     with style(PRINT):
-        draw_schedule(schedule, fixed).savefig(stream, format=path.suffix[1:], dpi=130)
-    write_whole(path, stream.getvalue())
+        write_figure(draw_schedule(schedule, fixed), path)
