@@ -98,7 +98,7 @@ class CarriedLoad:
 
     @property
     def mass(self) -> float:
-        """What is carried in all [kg]."""
+        """Give what is carried in all [kg]."""
         return self._mass
 
     def carry(self, mass: float) -> None:
@@ -173,12 +173,12 @@ class PayloadStage(CarriedLoad):
 
     @property
     def mass(self) -> float:
-        """What is carried in all [kg]."""
+        """Give what is carried in all [kg]."""
         return self.known + self.observer.mass
 
     @property
     def std(self) -> float:
-        """Standard deviation of it [kg]."""
+        """Give its standard deviation [kg]."""
         return self.observer.std
 
     def expect(self) -> None:
