@@ -37,6 +37,7 @@ from tudor_dynamics.simulation.loop.campaign import (
     StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.load_changes import random_loads
 from tudor_dynamics.simulation.loop.signals import with_payload
 import yaml
 
@@ -73,6 +74,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--no-damping', action='store_true', help='leave the damper out')
     parser.add_argument('--pushes', type=int, default=0, metavar='N',
                         help='pushes on links in each stimulus (default: 0)')
+    parser.add_argument('--held', action='store_true',
+                        help='let every second push last for seconds')
+    parser.add_argument('--loads', type=int, default=0, metavar='N',
+                        help='loads of 100 to 400 g that are picked up and put down in each '
+                             'stimulus; what is carried is in /applied_payload (default: 0)')
     parser.add_argument('--excitation', choices=('aprbs', 'fourier'), default='aprbs',
                         help='kind of motion (default: aprbs)')
     parser.add_argument('--best-of', type=int, default=1, metavar='N',
@@ -108,8 +114,9 @@ def _check(args: argparse.Namespace) -> None:
         if getattr(args, name) < 1:
             msg = f'--{name.replace("_", "-")} {getattr(args, name)}: give 1 or more'
             raise UsageError(msg)
-    if args.pushes < 0 or args.seed < 0:
-        msg = f'--pushes {args.pushes} --seed {args.seed}: neither can be negative'
+    if min(args.pushes, args.loads, args.seed) < 0:
+        msg = (f'--pushes {args.pushes} --loads {args.loads} --seed {args.seed}: none can be '
+               'negative')
         raise UsageError(msg)
     if not 2.0 < args.seconds <= 3600.0:
         msg = f'--seconds {args.seconds}: give more than 2 and at most 3600'
@@ -132,7 +139,8 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
                 range(motion, motion + args.best_of)).seed
         result.append(StimulusSpec(
             args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
-            args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal)))
+            args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal),
+            random_loads(args.loads, args.seconds, args.payload, push), args.held))
     return result
 
 
