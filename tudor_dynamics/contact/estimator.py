@@ -47,14 +47,17 @@ EVIDENCE = 0.6
 """Time over which it is forgotten which span was the likely one [s]."""
 RECENT = 0.03
 """The same while nothing is felt [s]."""
-FELT, LEFT = 49.0, 16.0
-"""Squared standard deviations from which, and until which, something is felt."""
+FELT, LEFT, DOUBTED = 49.0, 16.0, 9.0
+"""Squared standard deviations from which, and until which, something is felt; and from which what
+is left over is taken for no offset."""
 TRUSTED = 1.5
 """Standard deviations up to which an innovation counts by its square."""
 STANDING = 0.03
 """Speed below which an arm stands [rad/s or m/s]."""
 CALM = 0.2
 """Part of the usual deviation that a standing arm keeps at least."""
+CALMED = 1.0
+"""Time over which the noise of a standing arm is learned [s]."""
 TARE = 3.0
 """Time over which a standing arm takes what is left over for an offset [s]."""
 
@@ -119,6 +122,7 @@ class ContactEstimator:
         self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
         self._tare = np.zeros(len(arm.gauges))
         self._stood, self._spread = 0.0, np.zeros(len(arm.gauges))
+        self._size = 0.0
         self._last: int | None = None
         self._begin_at = True
         self.felt = False
@@ -134,7 +138,7 @@ class ContactEstimator:
             covariance[-PRESSING:, -PRESSING:] = span.covariance
         self._weight = self._prior.copy()
         self._tare[:] = 0.0
-        self._stood = 0.0
+        self._stood = self._size = 0.0
         self.felt = False
 
     def step(
@@ -202,14 +206,13 @@ class ContactEstimator:
         if not standing:
             self._stood = 0.0
             self._tare *= math.exp(-dt / TARE)
-        elif not self.felt:
-            share = min(dt / TARE, 1.0)
+        elif self._size < DOUBTED:
             self._stood += dt
             off = left - self._tare
-            self._tare += share * off
-            self._spread += share * ((1.0 - share) * off**2 - self._spread)
+            self._tare += min(dt / TARE, 1.0) * off
+            self._spread += min(dt / CALMED, 1.0) * (off**2 - self._spread)
         usual = self._deviation**2
-        if self._stood > TARE:
+        if self._stood > 2.0 * CALMED:
             usual = np.minimum(usual, 4.0 * self._spread + CALM**2 * usual)
         return np.asarray(usual * (SAMPLE / dt if self._front.modes else 1.0))
 
@@ -245,6 +248,7 @@ class ContactEstimator:
         own = [k for k, of in enumerate(joints) if of == joint]
         best = max(own, key=lambda k: float(belief.weight[k]))
         size = max(significance(belief, k) for k in range(len(self.spans)))
+        self._size = size
         self.felt = size > (LEFT if self.felt else FELT)
         share = belief.weight[own] / belief.weight[own].sum()
         values = share @ belief.pressing[own]
