@@ -147,7 +147,7 @@ class Adaptation:
         self._load = self._slow = None
 
     def known(self, now: float) -> bool:
-        """Say whether a payload was told, and not too long ago [s]."""
+        """Say whether a payload was told, and not too long before now [s]."""
         return math.isfinite(self._told) and (
             self.timeout <= 0.0 or now - self._at <= self.timeout)
 
@@ -162,7 +162,7 @@ class Adaptation:
         dt : float
             Time since the sample before [s].
         q : ndarray of shape (n_joints,)
-            Positions [rad].
+            Measured positions of the joints [rad].
         dq_ref : ndarray of shape (n_joints,)
             Speeds of the reference [rad/s].
 
@@ -205,8 +205,14 @@ class Adaptation:
 
         Parameters
         ----------
-        now, dt, q, dq_ref
-            See ``step``.
+        now : float
+            Local time [s].
+        dt : float
+            Time since the sample before [s].
+        q : ndarray of shape (n_joints,)
+            Measured positions of the joints [rad].
+        dq_ref : ndarray of shape (n_joints,)
+            Speeds of the reference [rad/s].
         damper : Damper
             Gets gains, and the change of the load.
         gains : LoopGains

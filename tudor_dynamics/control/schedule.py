@@ -72,14 +72,14 @@ class Schedule:
     Parameters
     ----------
     content : ScheduleFile
-        What the file says.
+        What stands in the file, its shapes not yet compared.
     source : str
         Where it is from, for messages.
 
     Attributes
     ----------
     content : ScheduleFile
-        As above.
+        What the file says, as it was given.
     payload : ndarray of shape (n_payloads,)
         Grid of payloads [kg].
     modes : int
@@ -172,7 +172,7 @@ class Schedule:
         payload : float
             Mass at the tip [kg].
         q : ndarray of shape (n_joints,)
-            Pose [rad or m].
+            Pose of the active joints [rad or m].
 
         Returns
         -------
@@ -224,7 +224,7 @@ class Schedule:
         Parameters
         ----------
         path : str or Path
-            File.
+            File to write; one that is there is replaced.
 
         """
         content = self.content.model_dump(by_alias=True)

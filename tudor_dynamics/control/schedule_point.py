@@ -31,7 +31,7 @@ class Mode:
     Attributes
     ----------
     frequency : float
-        Undamped [Hz].
+        Frequency of the undamped mode [Hz].
     damping : float
         Damping ratio of the links alone.
     drive : ndarray of shape (n_joints,)

@@ -102,7 +102,7 @@ class Shaping:
         Parameters
         ----------
         path : ndarray of shape (n_samples, n_joints)
-            Poses [rad].
+            Poses along the way, in their order [rad].
 
         """
         assert self.schedule is not None and self.payload is not None
@@ -149,7 +149,7 @@ class ShapedPlanner(MotionPlanner):
     q : array of shape (n_joints,)
         Where the joints rest at the start [rad].
     shaping : Shaping
-        How.
+        How moves are shaped, and what is known for that.
 
     """
 

@@ -40,7 +40,7 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
     Parameters
     ----------
     schedule : Schedule
-        Schedule.
+        Schedule to be drawn.
     fixed : ndarray of the grid's shape
         Damping ratios that fixed gains have.
 
@@ -91,11 +91,11 @@ def write_schedule_figure(schedule: Schedule, fixed: FloatArray, path: Path) -> 
     Parameters
     ----------
     schedule : Schedule
-        Schedule.
+        Schedule to be drawn.
     fixed : ndarray of the grid's shape
         Damping ratios that fixed gains have.
     path : Path
-        Picture.
+        Picture to write; its suffix says what kind.
 
     """
     with style(PRINT):

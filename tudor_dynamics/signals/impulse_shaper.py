@@ -98,7 +98,7 @@ class ImpulseShaper:
     Parameters
     ----------
     shaper : Impulses
-        Shaper.
+        Impulses to shape with.
     q : ndarray of shape (n_joints,)
         Where the motion rests before it begins [rad].
 

@@ -156,7 +156,7 @@ def fixed_ratios(tuned: TunedArm, delay: float, schedule: Schedule) -> FloatArra
     Parameters
     ----------
     tuned : TunedArm
-        Arm.
+        Arm with its elastic model.
     delay : float
         Of the loop [s].
     schedule : Schedule
@@ -201,7 +201,7 @@ class Judge:
     Parameters
     ----------
     tuned : TunedArm
-        Arm.
+        Arm with its elastic model.
     small : SmallMotion
         About the pose.
     first, second : float
@@ -229,12 +229,12 @@ class Judge:
             self.first, self.second)
 
     def holds(self, factor: float, delay: float) -> bool:
-        """Say whether nothing grows at a delay of the loop, with room for more [s]."""
+        """Say whether nothing grows with a factor at a delay [s], with room for more."""
         return all(self(factor, share * delay).decay > 0.0
                    for share in np.linspace(1.0, ROOM, LOOKS))
 
     def full_delay(self, factor: float) -> float:
-        """Give the delay up to which gains hold: half of the first at which they excite [s]."""
+        """Give half of the first delay at which a factor of the gains excites [s]."""
         low, high = 0.0, SHORTEST_DELAY
         # from below: gains that excite at some delay may damp again at a longer one
         while high < LONGEST_DELAY and self(factor, high).decay > 0.0:

@@ -93,11 +93,11 @@ def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> Flo
     Parameters
     ----------
     small : SmallMotion
-        Links.
+        Links about rest at one pose.
     drive : DriveLoop
-        Drives.
+        Drives and the delay before them.
     gains : LoopGainsAt
-        Gains.
+        Gains of damper and position loop.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping
     Parameters
     ----------
     matrix : ndarray of shape (n, n)
-        See ``loop_matrix``.
+        Rates of all states by the states, as ``loop_matrix`` gives them.
     first, second : float
         First two frequencies of the links, drives held [Hz].
 

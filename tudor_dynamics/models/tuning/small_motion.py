@@ -118,7 +118,7 @@ class Vibrations:
     frequency, damping : ndarray of shape (n_modes,)
         Undamped frequencies [Hz] and damping ratios.
     shape : ndarray of shape (n_modes, m)
-        Mass-normalised.
+        Coordinates of each mode, mass-normalised.
     drive : ndarray of shape (n_modes, n_joints)
         Right side of each mode's equation by accelerations of the drives.
     strain : ndarray of shape (n_modes, n_damped)

@@ -190,7 +190,7 @@ def reference(
     arm : Arm
         Arm with limits.
     shaping : Shaping
-        How.
+        How the move is shaped.
     ends : tuple of ndarray
         Where it begins and ends [rad].
     period : float
@@ -221,11 +221,11 @@ def run(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm to be simulated.
     payload : float
         Mass at the tip [kg].
     q, dq : ndarray of shape (n_steps, n_joints)
-        Reference [rad, rad/s].
+        Positions and speeds of the reference [rad, rad/s].
     length : float
         Of the move [s].
     period : float

@@ -51,7 +51,7 @@ def place(arm: Arm, shares: FloatArray) -> FloatArray:
 
 
 def resting_at(arm: Arm, q: FloatArray) -> Arm:
-    """Give the arm that begins at a pose [rad]."""
+    """Give the arm that begins at the pose q [rad]."""
     simulation = arm.spec.simulation.model_copy(update={
         'initial': dict(zip(arm.active_joints, q.tolist(), strict=True))})
     return Arm(arm.spec.model_copy(update={'simulation': simulation}), arm.full_model,
@@ -67,11 +67,11 @@ def rig_of(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm to be simulated.
     schedule : Schedule or None
         None for the fixed gains.
     q : ndarray of shape (n_joints,)
-        Pose [rad].
+        Pose in which it rests [rad].
     payload, told : float
         Mass at the tip, and what the damper is told of it [kg].
     seed : int
@@ -97,11 +97,11 @@ def tapped(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm to be simulated.
     schedule : Schedule or None
         None for the fixed gains.
     q : ndarray of shape (n_joints,)
-        Pose [rad].
+        Pose in which it rests [rad].
     payload, error : float
         Mass at the tip, and by how much the damper is told another one [kg].
     modes : tuple of Mode
@@ -180,7 +180,7 @@ def moved(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm to be simulated.
     schedule : Schedule or None
         None for the fixed gains.
     ends : tuple of ndarray
@@ -251,9 +251,9 @@ def picked_up(
     Parameters
     ----------
     arm : Arm
-        Arm.
+        Arm to be simulated.
     schedule : Schedule
-        Gains.
+        Schedule that the damper follows.
     ends : tuple of ndarray
         Where the move begins and ends [rad].
     payload : float
