@@ -34,8 +34,8 @@ from tudor_dynamics.arm.schema import FRICTION_KEYS
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.estimation import stored
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.storage import products as stored
 from tudor_dynamics.models.storage.files import (
     dump_npz, dump_yaml, load_npz, load_yaml, MAX_BYTES, read_file, read_head, sealed, sha256,
     write_directory)

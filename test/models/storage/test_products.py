@@ -23,7 +23,7 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.estimation import stored
+from tudor_dynamics.models.storage import products as stored
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.storage.files import dump_npz
 from tudor_dynamics.models.training import block_of
