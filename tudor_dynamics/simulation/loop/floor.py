@@ -82,7 +82,7 @@ def press(floor: NDArray, z: NDArray, dz: NDArray, chain: Chain, dt: float) -> b
     Parameters
     ----------
     floor : ndarray of shape (FLOOR,)
-        Floor.
+        What presses, as ``floor_row`` gives it.
     z, dz : ndarray of shape (n,)
         Coordinates and their rates.
     chain : Chain

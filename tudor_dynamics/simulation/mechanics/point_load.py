@@ -131,7 +131,7 @@ def point_motion(
     z, dz : ndarray of shape (n,)
         Coordinates and their rates.
     chain : Chain
-        Mechanism.
+        Mechanism after that pass.
     body, node : int
         Body, and its node; 0 for the origin of its frame.
 
