@@ -49,8 +49,8 @@ EARLY = 0.2
 """Time before a load for which it is announced [s]."""
 SOON, LATER = 1.0, 5.0
 """Times behind a change at which the mass is judged [s]."""
-LOADED, PUSHED = 1000, 2000
-"""Seeds of the recordings."""
+LOADED, PUSHED = 5000, 6000
+"""Seeds of the recordings: others than those that windows and limits were chosen on."""
 
 
 @dataclass(frozen=True)
