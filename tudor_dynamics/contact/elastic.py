@@ -20,9 +20,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tudor_dynamics.contact.layout import PRESSING
 from tudor_dynamics.contact.modal import carry, slow_modes, turn_basis
 from tudor_dynamics.contact.pressing import Pressing, pressing_columns
-from tudor_dynamics.contact.span import link_axes, PRESSING, Span
+from tudor_dynamics.contact.span import link_axes, Span
 from tudor_dynamics.models.elastic.arm import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.gear import STIFF

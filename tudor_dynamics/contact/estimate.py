@@ -22,7 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.contact.span import ACROSS, ALONG, MOMENT, Span
+from tudor_dynamics.contact.layout import ACROSS, ALONG, MOMENT
+from tudor_dynamics.contact.span import Span
 from tudor_dynamics.typing import FloatArray
 
 TOLD = 0.5

@@ -30,10 +30,11 @@ from tudor_dynamics.arm.kinematics import link_frame
 from tudor_dynamics.contact.elastic import ElasticFront, SAMPLE
 from tudor_dynamics.contact.estimate import (
     Belief, ContactEstimate, ContactRecord, place_on, prior_spread, significance, TOLD)
+from tudor_dynamics.contact.layout import ACROSS, ALONG, MOMENT, PRESSING
 from tudor_dynamics.contact.modal import correct
 from tudor_dynamics.contact.rigid import RigidFront
 from tudor_dynamics.contact.scale import gauge_scale, strain_deviation
-from tudor_dynamics.contact.span import ACROSS, ALONG, link_axes, MOMENT, PRESSING, spans_of
+from tudor_dynamics.contact.span import link_axes, spans_of
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.fitted import FittedElastic

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.contact.span import ACROSS, ALONG, MOMENT, PRESSING, Span
+from tudor_dynamics.contact.layout import ACROSS, ALONG, MOMENT, PRESSING
+from tudor_dynamics.contact.span import Span
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic.kernel import Driven, driven_of
 from tudor_dynamics.models.elastic.setup import GaugePlaces

@@ -23,7 +23,8 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.kinematics import gauge_point
-from tudor_dynamics.contact.span import gauge_axis, link_axes, LinkAxes, PRESSING, Span
+from tudor_dynamics.contact.layout import PRESSING
+from tudor_dynamics.contact.span import gauge_axis, link_axes, LinkAxes, Span
 from tudor_dynamics.typing import FloatArray
 
 

@@ -33,8 +33,6 @@ from tudor_dynamics.arm.kinematics import joint_axis, unit_vector
 from tudor_dynamics.arm.schema import GaugeSpec
 from tudor_dynamics.typing import FloatArray
 
-ACROSS, MOMENT, ALONG = range(3)
-PRESSING = 3
 SHORTEST = 1e-3
 """Ends of a span are at least so far apart, also where the place is known [m]."""
 PUSH = 10.0

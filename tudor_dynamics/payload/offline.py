@@ -40,6 +40,7 @@ STEP = 0.05
 UNTOLD = 0.25
 """Standard deviation of a mass, as a part of what weighs like the arm itself (or of the payloads
 of the model), from which on a recording tells nothing of a load."""
+LEAST = 1e-300
 SURE = 2.0
 """Standard deviations from which on a load is one."""
 WIDER = 2.0
@@ -253,13 +254,15 @@ def _by_rows(
 
 def _relative(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
     """Tell a load without a scale: each output in its own unit, as a part of the arm's moment."""
-    best = min(told, key=lambda item: math.sqrt(item.variance) / item.reference)
-    value, std = best.mass / best.reference, math.sqrt(best.variance) / best.reference
+    weighty = [item for item in told if item.reference > 0.0] or list(told)
+    best = min(weighty, key=lambda item: math.sqrt(item.variance) / max(item.reference, LEAST))
+    value = _over(best.mass, best.reference)
+    std = _over(math.sqrt(best.variance), best.reference)
     nothing = np.full(3, math.nan)
     return PayloadEstimate(
         _verdict(value, std, std, 1.0), math.nan, math.nan, known, nothing, nothing,
         np.full(6, math.nan), np.full(6, math.nan), carrier_frame(arm), True, Source.NOTHING,
-        math.nan, value, std, tuple(item.summary(1.0 / item.reference) for item in told))
+        math.nan, value, std, tuple(item.summary(_over(1.0, item.reference)) for item in told))
 
 
 def _verdict(value: float, std: float, plain_std: float, reference: float) -> Verdict:
@@ -294,7 +297,13 @@ def _combined(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
     return PayloadEstimate(
         _verdict(mass, std, plain, reference), known + mass, std, known, com, com_std, inertia,
         inertia_std, carrier_frame(arm), at_tip, best.scale.source, relative,
-        mass / reference, plain / reference, tuple(item.summary() for item in told))
+        _over(mass, reference), _over(plain, reference),
+        tuple(item.summary() for item in told))
+
+
+def _over(value: float, reference: float) -> float:
+    """Give a part of the arm's own moment; NaN where gravity asks nothing of the arm."""
+    return value / reference if reference > 0.0 else math.nan
 
 
 @dataclass(frozen=True, eq=False)

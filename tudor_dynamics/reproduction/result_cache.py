@@ -44,7 +44,7 @@ FOLDER = 'stages'
 PACKAGE = Path(__file__).resolve().parents[1]
 RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
-FITTING = (*RECORDING, 'models', 'payload', 'identification', 'monitoring', 'report',
+FITTING = (*RECORDING, 'models', 'payload', 'contact', 'identification', 'monitoring', 'report',
            'reproduction')
 """Parts that a fit and its figures depend on."""
 

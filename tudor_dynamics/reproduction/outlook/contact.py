@@ -26,11 +26,11 @@ from tudor_dynamics.contact.estimator import ContactEstimator
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.report.style import BLUE
-from tudor_dynamics.reproduction.elastic_fits import ElasticFit, KIND
+from tudor_dynamics.reproduction.elastic_fits import KIND
 from tudor_dynamics.reproduction.figures import look
 from tudor_dynamics.reproduction.figures.pictures import Picture
-from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Floor, Section, Setting
+from tudor_dynamics.reproduction.outlook.tuned import ENDS, identified_model
 from tudor_dynamics.reproduction.plan import arm_content
 from tudor_dynamics.reproduction.result_cache import Cached
 from tudor_dynamics.signals.excitation import aprbs_motion
@@ -67,7 +67,8 @@ def section(setting: Setting) -> Section:
     depends: dict[str, Any] = {
         'arm': arm_content(campaign.arm), 'runs': runs, 'pushes': pushes, 'resting': resting,
         'seed': campaign.plan.seed, 'quick': setting.quick,
-        'of': None if setting.quick else campaign.described(0.0, damped=True)}
+        'of': None if setting.quick else [campaign.described(payload, damped=True)
+                                          for payload in ENDS]}
 
     def compute() -> Cached:
         bundle = _bundle(setting)
@@ -116,10 +117,8 @@ def _bundle(setting: Setting) -> ModelBundle:
         model.coefficients_ = tuple(np.array([gains[name], 0.0]) for name in arm.gauge_names)
         model.noise_ = np.full(len(arm.gauges), 6.0)
         return ModelBundle(arm, arm.spec.preprocessing, {'strain': {KIND: model}}, {})
-    bags = read(arm, campaign.record(0.0)[:1])
-    fit = ElasticFit(arm, bags, None, progress=lambda text: setting.progress(text, 0.1))
     return ModelBundle(arm, arm.spec.preprocessing, {
-        output: {KIND: model} for output, model in fit.models.items()}, {})
+        'strain': {KIND: identified_model(setting)}}, {})
 
 
 def _rest(

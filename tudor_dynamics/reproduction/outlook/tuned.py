@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What damping and shaping have in common: an elastic model of two payloads, and its schedule."""
+"""What parts have in common: an elastic model of two payloads, and a schedule by it."""
 
 from __future__ import annotations
 
@@ -55,8 +55,22 @@ def tuned_arm(setting: Setting) -> TunedArm:
 
     """
     arm = setting.campaign.arm
-    if setting.quick:
-        return TunedArm(arm)
+    return TunedArm(arm) if setting.quick else TunedArm(arm, identified_model(setting))
+
+
+def identified_model(setting: Setting) -> ElasticModel:
+    """
+    Give an elastic model of strain that was identified from recordings of two known payloads.
+
+    One payload alone would leave the scale of masses, and of forces, to what is described.
+
+    Parameters
+    ----------
+    setting : Setting
+        What the part computes with.
+
+    """
+    arm = setting.campaign.arm
     plan = replace(setting.campaign.plan, stimuli=STIMULI)
     campaign = Campaign(plan, setting.campaign.stages, setting.campaign.progress)
     depends: dict[str, Any] = {'of': [campaign.described(payload, damped=True)
@@ -65,7 +79,8 @@ def tuned_arm(setting: Setting) -> TunedArm:
     model = ElasticModel(arm, 'strain', tuple(
         PhysicalParameter(name, value, '') for name, value in found.content['physical'].items()))
     model.coefficients_ = tuple(np.array(values) for values in found.content['strain'])
-    return TunedArm(arm, model)
+    model.noise_ = np.array(found.content['noise'])
+    return model
 
 
 def _identify(campaign: Campaign) -> Cached:
@@ -73,8 +88,9 @@ def _identify(campaign: Campaign) -> Cached:
     bags = [bag for payload in ENDS for bag in read(arm, campaign.record(payload))]
     fit = ElasticFit(arm, bags, None, ENDS)
     strain = fit.models['strain']
-    assert isinstance(strain, ElasticModel) and strain.coefficients_ is not None
-    return Cached({'physical': fit.found,
+    assert isinstance(strain, ElasticModel)
+    assert strain.coefficients_ is not None and strain.noise_ is not None
+    return Cached({'physical': fit.found, 'noise': strain.noise_.tolist(),
                    'strain': [values.tolist() for values in strain.coefficients_]}, {})
 
 
