@@ -158,3 +158,25 @@ def test_without_a_scale_it_says_so() -> None:
 
 class _Unknown:
     """A model of which nothing is known."""
+
+
+def test_readings_that_bend_the_arm_beyond_what_it_can_are_survived() -> None:
+    """The model is drawn to them until it is no arm; it begins anew, and tells contacts again."""
+    arm = tudor()
+    estimator = ContactEstimator(bundle_of(arm), 'elastic')
+    row = np.concatenate([POSE, np.zeros(4)])
+    rest = estimator_rest(arm)
+    told = []
+    for k in range(400):
+        wild = 100 <= k < 200
+        readings = rest + (6e4 * (-1.0) ** (k // 3) if wild else 0.0)
+        told.append(estimator.step(round(k * 1e7) + 1, k == 0, row, readings, None))
+    assert any(item is None for item in told[100:210]), 'it began anew'
+    assert all(item is not None for item in told[300:])
+
+
+def estimator_rest(arm: Arm) -> FloatArray:
+    """Give what the gauges read of the arm at rest in the pose."""
+    loop = ClosedLoop(arm, damping=0.0, seed=0)
+    loop.reset(POSE)
+    return np.asarray(loop.run(np.tile(POSE, (200, 1)), np.zeros((200, 2)), every=20).strain[-1])

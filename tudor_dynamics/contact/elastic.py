@@ -24,6 +24,7 @@ from tudor_dynamics.contact.layout import PRESSING
 from tudor_dynamics.contact.modal import carry, slow_modes, turn_basis
 from tudor_dynamics.contact.pressing import Pressing, pressing_columns
 from tudor_dynamics.contact.span import link_axes, Span
+from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic.arm import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.gear import STIFF
@@ -97,6 +98,7 @@ class ElasticFront:
         self._squares: FloatArray = np.zeros(count)
         self._rates: FloatArray = np.zeros(count)
         slow_modes(self._small, self._basis, self._squares, self._rates)
+        self._first = self._basis.copy()
         self.noise = SAMPLE * white_force(
             Linearised(*self._small), self._white, self._shown / moment_deviation[:, None],
             BANDWIDTH)
@@ -125,17 +127,24 @@ class ElasticFront:
         Raises
         ------
         SimulationError
-            If the motion makes the model diverge.
+            If the motion makes the model diverge, or bend until it is no arm any more.
 
         """
         if dt <= 0.0:
             self._driven.forget()
+            self._basis[:] = self._first  # what went before may have been no arm any more
         moment = self._driven.follow(row[None, :len(row) // 3], np.array([dt])).moment[0]
-        self._linearise()
+        if dt <= 0.0:
+            return moment  # matrices come with the next sample, which moves it
         self._before = self._basis.copy()
-        slow_modes(self._small, self._basis, self._squares, self._rates)
-        self._flexible = np.linalg.inv(self._small[2]) - (
-            self._basis / self._squares) @ self._basis.T
+        try:
+            self._linearise()
+            slow_modes(self._small, self._basis, self._squares, self._rates)
+            self._flexible = np.linalg.inv(self._small[2]) - (
+                self._basis / self._squares) @ self._basis.T
+        except np.linalg.LinAlgError as err:
+            raise SimulationError(f'the arm has no vibrations where it is now ({err}): its links '
+                                  'bend farther than they can') from None
         return moment
 
     def settle(self, left: FloatArray, dt: float, states: FloatArray) -> None:
