@@ -200,17 +200,7 @@ class ShapedPlanner(MotionPlanner):
             self._left = self._inner.remaining + self._shaper.length
 
     def move(self, q: ArrayLike, dq: ArrayLike) -> None:
-        """
-        Go on from other positions [rad] and speeds [rad/s], without a target.
-
-        Parameters
-        ----------
-        q : array of shape (n_joints,)
-            Positions to go on from [rad].
-        dq : array of shape (n_joints,)
-            Speeds to go on from [rad/s].
-
-        """
+        """Go on from elsewhere without a target; see ``MotionPlanner``."""
         self._clear()
         super().move(q, dq)
 

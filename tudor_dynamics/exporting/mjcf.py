@@ -22,6 +22,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.exporting.urdf import simple_friction
 from tudor_dynamics.models.consistent.full import FullParameters
 from tudor_dynamics.typing import FloatArray
@@ -45,7 +46,7 @@ def mjcf_of(full: FullParameters) -> str:
     arm, model = full.arm, full.arm.model
     root = ElementTree.Element('mujoco', model=arm.name)
     ElementTree.SubElement(root, 'compiler', angle='radian', balanceinertia='false')
-    ElementTree.SubElement(root, 'option', gravity=_row(np.array(arm.spec.gravity)))
+    ElementTree.SubElement(root, 'option', gravity=row(np.array(arm.spec.gravity)))
     places = [ElementTree.SubElement(root, 'worldbody')]
     drives = full.drives
     for index, parameters in enumerate(full.bodies.values(), start=1):
@@ -53,16 +54,16 @@ def mjcf_of(full: FullParameters) -> str:
         place = model.jointPlacements[index]
         body = ElementTree.SubElement(
             places[int(model.parents[index])], 'body', name=f'{name}_link',
-            pos=_row(place.translation), quat=_quaternion(place.rotation))
+            pos=row(place.translation), quat=_quaternion(place.rotation))
         inertia = pin.Inertia.FromDynamicParameters(parameters)
         tensor = np.asarray(inertia.inertia)
         ElementTree.SubElement(
-            body, 'inertial', pos=_row(inertia.lever), mass=repr(float(inertia.mass)),
-            fullinertia=_row(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]))
+            body, 'inertial', pos=row(inertia.lever), mass=repr(float(inertia.mass)),
+            fullinertia=row(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]))
         simple = simple_friction(drives[name])
         ElementTree.SubElement(
             body, 'joint', name=name, type='slide' if arm.is_prismatic(name) else 'hinge',
-            axis=_row(joint_axis(model, name)), armature=repr(drives[name].get('Ia', 0.0)),
+            axis=row(joint_axis(model, name)), armature=repr(drives[name].get('Ia', 0.0)),
             damping=repr(simple.damping), frictionloss=repr(simple.friction))
         places.append(body)
     motors = ElementTree.SubElement(root, 'actuator')
@@ -72,10 +73,6 @@ def mjcf_of(full: FullParameters) -> str:
     return ElementTree.tostring(root, encoding='unicode') + '\n'
 
 
-def _row(values: FloatArray) -> str:
-    return ' '.join(repr(float(value)) for value in np.asarray(values).tolist())
-
-
 def _quaternion(rotation: FloatArray) -> str:
     x, y, z, w = pin.Quaternion(rotation).coeffs()
-    return _row(np.array([w, x, y, z]))
+    return row(np.array([w, x, y, z]))

@@ -25,9 +25,9 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.errors import ArmError
+from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.exporting.sharing import link_inertias
 from tudor_dynamics.models.consistent.full import FullParameters
-from tudor_dynamics.typing import FloatArray
 
 REACH = 2.0 * np.pi
 """Limits of the joints of a new URDF, which needs some [rad or m]."""
@@ -188,16 +188,12 @@ def _inertial(inertia: pin.Inertia) -> str:
     tensor = np.asarray(inertia.inertia)
     values = ' '.join(f'{key}="{float(tensor[i, j])!r}"' for key, i, j in (
         ('ixx', 0, 0), ('ixy', 0, 1), ('ixz', 0, 2), ('iyy', 1, 1), ('iyz', 1, 2), ('izz', 2, 2)))
-    return (f'<inertial><origin xyz="{_row(inertia.lever)}" rpy="0 0 0"/>'
+    return (f'<inertial><origin xyz="{row(inertia.lever)}" rpy="0 0 0"/>'
             f'<mass value="{float(inertia.mass)!r}"/><inertia {values}/></inertial>')
 
 
 def _dynamics(simple: Simple) -> str:
     return f'<dynamics damping="{simple.damping!r}" friction="{simple.friction!r}"/>'
-
-
-def _row(values: FloatArray) -> str:
-    return ' '.join(repr(float(value)) for value in np.asarray(values).tolist())
 
 
 def _new(full: FullParameters) -> str:
@@ -220,11 +216,11 @@ def _new(full: FullParameters) -> str:
         lines += [
             f'  <link name={quoteattr(f"{name}_link")}>{_inertial(inertia)}</link>',
             f'  <joint name={quoteattr(name)} type="{kind}">',
-            f'    <origin xyz="{_row(place.translation)}" '
-            f'rpy="{_row(pin.rpy.matrixToRpy(place.rotation))}"/>',
+            f'    <origin xyz="{row(place.translation)}" '
+            f'rpy="{row(pin.rpy.matrixToRpy(place.rotation))}"/>',
             f'    <parent link={quoteattr(before)}/>',
             f'    <child link={quoteattr(f"{name}_link")}/>',
-            f'    <axis xyz="{_row(axis)}"/>',
+            f'    <axis xyz="{row(axis)}"/>',
             f'    <limit lower="{-REACH!r}" upper="{REACH!r}" effort="0" velocity="0"/>',
             f'    {_dynamics(simple_friction(drives[name]))}', '  </joint>']
     return '\n'.join([*lines, '</robot>', ''])

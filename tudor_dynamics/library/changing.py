@@ -30,7 +30,8 @@ from tudor_dynamics.identification.dataset import BagData, load, training_blocks
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.estimation.products import Products, squared_residuals, summed
+from tudor_dynamics.models.estimation.products import (
+    Products, squared_residuals, summed, triangular)
 from tudor_dynamics.models.estimation.torque_constants import rescaled
 from tudor_dynamics.typing import FloatArray
 
@@ -168,11 +169,10 @@ def _one(
         raise UsageError(f'--add {lacking[0]}: it has no {output}, of which there is a model',
                          remedy='add bags with all outputs of the model')
     kept = {name: part for name, part in model.data_.items() if name not in drop}
-    triangular = any(product.triangle is not None for part in model.data_.values()
-                     for group in part for product in group)
+    factors = triangular(model.data_.values())
     for bag in data:
         blocks = training_blocks([bag], output, with_payload=model.payload_range is not None)
-        kept[str(bag.choice)] = model.products(blocks, triangular=triangular)
+        kept[str(bag.choice)] = model.products(blocks, triangular=factors)
     return model.like().fit_data(kept)
 
 

@@ -175,6 +175,20 @@ def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]
     return total
 
 
+def triangular(parts: Iterable[Sequence[Sequence[Products]]]) -> bool:
+    """
+    Say whether parts were accumulated as triangular factors.
+
+    Parameters
+    ----------
+    parts : iterable of sequence of sequence of Products
+        Products of each part, by group and channel.
+
+    """
+    return any(product.triangle is not None for part in parts for group in part
+               for product in group)
+
+
 def squared_residuals(product: Products, parameters: FloatArray) -> float:
     """
     Give the residual sum of squares of a channel from its products.

@@ -29,7 +29,7 @@ import numpy as np
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.estimation.products import Products, summed
+from tudor_dynamics.models.estimation.products import Products, summed, triangular
 from tudor_dynamics.models.storage.files import load_npz
 from tudor_dynamics.typing import FloatArray
 
@@ -71,8 +71,7 @@ def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, Fl
             groups = [part[number] for part in data.values()]
             arrays[f'{name}_{number}'] = np.array([[_matrix(p) for p in g] for g in groups])
             arrays[f'{name}_{number}_n'] = np.array([[p.n for p in g] for g in groups])
-        arrays[f'{name}_triangular'] = np.array([float(any(
-            p.triangle is not None for part in data.values() for g in part for p in g))])
+        arrays[f'{name}_triangular'] = np.array([float(triangular(data.values()))])
     return names, arrays
 
 
@@ -104,7 +103,7 @@ def unpack(
         for name, model in _kept(sets, empty=True):
             if name not in names:
                 continue
-            triangular = bool(arrays[f'{name}_triangular'][0])
+            factors = bool(arrays[f'{name}_triangular'][0])
             parts: dict[str, list[list[Products]]] = {str(part): [] for part in names[name]}
             for number, group in enumerate(model.groups_):
                 size = len(group.base.kept) + 1
@@ -116,7 +115,7 @@ def unpack(
                     msg = f'{name}: {values.shape} where finite numbers {shape} were expected'
                     raise ValueError(msg)
                 for part, matrices, n in zip(parts.values(), values, counts, strict=True):
-                    part.append([_product(matrix, int(k), triangular)
+                    part.append([_product(matrix, int(k), factors)
                                  for matrix, k in zip(matrices, n, strict=True)])
             model.data_ = parts
     except (KeyError, TypeError, ValueError, IndexError) as err:
@@ -142,5 +141,5 @@ def _matrix(product: Products) -> FloatArray:
     return full
 
 
-def _product(matrix: FloatArray, n: int, triangular: bool) -> Products:
-    return Products(matrix.T @ matrix, n, matrix) if triangular else Products(matrix, n)
+def _product(matrix: FloatArray, n: int, factors: bool) -> Products:
+    return Products(matrix.T @ matrix, n, matrix) if factors else Products(matrix, n)
