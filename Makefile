@@ -61,7 +61,7 @@ demo: venv
 	@echo "open the report in a browser: file://$(abspath $(DEMO_OUT))/model/report.html"
 
 test: venv
-	@$(ROS) $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope $(PYTEST_ARGS)
+	@$(ROS) $(BIN)/python -m pytest -n $(WORKERS) --dist loadscope --no-loadscope-reorder $(PYTEST_ARGS)
 
 bench: venv
 	@$(if $(BENCHES),,echo 'no script in bench/' >&2; exit 1;) $(ROS) \

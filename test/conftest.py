@@ -41,6 +41,17 @@ _first = int(os.environ.setdefault('TUDOR_TEST_DOMAIN', str(1 + os.getpid() % 90
 _worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
 os.environ['ROS_DOMAIN_ID'] = str(_first + int(_worker) % 10)
 
+LONGEST = ('test_closed_loop.py', 'test_evaluate_collisions.py', 'elastic/test_search.py',
+           'test_documented_commands.py', 'test_flake8.py', 'test_mypy.py', 'test_processes.py',
+           'test_damper_sign_test.py', 'test_doctor_bench.py')
+"""What takes longest in one piece begins first, so that no worker is left alone with it."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first; everything else stays in its order."""
+    items.sort(key=lambda item: next((k for k, name in enumerate(LONGEST) if item.path.as_posix(
+        ).endswith(name)), len(LONGEST)))
+
 
 @pytest.fixture(scope='session')
 def root() -> Path:

@@ -14,5 +14,5 @@
 
 """How long tests wait for what comes by itself: only what never comes fails by it."""
 
-PATIENCE = 400.0
+PATIENCE = 150.0
 """On a machine with much else to do [s]."""

@@ -125,6 +125,8 @@ def test_scripts_and_their_options_are_known() -> None:
     assert seen > 5
 
 
+PAGE = 240.0
+"""For the blocks of a page, on a busy machine; idle, the longest takes 20 s [s]."""
 ENDING = 20.0
 """For helpers of a process that ends behind it, on a busy machine [s]."""
 
@@ -168,15 +170,19 @@ def test_commands_run(page: str, checkout: Path, tmp_path: Path) -> None:
             ['bash', '-c', script], cwd=place, stdout=subprocess.DEVNULL, stderr=told,
             start_new_session=True,
             env={**os.environ, 'PATH': f'{place}/bin:{os.environ["PATH"]}',
-                 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1'})
+                 'PYTHONPATH': str(ROOT), 'PYTHONDONTWRITEBYTECODE': '1',
+                 'PYTHONFAULTHANDLER': '1'})
         try:
-            code = process.wait(600)
+            code = process.wait(PAGE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGABRT)  # each says where it stands
+            code = process.wait(ENDING)
         finally:
             left = not ended(process.pid, ENDING)
             if left:  # what the blocks started, too
                 os.killpg(process.pid, signal.SIGKILL)
         told.seek(0)
-        assert code == 0, f'{page}:\n{script}\n{told.read()[-2000:]}'
+        assert code == 0, f'{page}:\n{script}\n{told.read()[-8000:]}'
     assert not left, f'{page}: processes go on when all commands have ended'
 
 

@@ -53,6 +53,15 @@ def stamps(path: Path) -> list[int]:
             - 10**18 for data in read_track(path).data]
 
 
+def run_of(found: list[int]) -> list[int]:
+    """
+    Give the numbers without a hole that begin where these do.
+
+    What was sent before a process knew of the writer does not reach it.
+    """
+    return list(range(found[0], found[0] + len(found)))
+
+
 def publisher(world: World) -> Callable[..., None]:
     """Give what publishes messages that count on, once the recorder hears."""
     output = world.output('joint_states')
@@ -124,9 +133,11 @@ def test_its_process_ends_with_an_exit_code(storage: str, world: World, tmp_path
         def ended() -> bool:
             publish(1000)  # as many names as are read: 20 kB
             return process.poll() is not None
-        for _ in range(20):
+
+        def saved() -> bool:
             publish()
-        assert world.spin(lambda: in_scratch(tmp_path / 'b', 20))
+            return in_scratch(tmp_path / 'b', 20)
+        assert world.spin(saved)
         assert world.spin(ended)
         out, _ = process.communicate()
     finally:
@@ -134,7 +145,7 @@ def test_its_process_ends_with_an_exit_code(storage: str, world: World, tmp_path
     assert process.returncode == 1, out
     assert 'cannot be written any more' in out and 'Traceback' not in out
     found = stamps(tmp_path / 'b')
-    assert found == list(range(len(found))) and len(found) >= 20
+    assert found == run_of(found) and len(found) >= 20
     assert f'the {len(found)} messages' in out
     assert not any('metadata' in text for text in describe(tmp_path / 'b').odd)
 
@@ -154,9 +165,12 @@ def test_killed(storage: str, world: World, tmp_path: Path, capsys) -> None:
                      '-p', 'topics:=[joint_states]')
     try:
         publish = publisher(world)
-        for _ in range(100):
+
+        def saved() -> bool:
             publish()
-        assert world.spin(lambda: in_scratch(tmp_path / 'b', 100))
+            return in_scratch(tmp_path / 'b', 100)
+        assert world.spin(saved)
+        at_least = len(stamps(abandoned(tmp_path / 'b')[0]))
         for _ in range(30):
             publish()
     finally:
@@ -169,7 +183,7 @@ def test_killed(storage: str, world: World, tmp_path: Path, capsys) -> None:
         with sqlite3.connect(left / 'b.db3') as connection:
             connection.execute('pragma quick_check').fetchall()
     found = stamps(left)
-    assert found == list(range(len(found))) and 100 <= len(found) <= 130
+    assert found == run_of(found) and len(found) >= max(at_least, 100)
     assert main(['info', str(left)]) == 0
     assert main(['info', str(tmp_path / 'b')]) == 2
     assert str(left) in capsys.readouterr().err
