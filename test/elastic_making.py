@@ -21,9 +21,13 @@ from typing import Any
 import numpy as np
 from sample_arms import gauge, planar_arm, recording_of
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
 
 STIFFNESS, DAMPING, BACKLASH = {'j1': 220.0, 'j2': 160.0}, 0.2, 0.01
@@ -139,3 +143,30 @@ def pushed(
         truth.loaded = bool(np.any(force[k]))
         found.append(truth.follow(q[k:k + 1], dt[k:k + 1]).moment[0])
     return np.array(found)
+
+
+def identified(
+    arm: Arm, values: dict[str, float], effort: dict[str, dict[str, float]] | None = None,
+) -> ModelBundle:
+    """
+    Make the bundle of an elastic arm that was identified.
+
+    ``effort`` has the coefficients of each joint by the names of their terms; without, strain
+    alone was recorded.
+    """
+    physical = tuple(PhysicalParameter(name, value, physical_unit(arm, name), 0.01 * value, True)
+                     for name, value in values.items())
+    strain = ElasticModel(arm, 'strain', physical)
+    strain.coefficients_ = tuple(np.column_stack([GAINS, OFFSETS])[:len(strain.channels)])
+    models = {'strain': strain}
+    if effort is not None:
+        models['effort'] = ElasticModel(arm, 'effort', physical)
+        models['effort'].coefficients_ = tuple(
+            np.array([effort[joint][name.partition('(')[0]] for name in columns])
+            for joint, columns in zip(arm.active_joints, models['effort'].columns, strict=True))
+    for model in models.values():
+        assert model.coefficients_ is not None
+        model.standard_errors_ = tuple(np.full(len(c), 0.01) for c in model.coefficients_)
+        model.noise_ = np.ones(len(model.channels))
+    return ModelBundle(arm, PreprocessingSpec(), {
+        output: {'elastic': model} for output, model in models.items()})

@@ -24,9 +24,8 @@ import pinocchio as pin
 import pytest
 from robot_making import described_arm, fitted, JOINTS, motion_of, URDF
 from tudor_dynamics.arm import load_arm
-from tudor_dynamics.errors import ArmError
 from tudor_dynamics.exporting.sharing import link_inertias
-from tudor_dynamics.exporting.urdf import simple_friction, urdf_of
+from tudor_dynamics.exporting.urdf import urdf_of
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.consistent.bodies import pseudo_inertia
 from tudor_dynamics.models.consistent.full import full_parameters_of
@@ -92,12 +91,6 @@ def test_links_of_a_body_share_it_and_can_exist(full):
     assert found['hand'].mass == pytest.approx(0.0, abs=1e-9), 'it had none, it gets none'
 
 
-def test_terms_that_have_no_place_are_named():
-    simple = simple_friction({'Ia': 1.0, 'viscous+': 2.0, 'viscous-': 4.0, 'coulomb+': 1.0,
-                              'coulomb-': -3.0, 'offset': 0.5, 'cube_root': 0.0})
-    assert (simple.damping, simple.friction, simple.left_out) == (3.0, 2.0, ('offset',))
-
-
 def test_an_arm_of_rows_gets_a_urdf(root):
     arm = load_arm(root / 'config' / 'ur10.yaml')
     n = len(arm.active_joints)
@@ -111,10 +104,17 @@ def test_an_arm_of_rows_gets_a_urdf(root):
     assert np.allclose(rnea(read, motion[:20]), bodies_alone(full, motion[:20]), atol=1e-9)
 
 
-def test_rows_with_held_joints_are_refused(root):
-    arm = load_arm(root / 'config' / 'two_blade_arm.yaml')
+def test_rows_with_held_joints_get_one_in_which_these_are_rigid(root):
+    arm = load_arm(root / 'config' / 'two_blade_arm.yaml').with_joints({'joint1': {'hold': 0.4}})
     motion = np.random.default_rng(0).uniform(-1.0, 1.0, (200, 6))
     model = AnalyticalModel(EffortRegressor(arm), 2)
     model.fit(motion, np.random.default_rng(1).standard_normal((200, 2)))
-    with pytest.raises(ArmError, match='joint1'):
-        urdf_of(full_parameters_of(arm, model))
+    full = full_parameters_of(arm, model)
+    text = urdf_of(full)
+    assert 'joint1 is held at 0.4' in text
+    read = pin.buildModelFromXML(text)
+    assert list(read.names)[1:] == ['joint2', 'joint3']
+    read.gravity.linear = np.array(arm.spec.gravity)
+    constants = np.array([full.torque_constants[name] for name in arm.active_joints])
+    assert np.allclose(rnea(read, motion[:20]), constants * bodies_alone(full, motion[:20]),
+                       atol=1e-9)

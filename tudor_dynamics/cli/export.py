@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``tudor export``: an identified arm as URDF, MJCF, parameters of drives, or table."""
+"""``tudor export``: an identified arm as URDF, MJCF, description, drives, or table."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ from rich.console import Console
 
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.exporting.description import description_of
+from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of
+from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf, not_in_mjcf
+from tudor_dynamics.exporting.friction import simple_friction
 from tudor_dynamics.exporting.mjcf import mjcf_of
 from tudor_dynamics.exporting.tables import csv_of, yaml_of
-from tudor_dynamics.exporting.urdf import simple_friction, urdf_of
+from tudor_dynamics.exporting.urdf import urdf_of
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.models.consistent.full import full_parameters, FullParameters
 from tudor_dynamics.models.storage.bundle_io import load_bundle
@@ -36,10 +40,13 @@ examples:
   tudor export MODEL --to mjcf --out my_arm.xml
   tudor export MODEL --to yaml --out drives.yaml
   tudor export MODEL --to csv --out parameters.csv
+  tudor export MODEL --to arm --out my_arm_identified.yaml    of an elastic model
 
 Masses, centres, inertias, rotor inertias and friction are those that explain the recordings the
 model was fitted to, among all that can exist; what the recordings do not show comes from the
-description. In the URDF nothing but <inertial> and <dynamics> changes. See docs/export.md.
+description. In the URDF nothing but <inertial> and <dynamics> changes. An elastic model becomes
+MJCF with springs in gears and links (--rigid: without), and the description that tudor simulate
+and tudor record read. See docs/export.md.
 """
 
 FORMATS = {'urdf': urdf_of, 'mjcf': mjcf_of, 'yaml': yaml_of, 'csv': csv_of}
@@ -48,27 +55,54 @@ FORMATS = {'urdf': urdf_of, 'mjcf': mjcf_of, 'yaml': yaml_of, 'csv': csv_of}
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor export``."""
     parser.add_argument('model', metavar='MODEL', help='bundle of tudor fit, with efforts')
-    parser.add_argument('--to', choices=tuple(FORMATS), required=True, help='format')
+    parser.add_argument('--to', choices=(*FORMATS, 'arm'), required=True, help='format')
     parser.add_argument('--out', metavar='FILE', required=True, help='file to be written')
+    parser.add_argument('--rigid', action='store_true',
+                        help='MJCF of the rigid model where there is an elastic one too')
     parser.add_argument('--overwrite', action='store_true', help='replace the file')
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find the full parameters and write them."""
+    """Find what was identified and write it."""
     out = Path(args.out)
-    if out.exists() and not args.overwrite:
-        raise UsageError('exists already', place=out,
-                         remedy='choose another --out, or add --overwrite')
-    full = full_parameters(load_bundle(args.model, with_data=True))
-    text = FORMATS[args.to](full)
-    try:
-        write_whole(out, text.encode())
-    except OSError as err:
-        raise UsageError(f'cannot be written ({err.strerror or err})', place=out,
-                         remedy='choose another --out') from None
-    show(full, args.to, Console(highlight=False, markup=False, emoji=False))
-    print(f'{args.to}: {out}')
+    if args.to == 'arm' and out.suffix == '.urdf':
+        raise UsageError('is the name of the URDF beside it', place=out,
+                         remedy='choose a name that ends in .yaml')
+    console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
+    files, left_out = _content(args, out, console)
+    for path in files:
+        if path.exists() and not args.overwrite:
+            raise UsageError('exists already', place=path,
+                             remedy='choose another --out, or add --overwrite')
+    for path, text in files.items():
+        try:
+            write_whole(path, text.encode())
+        except OSError as err:
+            raise UsageError(f'cannot be written ({err.strerror or err})', place=path,
+                             remedy='choose another --out') from None
+    for what in left_out:
+        console.print(f'{args.to} has no place for: {what}')
+    print(f'{args.to}: {", ".join(map(str, reversed(files)))}')
     return 0
+
+
+def _content(
+    args: argparse.Namespace, out: Path, console: Console,
+) -> tuple[dict[Path, str], tuple[str, ...]]:
+    """Give the texts to be written, that which was asked for last, and what they leave out."""
+    bundle = load_bundle(args.model, with_data=True)
+    elastic = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
+    if args.to == 'arm':
+        beside = out.with_suffix('.urdf')
+        described = description_of(bundle, beside.name)
+        urdf = {} if bundle.arm.urdf is None else {beside: bundle.arm.urdf}
+        return {**urdf, out: described.text}, described.left_out
+    if args.to == 'mjcf' and elastic is not None and not args.rigid:
+        drives = elastic_drives(bundle)
+        return {out: elastic_mjcf(elastic, drives)}, not_in_mjcf(elastic, drives)
+    full = full_parameters(bundle)
+    show(full, args.to, console)
+    return {out: FORMATS[args.to](full)}, ()
 
 
 def show(full: FullParameters, target: str, console: Console) -> None:

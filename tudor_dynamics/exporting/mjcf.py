@@ -18,14 +18,13 @@ from __future__ import annotations
 
 from xml.etree import ElementTree
 
-import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.exporting.friction import simple_friction
+from tudor_dynamics.exporting.mjcf_elements import add_inertial, finished, new_body, new_file
 from tudor_dynamics.exporting.rows import row
-from tudor_dynamics.exporting.urdf import simple_friction
 from tudor_dynamics.models.consistent.full import FullParameters
-from tudor_dynamics.typing import FloatArray
 
 
 def mjcf_of(full: FullParameters) -> str:
@@ -44,35 +43,18 @@ def mjcf_of(full: FullParameters) -> str:
 
     """
     arm, model = full.arm, full.arm.model
-    root = ElementTree.Element('mujoco', model=arm.name)
-    ElementTree.SubElement(root, 'compiler', angle='radian', balanceinertia='false')
-    ElementTree.SubElement(root, 'option', gravity=row(np.array(arm.spec.gravity)))
+    root = new_file(arm)
     places = [ElementTree.SubElement(root, 'worldbody')]
     drives = full.drives
     for index, parameters in enumerate(full.bodies.values(), start=1):
         name = str(model.names[index])
-        place = model.jointPlacements[index]
-        body = ElementTree.SubElement(
-            places[int(model.parents[index])], 'body', name=f'{name}_link',
-            pos=row(place.translation), quat=_quaternion(place.rotation))
-        inertia = pin.Inertia.FromDynamicParameters(parameters)
-        tensor = np.asarray(inertia.inertia)
-        ElementTree.SubElement(
-            body, 'inertial', pos=row(inertia.lever), mass=repr(float(inertia.mass)),
-            fullinertia=row(tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]))
+        body = new_body(places[int(model.parents[index])], f'{name}_link',
+                        model.jointPlacements[index])
+        add_inertial(body, pin.Inertia.FromDynamicParameters(parameters))
         simple = simple_friction(drives[name])
         ElementTree.SubElement(
             body, 'joint', name=name, type='slide' if arm.is_prismatic(name) else 'hinge',
             axis=row(joint_axis(model, name)), armature=repr(drives[name].get('Ia', 0.0)),
             damping=repr(simple.damping), frictionloss=repr(simple.friction))
         places.append(body)
-    motors = ElementTree.SubElement(root, 'actuator')
-    for name in full.arm.active_joints:
-        ElementTree.SubElement(motors, 'motor', name=name, joint=name)
-    ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding='unicode') + '\n'
-
-
-def _quaternion(rotation: FloatArray) -> str:
-    x, y, z, w = pin.Quaternion(rotation).coeffs()
-    return row(np.array([w, x, y, z]))
+    return finished(root, arm.active_joints)

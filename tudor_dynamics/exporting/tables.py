@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from tudor_dynamics import __version__
-from tudor_dynamics.exporting.urdf import simple_friction
+from tudor_dynamics.exporting.friction import simple_friction
 from tudor_dynamics.models.consistent.full import FullParameters
 from tudor_dynamics.models.units import column_unit
 import yaml

@@ -24,34 +24,13 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.errors import ArmError
+from tudor_dynamics.exporting.friction import Simple, simple_friction
 from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.exporting.sharing import link_inertias
 from tudor_dynamics.models.consistent.full import FullParameters
 
 REACH = 2.0 * np.pi
 """Limits of the joints of a new URDF, which needs some [rad or m]."""
-
-
-@dataclass(frozen=True)
-class Simple:
-    """
-    Friction as most programs know it.
-
-    Attributes
-    ----------
-    damping : float
-        Torque for each unit of speed, the mean of both directions [N m s/rad or N s/m].
-    friction : float
-        Torque against the motion at any speed, likewise [N m or N].
-    left_out : tuple of str
-        Terms that the two do not express.
-
-    """
-
-    damping: float
-    friction: float
-    left_out: tuple[str, ...]
 
 
 @dataclass
@@ -65,31 +44,6 @@ class _Element:
     close: int = 0
     end: int = 0
     parts: list[_Element] = field(default_factory=list)
-
-
-def simple_friction(terms: dict[str, float]) -> Simple:
-    """
-    Bring friction to the two numbers that URDF and MJCF have for it.
-
-    Parameters
-    ----------
-    terms : dict of str to float
-        Terms of a joint, as ``FullParameters.drives`` gives them.
-
-    Returns
-    -------
-    Simple
-        Damping and friction.
-
-    """
-    def mean(term: str) -> float:
-        if f'{term}+' in terms:
-            return 0.5 * (abs(terms[f'{term}+']) + abs(terms[f'{term}-']))
-        return abs(terms.get(term, 0.0))
-
-    known = {'Ia', *(f'{term}{way}' for term in ('viscous', 'coulomb') for way in ('', '+', '-'))}
-    return Simple(mean('viscous'), mean('coulomb'), tuple(
-        term for term, value in terms.items() if term not in known and value != 0.0))
 
 
 def urdf_of(full: FullParameters) -> str:
@@ -197,15 +151,12 @@ def _dynamics(simple: Simple) -> str:
 
 
 def _new(full: FullParameters) -> str:
-    """Make a URDF of an arm that was described by D-H rows."""
-    arm, model = full.arm, full.arm.full_model
-    if arm.held_joints:
-        raise ArmError(
-            f'joints are held ({", ".join(arm.held_joints)}), and what hangs on them cannot be '
-            'told apart', place=arm.source, remedy='describe the arm by a URDF')
+    """Make a URDF of an arm that was described by D-H rows; held joints are rigid in it."""
+    arm, model = full.arm, full.arm.model
     bodies, drives = full.bodies, full.drives
     lines = ['<?xml version="1.0"?>', f'<robot name={quoteattr(arm.name)}>',
-             '  <link name="base"/>']
+             *(f'  <!-- {name} is held at {place:.6g} -->'
+               for name, place in arm.held_joints.items()), '  <link name="base"/>']
     for index in range(1, model.njoints):
         name, parent = str(model.names[index]), int(model.parents[index])
         place = model.jointPlacements[index]

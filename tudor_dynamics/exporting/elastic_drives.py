@@ -1,0 +1,101 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What an elastic model says of the drives of an arm: torque constants, rotors, friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.model import ElasticModel
+
+
+@dataclass(frozen=True)
+class ElasticDrive:
+    """
+    Drive of one joint.
+
+    Attributes
+    ----------
+    constant : float
+        Torque at the joint for each unit of the measured effort [N m or N by that unit].
+    terms : dict of str to float
+        Rotor inertia ``Ia`` and friction as the joint feels them, by the names of their terms
+        [kg m^2, N m s/rad, N m; for prismatic joints kg, N s/m, N].
+
+    """
+
+    constant: float
+    terms: dict[str, float]
+
+
+def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
+    """
+    Find the elastic model of an output.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models of an arm.
+    output : {'effort', 'strain'}
+        What it predicts.
+
+    Returns
+    -------
+    ElasticModel or None
+        None where there is no such model in the bundle.
+
+    """
+    model = bundle.models.get(output, {}).get('elastic')
+    return model if isinstance(model, ElasticModel) else None
+
+
+def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
+    """
+    Read the drives out of the effort model of an elastic arm.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models of an arm.
+
+    Returns
+    -------
+    dict of str to ElasticDrive
+        By joint; empty where there is no elastic model of efforts.
+
+    Raises
+    ------
+    ModelError
+        If a motor would need less the more its gear carries.
+
+    """
+    model = elastic_of(bundle, 'effort')
+    if model is None or model.coefficients_ is None:
+        return {}
+    found = {}
+    for joint, columns, values in zip(
+            model.channels, model.columns, model.coefficients_, strict=True):
+        by_torque = float(values[0])
+        if by_torque <= 0.0:
+            raise ModelError(
+                f'the elastic model of {bundle.arm.name} has efforts of {joint} that fall with '
+                f'the torque of its gear ({by_torque:.3g}): its drive cannot be described',
+                remedy='fit motion in which this joint carries more')
+        found[joint] = ElasticDrive(1.0 / by_torque, {
+            column.partition('(')[0]: float(value) / by_torque
+            for column, value in zip(columns[1:], values[1:], strict=True)})
+    return found
