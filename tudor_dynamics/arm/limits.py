@@ -185,6 +185,36 @@ def planned_limits(arm: Arm) -> Limits:
                   velocity, acceleration, hard.missing)
 
 
+def effort_limits(arm: Arm) -> FloatArray:
+    """
+    Give the largest effort of each active joint, in the unit that it is measured in.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description; the tighter of the motor's current and the effort limit of the URDF counts.
+
+    Returns
+    -------
+    ndarray of shape (n_joints,)
+        Limits [A, N m or N]; infinite where none is known.
+
+    """
+    largest = np.full(len(arm.joints), np.inf)
+    for i, joint in enumerate(arm.joints):
+        constant = joint.effort.torque_constant
+        motor = next((motor for motor in arm.spec.motors if motor.joint == joint.name), None)
+        if motor is not None and motor.current_limit:
+            largest[i] = motor.current_limit * (
+                1.0 if joint.effort.unit == 'A' else motor.joint_torque_constant)
+        if arm.urdf is not None and (joint.effort.unit != 'A' or constant is not None):
+            inner = arm.full_model.joints[arm.full_model.getJointId(joint.name)]
+            described = float(arm.full_model.upperEffortLimit[inner.idx_v])
+            if 0.0 < described < UNLIMITED:
+                largest[i] = min(largest[i], described / (constant or 1.0))
+    return largest
+
+
 def drive_stop(arm: Arm) -> DriveStop:
     """
     Give how the drives of an arm stop by themselves.

@@ -106,7 +106,28 @@ def read_urdf(path: Path) -> str:
         raise ArmError(msg) from None
 
 
-def _parse(text: str, path: str) -> ElementTree.Element:
+def parse(text: str, path: str) -> ElementTree.Element:
+    """
+    Parse a description within bounds.
+
+    Parameters
+    ----------
+    text : str
+        URDF or SRDF as XML text.
+    path : str
+        Where it came from, for messages.
+
+    Returns
+    -------
+    xml.etree.ElementTree.Element
+        Root of its tree.
+
+    Raises
+    ------
+    ArmError
+        If it is no XML, or larger than any arm.
+
+    """
     parser = ElementTree.XMLParser(target=_Bounded())
     try:
         parser.feed(text)
@@ -125,8 +146,26 @@ def _parse(text: str, path: str) -> ElementTree.Element:
     return root
 
 
-def _adapt(root: ElementTree.Element, path: str) -> None:
-    """Turn continuous joints into angles, and leave out what is drawn."""
+def adapt(root: ElementTree.Element, path: str,
+          drawn: tuple[str, ...] = ('visual', 'collision')) -> None:
+    """
+    Turn continuous joints into angles, and leave out what is drawn.
+
+    Parameters
+    ----------
+    root : xml.etree.ElementTree.Element
+        URDF, which is changed.
+    path : str
+        Where it came from, for messages.
+    drawn : tuple of str
+        Elements of links that are left out.
+
+    Raises
+    ------
+    ArmError
+        If a joint is of another type than can be modelled.
+
+    """
     for joint in root.iter('joint'):
         kind = joint.get('type')
         if kind == 'continuous':
@@ -144,7 +183,7 @@ def _adapt(root: ElementTree.Element, path: str) -> None:
                    'prismatic and fixed joints can be modelled')
             raise ArmError(msg)
     for link in root.iter('link'):  # meshes are not needed and often not there
-        for tag in ('visual', 'collision'):
+        for tag in drawn:
             for element in link.findall(tag):
                 link.remove(element)
 
@@ -228,8 +267,8 @@ def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin
         If it is no URDF, has a joint of another type, or a mass that is none.
 
     """
-    root = _parse(text, path)
-    _adapt(root, path)
+    root = parse(text, path)
+    adapt(root, path)
     _check_numbers(root, path)
     _snap(root, snapped or Snapped())
     model, cause = None, None

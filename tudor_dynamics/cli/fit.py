@@ -28,13 +28,16 @@ from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
     finite, new_table, print_findings, print_json, print_table, score_table, steps)
+from tudor_dynamics.cli.planned import print_comparison
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.excitation.plan_files import read_plan
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.identification.bag_choice import check_choices, parse_choice
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import parse_payloads
+from tudor_dynamics.identification.planned import compare_with_plan
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
@@ -105,6 +108,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
                         help='fit as if all bags had the same payload')
     parser.add_argument('--models', nargs='+', choices=tuple(KINDS), default=list(DEFAULT_KINDS),
                         help='kinds of models (default: analytical; elastic needs links)')
+    parser.add_argument('--plan', metavar='PLAN',
+                        help='folder of tudor excite that the bags were recorded by: standard '
+                             'errors expected and reached')
     parser.add_argument('--overwrite', action='store_true', help='replace a bundle at MODEL')
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
@@ -183,6 +189,7 @@ def run(args: argparse.Namespace) -> int:
     check_target(out, overwrite=args.overwrite)
     arm = described(args)
     preprocessing = chosen_preprocessing(args, arm)
+    plan = None if args.plan is None else read_plan(args.plan)
     training = [parse_choice(text) for text in args.bags]
     test = [parse_choice(text) for text in args.test]
     check_choices(training, test)
@@ -200,6 +207,7 @@ def run(args: argparse.Namespace) -> int:
         result = fit_bags(arm, data, test_data, preprocessing, settings, step,
                           ignore_payload=args.ignore_payload)
         clock.lap('fit and validate')
+        comparison = None if plan is None else compare_with_plan(result, plan)
         step('collision thresholds')
         assessment = assess(result)
         bundle = bundle_of(result, assessment)
@@ -217,9 +225,12 @@ def run(args: argparse.Namespace) -> int:
                            'seconds': clock.seconds,
                            'findings': [item.as_dict() for item in result.findings],
                            'choices': choices_to_list(result.choices),
+                           **({} if comparison is None else {'plan': comparison.content()}),
                            **assessment.as_dict(), **figures(result)}))
     else:
         _print(result, assessment, report)
+        if comparison is not None:
+            print_comparison(comparison)
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1
@@ -227,7 +238,7 @@ def run(args: argparse.Namespace) -> int:
 
 def change(args: argparse.Namespace) -> int:
     """Add bags to a model or take some away, and write it back, or to --out."""
-    if args.to is None or args.bags or args.arm is not None:
+    if args.to is None or args.bags or args.arm is not None or args.plan is not None:
         raise UsageError('--add and --drop change the bags of a model',
                          remedy='tudor fit --to MODEL --add BAG --drop BAG [--out OTHER]')
     if not args.add and not args.drop:

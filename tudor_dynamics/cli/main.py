@@ -45,6 +45,7 @@ SUBCOMMANDS = {
     'info': 'say what is in a bag, what it can be used for and what is odd about it',
     'export': 'write an identified arm as URDF, MJCF, or table',
     'compare': 'put two models, or a model and a description, side by side',
+    'excite': 'plan the motion to record, and say what it will show',
     'record': 'let the simulated arm move in closed loop and record bags',
     'simulate': 'drive a mechanism of rigid and flexible links, or list its vibrations',
     'tune': 'compute gains of damper and position loop by payload and pose, from an elastic model',

@@ -30,11 +30,12 @@ from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.excitation.plan_files import read_motion
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.loop.campaign import (
-    record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds, StimulusResult,
-    StimulusSpec)
+    played_motion, record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds,
+    StimulusResult, StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.load_changes import random_loads
@@ -49,6 +50,8 @@ examples:
         without the damper, with five pushes a stimulus on links, their truth in /applied_wrench
   tudor record --arm config/tudor.yaml --best-of 20 --conditions --out smooth
         how well the chosen motions show the parameters, before anything is run
+  tudor record --arm config/tudor.yaml --trajectory plan --stimuli 2 --out planned
+        the motion that `tudor excite config/tudor.yaml --out plan` found
   tudor record --arm config/tudor.yaml --ideal friction backlash --best-of 20 --out smooth
         drives without friction and backlash, each motion the best conditioned of 20
 
@@ -81,6 +84,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'stimulus; what is carried is in /applied_payload (default: 0)')
     parser.add_argument('--excitation', choices=('aprbs', 'fourier'), default='aprbs',
                         help='kind of motion (default: aprbs)')
+    parser.add_argument('--trajectory', metavar='PLAN',
+                        help='motion to be played in each stimulus, with noise of its own: folder '
+                             'of tudor excite, or CSV; in place of --seconds and --excitation')
     parser.add_argument('--best-of', type=int, default=1, metavar='N',
                         help='take the best conditioned of N motions for each stimulus')
     parser.add_argument('--conditions', action='store_true',
@@ -131,6 +137,13 @@ def _imperfections(ideal: list[str]) -> Imperfections:
 
 def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
     result = []
+    trajectory = None
+    if args.trajectory is not None:
+        if args.best_of > 1 or args.conditions:
+            raise UsageError('--trajectory is one motion, of which nothing is left to choose',
+                             remedy='leave out --best-of and --conditions')
+        trajectory = read_motion(Path(args.trajectory))
+        args.seconds = round(len(played_motion(arm, trajectory, dt).q) * dt, 6)
     for number in range(args.stimuli):
         motion, noise, push = stimulus_seeds(args.seed, number)
         if args.best_of > 1:
@@ -140,7 +153,7 @@ def _specs(args: argparse.Namespace, arm: Arm, dt: float) -> list[StimulusSpec]:
         result.append(StimulusSpec(
             args.payload, args.seconds, args.rate, 0.0 if args.no_damping else 1.0,
             args.excitation, motion, noise, push, args.pushes, _imperfections(args.ideal),
-            random_loads(args.loads, args.seconds, args.payload, push), args.held))
+            random_loads(args.loads, args.seconds, args.payload, push), args.held, trajectory))
     return result
 
 
@@ -201,7 +214,8 @@ def _write_campaign(
     content = {
         'arm': arm.name, 'digest': arm.digest, 'payload': args.payload, 'seed': args.seed,
         'seconds': args.seconds, 'rate': args.rate, 'damping': not args.no_damping,
-        'excitation': args.excitation, 'ideal': sorted(args.ideal),
+        'excitation': args.excitation if args.trajectory is None else 'trajectory',
+        'ideal': sorted(args.ideal),
         'stimuli': [{**result.content(), 'bag': Path(result.bag).name,
                      'motion_seed': spec.motion_seed}
                     for spec, result in zip(specs, results, strict=True)]}

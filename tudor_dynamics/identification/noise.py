@@ -22,7 +22,7 @@ import numpy as np
 
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.signals.preprocessing import causal_outputs
+from tudor_dynamics.signals.preprocessing import noise_gain
 from tudor_dynamics.typing import FloatArray
 
 ORDER = 5
@@ -53,7 +53,6 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
         Standard deviation of each channel, in its unit; the median over all stretches.
 
     """
-    cutoff = spec.output_cutoff if spec.filter == 'causal' else None
     scale = float(np.sqrt(_squares(ORDER)))
     found = []
     for bag in data:
@@ -63,9 +62,8 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
             differences = np.diff(raw[first:first + len(s.t)], ORDER, axis=0)
             if not len(differences):
                 continue
-            white = np.random.default_rng(0).normal(size=(len(s.t), 1))
-            gain = float(s.decimation(causal_outputs(s.dt, white, cutoff)).std())
-            found.append(gain * np.quantile(np.abs(differences), NORMAL, axis=0) / scale)
+            found.append(noise_gain(s, spec) * np.quantile(
+                np.abs(differences), NORMAL, axis=0) / scale)
     return np.median(found, axis=0) if found else np.zeros(0)
 
 

@@ -252,7 +252,7 @@ def fourier_motion(
     rng = np.random.default_rng(seed)
     t = np.asarray(np.arange(int(round(duration / dt))) * dt, dtype=np.float64)
     w = 2.0 * np.pi * base * np.arange(1, harmonics + 1)[:, None]
-    window = _window(t, duration, ramp)
+    window = fade(t, duration, ramp)
     q, dq, ddq = (np.zeros((len(t), len(bounds.lower))) for _ in range(3))
     for j in range(len(bounds.lower)):
         a, b = rng.standard_normal((2, harmonics, 1))
@@ -272,9 +272,26 @@ def fourier_motion(
     return Reference(dt, q, dq, ddq)
 
 
-def _window(t: FloatArray, duration: float, ramp: float) -> tuple[
+def fade(t: FloatArray, duration: float, ramp: float) -> tuple[
         FloatArray, FloatArray, FloatArray]:
-    """Fade in and out along a quintic: window and its two derivatives."""
+    """
+    Fade in and out along a quintic.
+
+    Parameters
+    ----------
+    t : ndarray of shape (n_samples,)
+        Times; before 0 and behind the end there is rest [s].
+    duration : float
+        End of the motion [s].
+    ramp : float
+        Length of each way, at most half of it [s].
+
+    Returns
+    -------
+    tuple of three ndarray
+        Window from 0 to 1, with its first and second derivatives [1/s, 1/s^2].
+
+    """
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
     sign = np.where(t < 0.5 * duration, 1.0, -1.0) / ramp
     return (x**3 * (10.0 - 15.0 * x + 6.0 * x * x), sign * 30.0 * x * x * (1.0 - x) ** 2,

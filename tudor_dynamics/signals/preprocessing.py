@@ -186,6 +186,28 @@ class Stretch:
             decimation)
 
 
+def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
+    """
+    Give what is left of white noise of an output behind its filters.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        Filtered stretch, for its sample times and its decimation.
+    spec : PreprocessingSpec
+        Filters and rate that it went through.
+
+    Returns
+    -------
+    float
+        Standard deviation of what is kept, for noise of 1.
+
+    """
+    cutoff = spec.output_cutoff if spec.filter == 'causal' else None
+    white = np.random.default_rng(0).normal(size=(len(stretch.t), 1))
+    return float(stretch.decimation(causal_outputs(stretch.dt, white, cutoff)).std())
+
+
 def causal_outputs(
     dt: FloatArray, x: FloatArray, cutoff: float | None,
 ) -> FloatArray:

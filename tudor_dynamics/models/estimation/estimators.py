@@ -195,6 +195,29 @@ def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
     return Estimate(parameters, errors, condition, unexcited, variances)
 
 
+def expected(products: list[Products], variances: FloatArray) -> Estimate:
+    """
+    Say how well data will show parameters, whatever their outputs will be.
+
+    Parameters
+    ----------
+    products : list of Products
+        One for each channel of the group; what they hold of the output does not matter.
+    variances : ndarray of shape (n_channels,)
+        Residual variance of each channel that is expected.
+
+    Returns
+    -------
+    Estimate
+        Standard errors of weighted least squares; the parameters themselves are not known, NaN.
+
+    """
+    _, covariance, condition, unexcited = _solve(products, 1.0 / variances)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    errors[list(unexcited)] = np.inf
+    return Estimate(np.full(len(errors), np.nan), errors, condition, unexcited, variances)
+
+
 def huber_weights(residuals: FloatArray) -> FloatArray:
     """
     Weigh residuals for iteratively re-weighted least squares.

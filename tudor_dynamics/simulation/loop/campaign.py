@@ -24,10 +24,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scipy.interpolate import CubicHermiteSpline
 from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.bags.layouts.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.parallel import Count, in_processes
@@ -71,6 +74,8 @@ class StimulusSpec:
         What is picked up and put down.
     held : bool
         Whether every second push lasts for seconds.
+    trajectory : Trajectory or None
+        Motion to be played in place of a drawn one.
 
     """
 
@@ -86,6 +91,7 @@ class StimulusSpec:
     imperfections: Imperfections = Imperfections()  # noqa: RUF009 (frozen)
     loads: tuple[LoadChange, ...] = ()
     held: bool = False
+    trajectory: Trajectory | None = None
 
 
 @dataclass(frozen=True)
@@ -156,6 +162,48 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
     return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)
 
 
+def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
+    """
+    Make a motion of a trajectory, at the rate of the loop.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with limits.
+    trajectory : Trajectory
+        Motion of its active joints, in any order.
+    dt : float
+        Sample time [s].
+
+    Returns
+    -------
+    Reference
+        The same motion; positions between the points by their speeds (cubic).
+
+    Raises
+    ------
+    SimulationError
+        If it moves other joints, begins or goes beyond what the arm can do.
+
+    """
+    if sorted(trajectory.names) != sorted(arm.active_joints):
+        msg = (f'the trajectory moves {", ".join(trajectory.names)}; {arm.name} has '
+               f'{", ".join(arm.active_joints)}')
+        raise SimulationError(msg)
+    order = [trajectory.names.index(name) for name in arm.active_joints]
+    q, dq = trajectory.q[:, order], trajectory.dq[:, order]
+    hard = hard_limits(arm)
+    beyond = [name for j, name in enumerate(arm.active_joints)
+              if hard.outside(q).any(axis=0)[j] or np.abs(dq[:, j]).max() > hard.velocity[j]]
+    if beyond:
+        msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
+        raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')
+    t = trajectory.t - trajectory.t[0]
+    curve = CubicHermiteSpline(t, q, dq)
+    times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
+    return Reference(dt, curve(times), curve(times, 1), curve(times, 2))
+
+
 def record_stimulus(
     arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None,
 ) -> StimulusResult:
@@ -192,7 +240,9 @@ def record_stimulus(
     loop = ClosedLoop(carrying, damping=spec.damping,
                       imperfections=spec.imperfections, seed=spec.noise_seed)
     every = steps_per_message(loop.dt, spec.rate)
-    reference = stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
+    reference = (
+        stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
+        if spec.trajectory is None else played_motion(arm, spec.trajectory, loop.dt))
     pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed,
                            held=spec.held)
     loop.reset(reference.q[0])

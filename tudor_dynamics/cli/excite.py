@@ -1,0 +1,257 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor excite``: plan the motion to record, and say what it will show."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.self_collision import SelfCollision
+from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.excitation.bounds import CLEARANCE
+from tudor_dynamics.excitation.expected import ExpectedError
+from tudor_dynamics.excitation.plan import (
+    bounds_of, KINDS, make_plan, Plan, plan_of, Target, target_of_arm, target_of_model)
+from tudor_dynamics.excitation.plan_files import PICTURE, plan_head, write_plan
+from tudor_dynamics.excitation.search import Order, STAGES
+from tudor_dynamics.files import whole
+from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.models.units import output_units
+from tudor_dynamics.report.planned_motion import write_motion_figure
+from tudor_dynamics.signals.excitation import fourier_motion, joint_range
+from tudor_dynamics.signals.motion_profile import motion_limits
+from tudor_dynamics.simulation.plant.modes import modes
+from tudor_dynamics.typing import FloatArray
+
+EXAMPLES = """\
+examples:
+  tudor excite my_arm.yaml --out plan
+        one minute of motion; standard errors are for a noise of 1 in each channel
+  tudor excite my_arm.yaml --out plan --noise 0.4
+        the same for efforts whose samples have a noise of 0.4
+  tudor excite my_arm.yaml --out plan --noise 0.4 --noise-of wrist=0.1 link2_hub=1.5
+        other noise for single joints and gauges, in their units
+  tudor excite my_arm.yaml --out plan --model MODEL
+        noise, friction and filters of an earlier fit, and efforts by its model
+  tudor excite my_arm.yaml --out plan --srdf my_arm.srdf --meshes my_workspace/src
+
+PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what it
+will show in plan.json. Then: move the robot and record; tudor fit RUN --plan PLAN says what was
+reached. `tudor record --trajectory PLAN` plays it in simulation. exit codes: 0 done, 2 wrong input.
+"""
+
+RANDOM = 3
+"""Random motions that the planned one is compared with."""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor excite``."""
+    parser.add_argument('arm', metavar='ARM', help='arm description with limits')
+    parser.add_argument('--out', required=True, metavar='FOLDER', help='folder to be made')
+    parser.add_argument('--kind', choices=KINDS, default='fourier',
+                        help='kind of motion (default: fourier)')
+    parser.add_argument('--seconds', type=float, default=60.0, metavar='S',
+                        help='length, with a second of rest at both ends (default: 60)')
+    parser.add_argument('--rate', type=float, default=100.0, metavar='HZ',
+                        help='of the points, and of the recording to be (default: 100)')
+    parser.add_argument('--highest', type=float, metavar='HZ',
+                        help='largest frequency of the Fourier series (default: 1, and at most a '
+                             'third of the first eigenfrequency of links that bend)')
+    noise = parser.add_argument_group('noise')
+    noise.add_argument('--noise', type=float, metavar='SIZE',
+                       help='standard deviation of the samples of efforts, in their unit')
+    noise.add_argument('--noise-of', nargs='+', default=[], metavar='NAME=SIZE', action='extend',
+                       help='the same of single joints or gauges')
+    noise.add_argument('--model', metavar='MODEL',
+                       help='bundle of this arm, whose residuals say it; also what friction is '
+                            'fitted behind which filters, and how large efforts will be')
+    links = parser.add_argument_group('self-collisions')
+    links.add_argument('--srdf', metavar='FILE', help='pairs of links that need no look')
+    links.add_argument('--meshes', nargs='+', default=[], metavar='DIR', action='extend',
+                       help='where packages with meshes are')
+    search = parser.add_argument_group('search')
+    search.add_argument('--steps', type=int, metavar='N',
+                        help='steps of each of three stages, or draws of an APRBS (default: 60; '
+                             '600)')
+    search.add_argument('--budget', type=float, metavar='S',
+                        help='end the search after this time, with the best so far')
+    search.add_argument('--seed', type=int, default=0, metavar='N',
+                        help='of where the search begins (default: 0)')
+    parser.add_argument('--json', action='store_true', help='print plan.json')
+
+
+def _check(args: argparse.Namespace) -> None:
+    for name, least, most in (('seconds', 10.0, 3600.0), ('rate', 10.0, 10_000.0),
+                              ('highest', 1e-3, 50.0), ('steps', 1, 10**6), ('seed', 0, 2**63),
+                              ('noise', 1e-12, 1e12), ('budget', 0.0, 1e6)):
+        value = getattr(args, name)
+        if value is not None and not least <= value <= most:
+            msg = f'--{name} {value:g}: give {least:g} to {most:g}'
+            raise UsageError(msg)
+    if args.model and (args.noise is not None or args.noise_of):
+        raise UsageError('--model says the noise already', remedy='leave out --noise')
+    if Path(args.out).exists():
+        raise UsageError('exists already and is not overwritten', place=args.out,
+                         remedy='give another --out')
+
+
+def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
+    """Take the noise of each channel from the command line; 1 where nothing is said."""
+    size = {'effort': np.full(len(arm.joints), args.noise or 1.0),
+            'strain': np.ones(len(arm.gauges))}
+    names = {**{name: ('effort', i) for i, name in enumerate(arm.active_joints)},
+             **{name: ('strain', i) for i, name in enumerate(arm.gauge_names)}}
+    for text in args.noise_of:
+        name, _, value = text.rpartition('=')
+        try:
+            number = float(value)
+        except ValueError:
+            number = 0.0
+        if name not in names or not 0.0 < number < 1e12:
+            msg = (f'--noise-of {text}: expected NAME=SIZE with a positive size and one of '
+                   f'{", ".join(names)}')
+            raise UsageError(msg)
+        output, place = names[name]
+        size[output][place] = number
+    return size if arm.gauges else {'effort': size['effort']}
+
+
+def _highest(args: argparse.Namespace, arm: Arm) -> float:
+    if args.highest is not None:
+        return float(args.highest)
+    if any(link.flexible is not None for link in arm.spec.links):
+        return min(1.0, float(modes(arm, 1).frequency[0]) / 3.0)
+    return 1.0
+
+
+class _Bar:
+    """Progress on standard error while a terminal watches, and the end of the time."""
+
+    def __init__(self, total: int, budget: float | None) -> None:
+        console = Console(file=sys.stderr)
+        self._bar = Progress(TextColumn('search, mean error {task.description}'), BarColumn(),
+                             TimeElapsedColumn(), console=console, transient=True,
+                             disable=not console.is_terminal)
+        self._task = self._bar.add_task('', total=total)
+        self._end = np.inf if budget is None else time.monotonic() + budget
+        self.cut = False
+
+    def __enter__(self) -> _Bar:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def step(self, cost: float) -> bool:
+        """Show a step of the search; say whether the time is over."""
+        self._bar.update(self._task, advance=1, description=f'{np.exp(min(cost, 700.0)):.3g}')
+        self.cut = time.monotonic() >= self._end
+        return self.cut
+
+
+def run(args: argparse.Namespace) -> int:
+    """Search, say what is to be expected, write."""
+    _check(args)
+    arm = load_arm(args.arm)
+    target = (target_of_arm(arm, _noise(args, arm)) if args.model is None else
+              target_of_model(load_bundle(args.model, arm=arm), arm))
+    motion_limits(arm)  # missing ones are told before shapes are read
+    links = SelfCollision(arm, tuple(map(Path, args.meshes)),
+                          None if args.srdf is None else Path(args.srdf))
+    steps = args.steps or (60 if args.kind == 'fourier' else 600)
+    order = Order(args.seconds, _highest(args, arm), 1.0 / args.rate, steps, args.seed)
+    begun = time.perf_counter()
+    with _Bar(steps * (len(STAGES) if args.kind == 'fourier' else 1), args.budget) as bar:
+        plan = make_plan(target, order, kind=args.kind, links=links, report=bar.step)
+    seconds = time.perf_counter() - begun
+    gain = _gain(target, plan, order)
+    stated = bool(args.model or args.noise or args.noise_of)
+    head = plan_head(plan, arm, {
+        'kind': args.kind, 'seconds': args.seconds, 'rate': args.rate, 'highest': order.highest,
+        'seed': args.seed, 'steps': steps, 'complete': not bar.cut,
+        'self_collision_pairs': links.pairs, 'gain_over_random': round(gain, 3)}, stated=stated)
+    with whole(Path(args.out), replace=False) as folder:
+        folder.mkdir()
+        write_plan(folder, plan, head)
+        write_motion_figure(
+            plan.trajectory, joint_range(arm), motion_limits(arm),
+            {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints},
+            folder / PICTURE)
+    if args.json:
+        print_json(finite({'out': args.out, 'search_seconds': round(seconds, 2), **head}))
+        return 0
+    _print(target, plan, links, stated=stated)
+    if bar.cut:
+        print(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
+    print(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
+          f'within the same limits (median of all)\nplan: {args.out} (search: {seconds:.1f} s)')
+    return 0
+
+
+def _gain(target: Target, plan: Plan, order: Order) -> float:
+    """Compare with random motions: median over the parameters, of the ratio to their median."""
+    if order.seconds < 30.0:
+        return float('nan')
+    bounds = bounds_of(target)
+    others = np.array([[item.value for item in plan_of(target, fourier_motion(
+        bounds.range, bounds.limits, order.seconds, order.seed + 1 + seed, order.dt),
+        bounds).expected] for seed in range(RANDOM)])
+    own = np.array([item.value for item in plan.expected])
+    shown = np.isfinite(own)
+    return float(np.median(np.median(others, axis=0)[shown] / own[shown]))
+
+
+def _print(target: Target, plan: Plan, links: SelfCollision, *, stated: bool) -> None:
+    arm = target.arm
+    table = new_table(f'{arm.name}: the motion, in parts of its limits', names=('joint',),
+                      figures=('position', 'speed', 'acceleration', 'effort'))
+    beyond = plan.beyond
+    for j, name in enumerate(arm.active_joints):
+        table.add_row(name, *(f'{100 * part[j]:.0f} %' for part in (
+            beyond.position, beyond.velocity, beyond.acceleration)),
+            f'{100 * beyond.effort[j]:.0f} %' if beyond.effort[j] > 0.0 else '-')
+    print_table(table)
+    if not beyond.effort.any():
+        print('efforts are not looked at: no limit of them, or nothing of the bodies, is known')
+    print(links.note if not links.pairs else
+          f'{links.note}; none comes nearer than {1e3 * min(beyond.clearance, CLEARANCE):.0f} mm')
+    table = new_table('what one recording of it will show', names=('parameter', 'unit'),
+                      figures=('standard error',))
+    for item in plan.expected:
+        table.add_row(_shown(item), item.unit,
+                      f'{item.value:.2g}' if np.isfinite(item.value) else 'not shown')
+    print_table(table)
+    kind = 'residuals' if plan.noise.residual else 'samples'
+    for output, size in plan.noise.size.items():
+        units = output_units(arm, output)
+        print(f'{output}, noise of {kind}: ' + ', '.join(
+            f'{name} {value:.3g} {unit}' for (name, unit), value in zip(
+                units.items(), size, strict=True)))
+    if not stated:
+        print('no noise was stated: all standard errors grow with it (--noise, or --model)')
+
+
+def _shown(item: ExpectedError) -> str:
+    return item.name if item.output == 'effort' else f'{item.channels[0]}: {item.name}'

@@ -1,0 +1,252 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From an arm to the plan of a recording: the motion, what it keeps to, what it will show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.arm.schema import FRICTION_KEYS
+from tudor_dynamics.arm.self_collision import SelfCollision
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.excitation.bounds import Beyond, Bounds, known_efforts
+from tudor_dynamics.excitation.expected import (
+    expected_errors, ExpectedError, Noise, OUTPUTS)
+from tudor_dynamics.excitation.information import Information, Subject
+from tudor_dynamics.excitation.search import best_aprbs, best_series, Order
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.regressor import plain_regressor
+from tudor_dynamics.signals.excitation import joint_range
+from tudor_dynamics.signals.motion_profile import motion_limits, Reference
+from tudor_dynamics.typing import FloatArray
+
+KINDS = ('fourier', 'aprbs')
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """
+    What is to be identified, behind which filters, in which noise.
+
+    Attributes
+    ----------
+    arm : Arm
+        Arm with the friction that is identified.
+    models : dict of str to AnalyticalModel
+        For each output the model that a fit would fit.
+    preprocessing : PreprocessingSpec
+        Filters and rate of that fit.
+    noise : Noise
+        Noise of the outputs.
+    parameters : ndarray of shape (n_joints, n_columns) or None
+        What is known of the efforts.
+
+    """
+
+    arm: Arm
+    models: dict[str, AnalyticalModel]
+    preprocessing: PreprocessingSpec
+    noise: Noise
+    parameters: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """
+    A motion to record.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        Motion of the active joints, at the rate of the messages.
+    expected : list of ExpectedError
+        What it will show.
+    beyond : Beyond
+        How far it goes to the limits.
+    noise : Noise
+        Noise that the standard errors are for.
+
+    """
+
+    trajectory: Trajectory
+    expected: list[ExpectedError]
+    beyond: Beyond
+    noise: Noise
+
+
+def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
+    """
+    Say what a fit of an arm would identify.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description; what it leaves open is taken as the simplest: a fit may choose more friction.
+    noise : dict of str to ndarray
+        For each output, standard deviation of a sample of each channel.
+
+    Returns
+    -------
+    Target
+        Efforts, and strains where the arm has gauges.
+
+    """
+    spec = arm.spec.preprocessing
+    if 'filter' not in spec.model_fields_set:
+        spec = spec.model_copy(update={'filter': 'zero_phase'})
+    n = len(arm.active_joints)
+    outputs = OUTPUTS if arm.gauges else OUTPUTS[:1]
+    return Target(arm, {output: AnalyticalModel(plain_regressor(arm, output, 'exact'), n)
+                        for output in outputs}, spec, Noise(noise))
+
+
+def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
+    """
+    Say what a fit like an earlier one would identify, in the noise that it left.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Bundle of the arm, with analytical models for one payload.
+    arm : Arm
+        The arm with its limits of today; friction is that of the bundle.
+
+    Returns
+    -------
+    Target
+        The outputs that it has models of.
+
+    Raises
+    ------
+    UsageError
+        If it has none.
+
+    """
+    found, noise = {}, {}
+    for output, kinds in bundle.models.items():
+        model = kinds.get('analytical')
+        if isinstance(model, AnalyticalModel) and model.payload_range is None:
+            found[output] = model
+            noise[output] = np.zeros(len(model.channels))
+            for group in model.groups_:
+                noise[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+    if not found:
+        raise UsageError('there is no analytical model for one payload in the bundle',
+                         remedy='give --noise in place of --model')
+    friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
+                for joint in bundle.arm.spec.joints}
+    effort = found.get('effort')
+    return Target(arm.with_joints(friction), found, bundle.preprocessing,
+                  Noise(noise, residual=True), None if effort is None else effort.coefficients())
+
+
+def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
+    """
+    Collect what motions of an arm keep to.
+
+    Parameters
+    ----------
+    target : Target
+        Arm, and what is known of its efforts.
+    links : SelfCollision, optional
+        Shapes of its links.
+
+    """
+    return Bounds(joint_range(target.arm), motion_limits(target.arm),
+                  known_efforts(target.arm, target.parameters), links)
+
+
+def information_of(target: Target) -> Information:
+    """
+    Give what judges motions by what they show.
+
+    Parameters
+    ----------
+    target : Target
+        What is to be identified.
+
+    """
+    return Information([Subject(model, target.noise.size[output])
+                        for output, model in target.models.items()])
+
+
+def make_plan(
+    target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
+    report: Callable[[float], bool] = lambda _: False,
+) -> Plan:
+    """
+    Search for the motion that shows best what is to be identified.
+
+    Parameters
+    ----------
+    target : Target
+        What is to be identified.
+    order : Order
+        Length, band, steps and seed; its sample time is that of the messages.
+    kind : {'fourier', 'aprbs'}
+        Kind of motion.
+    links : SelfCollision, optional
+        Shapes of the links.
+    report : callable
+        Told the cost of each step; ends the search where it answers so.
+
+    Returns
+    -------
+    Plan
+        Motion within all limits, and what it will show.
+
+    Raises
+    ------
+    SignalError
+        If no motion keeps to the limits, or a limit of speed or acceleration is missing.
+
+    """
+    bounds, information = bounds_of(target, links), information_of(target)
+    search = best_series if kind == 'fourier' else best_aprbs
+    reference = search(information, bounds, order, report)
+    return plan_of(target, reference, bounds)
+
+
+def plan_of(target: Target, reference: Reference, bounds: Bounds) -> Plan:
+    """
+    Say what a motion will show, and how far it goes.
+
+    Parameters
+    ----------
+    target : Target
+        What is to be identified.
+    reference : Reference
+        Motion of the active joints, at the rate of the messages.
+    bounds : Bounds
+        What it keeps to.
+
+    Returns
+    -------
+    Plan
+        The motion as a plan.
+
+    """
+    trajectory = Trajectory(
+        target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
+        reference.q, reference.dq, reference.ddq)
+    return Plan(trajectory, expected_errors(
+        target.models, target.arm, trajectory, target.preprocessing, target.noise),
+        bounds.beyond(reference.motion), target.noise)

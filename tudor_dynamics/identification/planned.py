@@ -1,0 +1,169 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a plan promised of the parameters, beside what a fit reached."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.excitation.expected import expected_errors, Noise, played
+from tudor_dynamics.excitation.plan_files import PlanFolder
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.fit import FitResult
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.signals.preprocessing import prepare
+from tudor_dynamics.typing import FloatArray
+
+WITHIN = 0.3
+"""Relative difference up to which a promise counts as kept."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """
+    One parameter.
+
+    Attributes
+    ----------
+    output : {'effort', 'strain'}
+        What it predicts.
+    channels : tuple of str
+        Channels that share it.
+    name, unit : str
+        The base parameter and its unit.
+    expected : float
+        Standard error by the planned motion and the stated noise, for as many samples.
+    by_noise : float
+        The same by the noise that the fit left, in place of the stated one.
+    reached : float
+        Standard error of the fit.
+
+    """
+
+    output: str
+    channels: tuple[str, ...]
+    name: str
+    unit: str
+    expected: float
+    by_noise: float
+    reached: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """
+    A plan and a fit.
+
+    Attributes
+    ----------
+    promises : tuple of Promise
+        All parameters that both know.
+    runs : float
+        Length of the training bags over that of the plan, in samples that are used.
+    stated : bool
+        Whether anybody stated the noise of the plan.
+
+    """
+
+    promises: tuple[Promise, ...]
+    runs: float
+    stated: bool
+
+    def ratios(self) -> dict[str, float]:
+        """Give medians of what was reached over what was promised, and the part within 30 %."""
+        def of(key: str) -> FloatArray:
+            return np.array([item.reached / getattr(item, key) for item in self.promises
+                             if np.isfinite(item.reached) and np.isfinite(item.expected)])
+        both = {'expected': of('expected'), 'by_noise': of('by_noise')}
+        return {name: float(value) for key, values in both.items() if len(values)
+                for name, value in ((f'median_over_{key}', np.median(values)),
+                                    (f'within_30_percent_of_{key}', np.mean(
+                                        np.abs(values - 1.0) <= WITHIN)))}
+
+    def content(self) -> dict[str, object]:
+        """Give it as plain values for JSON."""
+        return {'runs': self.runs, 'noise_stated': self.stated, **self.ratios(),
+                'parameters': [asdict(item) for item in self.promises]}
+
+
+def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
+    """
+    Put a fit beside the plan of its recordings.
+
+    Parameters
+    ----------
+    result : FitResult
+        Fitted models; the analytical ones for one payload are compared.
+    plan : PlanFolder
+        Plan by which the training bags were recorded.
+
+    Returns
+    -------
+    Comparison
+        Standard errors expected and reached; those expected follow the friction, filters and
+        shared parameters that the fit has chosen.
+
+    Raises
+    ------
+    UsageError
+        If the plan is for other joints, or there is no such model.
+
+    """
+    arm = result.arm
+    trajectory = _ordered(plan, arm)
+    models = {item.output: item.model for item in result.fitted
+              if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
+              and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
+    if not models:
+        raise UsageError('no analytical model for one payload was fitted that a plan could be '
+                         'compared with', place=plan.path, remedy='leave out --plan')
+    runs = _runs(result.training, arm, trajectory, result.preprocessing)
+    found = {}
+    for output, model in models.items():
+        found[output] = np.zeros(len(model.channels))
+        for group in model.groups_:
+            found[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+    promised, honest = (expected_errors(models, arm, trajectory, result.preprocessing, noise)
+                        for noise in (plan.noise, Noise(found, residual=True)))
+    reached = [error for model in models.values() for group in model.groups_
+               for error in group.estimate.standard_errors.tolist()]
+    return Comparison(tuple(
+        Promise(one.output, one.channels, one.name, one.unit, one.value / float(np.sqrt(runs)),
+                other.value / float(np.sqrt(runs)), error)
+        for one, other, error in zip(promised, honest, reached, strict=True)), runs, plan.stated)
+
+
+def _ordered(plan: PlanFolder, arm: Arm) -> Trajectory:
+    names = plan.trajectory.names
+    if sorted(names) != sorted(arm.active_joints):
+        msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
+        raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
+    order = [names.index(name) for name in arm.active_joints]
+    old = plan.trajectory
+    return Trajectory(arm.active_joints, old.t, old.q[:, order], old.dq[:, order],
+                      old.ddq[:, order])
+
+
+def _runs(
+    training: Sequence[BagData], arm: Arm, trajectory: Trajectory, spec: PreprocessingSpec,
+) -> float:
+    planned = sum(stretch.n_kept for stretch in prepare(played(trajectory, arm), spec))
+    return sum(stretch.n_kept for bag in training for stretch in bag.stretches) / planned
