@@ -15,9 +15,9 @@
 """
 How near the links of an arm come to each other, by the shapes that its URDF has for collisions.
 
-Meshes are replaced by their convex hulls, which encloses them and makes distances cheap and signed.
-Links that a joint connects touch always, and are no pair; neither are those that an SRDF takes out,
-nor hulls that overlap wherever the arm stands. What surrounds the arm is not looked at.
+Meshes are replaced by their convex hulls, which enclose them and make distances cheap and signed.
+Links that a joint connects touch always, and are no pair; neither are those that an SRDF takes
+out, nor hulls that overlap wherever the arm stands. What surrounds the arm is not looked at.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class SelfCollision:
 
     @property
     def pairs(self) -> int:
-        """Number of pairs of shapes that are looked at."""
+        """Count the pairs of shapes that are looked at."""
         return len(self._geometry.collisionPairs)
 
     def _renew(self) -> None:
@@ -146,8 +146,9 @@ class SelfCollision:
         for _ in range(POSES):
             self._look(generator.uniform(-np.pi, np.pi, len(arm.active_joints)))
             count += [result.min_distance <= 0.0 for result in self._seen.distanceResults]
-        always = [pair for pair, times in zip(
-            list(self._geometry.collisionPairs), count, strict=True) if times >= ALWAYS * POSES]
+        always = [pin.CollisionPair(pair.first, pair.second)  # what is removed moves the others
+                  for pair, times in zip(self._geometry.collisionPairs, count, strict=True)
+                  if times >= ALWAYS * POSES]
         for pair in always:
             self._geometry.removeCollisionPair(pair)
         self._renew()

@@ -62,7 +62,7 @@ def write_bag(
     ----------
     path : str or Path
         Directory to make; must not exist.
-    series : sequence of JointStateSeries, WrenchSeries and ImuSeries
+    series : sequence of Series
         Topics with all their messages.
     storage : {'mcap', 'sqlite3'}
         Format of the storage file.

@@ -56,9 +56,10 @@ examples:
         noise, friction and filters of an earlier fit, and efforts by its model
   tudor excite my_arm.yaml --out plan --srdf my_arm.srdf --meshes my_workspace/src
 
-PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what it
-will show in plan.json. Then: move the robot and record; tudor fit RUN --plan PLAN says what was
-reached. `tudor record --trajectory PLAN` plays it in simulation. exit codes: 0 done, 2 wrong input.
+PLAN has the motion as a bag (trajectory_msgs/JointTrajectory), as CSV and as a picture, and what
+it will show in plan.json. Then move the robot and record: tudor fit RUN --plan PLAN says what was
+reached. `tudor record --trajectory PLAN` plays it in simulation. exit codes: 0 done, 2 wrong
+input.
 """
 
 RANDOM = 3
@@ -212,12 +213,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _gain(target: Target, plan: Plan, order: Order) -> float:
     """Compare with random motions: median over the parameters, of the ratio to their median."""
-    if order.seconds < 30.0:
-        return float('nan')
     bounds = bounds_of(target)
     others = np.array([[item.value for item in plan_of(target, fourier_motion(
-        bounds.range, bounds.limits, order.seconds, order.seed + 1 + seed, order.dt),
-        bounds).expected] for seed in range(RANDOM)])
+        bounds.range, bounds.limits, order.seconds, order.seed + 1 + seed, order.dt,
+        base=max(0.1, 3.0 / order.seconds)), bounds).expected] for seed in range(RANDOM)])
     own = np.array([item.value for item in plan.expected])
     shown = np.isfinite(own)
     return float(np.median(np.median(others, axis=0)[shown] / own[shown]))

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The motion to record: what it shows of an arm before anything moves, and the search for the best."""
+"""The motion to record: the search for it, and what it shows before anything moves."""

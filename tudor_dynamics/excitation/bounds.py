@@ -134,7 +134,7 @@ class Beyond:
 
     @property
     def excess(self) -> float:
-        """What no joint can mend alone: efforts beyond their limits, links that touch."""
+        """Give what no joint can mend alone: efforts beyond their limits, links that touch."""
         return float(max(self.effort.max(initial=0.0) - 1.0, 0.0)
                      + max(TOUCH - self.clearance, 0.0) / CLEARANCE)
 

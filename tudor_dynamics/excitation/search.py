@@ -16,9 +16,10 @@
 The search for the motion that shows the parameters best, within all limits.
 
 A Fourier series has hundreds of coefficients, and the cost exact slopes by them: a quasi-Newton
-descent (L-BFGS) with penalties for what is beyond the limits, which grow from stage to stage. At its
-end each joint is scaled into its limits exactly, and the whole motion is drawn towards its middle
-where efforts or links ask for it. An APRBS is a draw: the best of many, and of changes to the best.
+descent (L-BFGS) with penalties for what is beyond the limits, which grow from stage to stage. At
+its end each joint is scaled into its limits exactly, and the whole motion is drawn towards its
+middle where efforts or links ask for it. An APRBS is a draw: the best of many, and of changes to
+the best.
 """
 
 from __future__ import annotations
@@ -134,8 +135,9 @@ def best_series(
             return (value + weight * beyond,
                     basis.slope(slope + weight * its_slope).ravel())
 
-        x = optimize.minimize(cost, x.ravel(), jac=True, method='L-BFGS-B', callback=step, options={
-            'maxiter': order.steps, 'maxcor': 20}).x.reshape(shape)
+        x = optimize.minimize(
+            cost, x.ravel(), jac=True, method='L-BFGS-B', callback=step,
+            options={'maxiter': order.steps, 'maxcor': 20}).x.reshape(shape)
         if stopped:
             break
     fine = series(bounds.range, bounds.limits, order.seconds, order.highest, order.dt)

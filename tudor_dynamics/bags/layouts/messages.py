@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import struct
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,7 +197,23 @@ class ImuSeries:
         return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
 
 
-Series = JointStateSeries | WrenchSeries | ImuSeries
+class Series(Protocol):
+    """Messages of one topic: what a bag is written of."""
+
+    @property
+    def topic(self) -> str:
+        """Give its full name."""
+
+    @property
+    def stamp(self) -> NDArray[np.int64]:
+        """Give the stamp of each message [ns]."""
+
+    @property
+    def msgtype(self) -> str:
+        """Give the type of its messages."""
+
+    def encode(self) -> list[bytes]:
+        """Encode them as CDR."""
 
 
 def _put(buffer: bytearray, alignment: int, content: bytes) -> None:

@@ -193,8 +193,8 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
     order = [trajectory.names.index(name) for name in arm.active_joints]
     q, dq = trajectory.q[:, order], trajectory.dq[:, order]
     hard = hard_limits(arm)
-    beyond = [name for j, name in enumerate(arm.active_joints)
-              if hard.outside(q).any(axis=0)[j] or np.abs(dq[:, j]).max() > hard.velocity[j]]
+    wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
+    beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
     if beyond:
         msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
         raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')

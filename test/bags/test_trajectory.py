@@ -1,0 +1,77 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Trajectories as tables and as messages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.errors import BagError
+
+
+def sample(n: int = 50) -> Trajectory:
+    """Give a motion of two joints."""
+    t = np.arange(n) * 0.01
+    angle = np.column_stack([t, 2.0 * t])
+    return Trajectory(('a', 'b'), t, np.sin(angle), np.cos(angle), -np.sin(angle))
+
+
+def test_table_and_back(tmp_path: Path) -> None:
+    """A table has the same motion to nine digits."""
+    path = tmp_path / 'motion.csv'
+    path.write_bytes(sample().table())
+    found = read_trajectory(path)
+    assert found.names == ('a', 'b')
+    for name in ('t', 'q', 'dq', 'ddq'):
+        np.testing.assert_allclose(getattr(found, name), getattr(sample(), name), atol=1e-8)
+
+
+def test_message_as_others_read_it(tmp_path: Path) -> None:
+    """Rosbags reads the message: names, points, times, no effort."""
+    write_bag(tmp_path / 'bag', [TrajectorySeries(
+        '/joint_trajectory', np.array([5_000_000_000]), [sample(150)])])
+    with AnyReader([tmp_path / 'bag']) as reader:
+        [(connection, stamp, raw)] = list(reader.messages())
+        message = reader.deserialize(raw, connection.msgtype)
+    assert connection.msgtype == 'trajectory_msgs/msg/JointTrajectory' and stamp == 5_000_000_000
+    assert message.joint_names == ['a', 'b'] and message.header.stamp.sec == 5
+    last = message.points[-1]
+    assert (last.time_from_start.sec, last.time_from_start.nanosec) == (1, 490_000_000)
+    np.testing.assert_allclose(last.velocities, sample(150).dq[-1])
+    assert len(last.effort) == 0
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('time,a\n0,1\n1,1\n', 'expected t, then joint'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n', 'two rows or more'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'ascending'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'finite'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'no row of numbers'),
+    ('t,a,a_velocity,a_acceleration,a,a_velocity,a_acceleration\n', 'expected t')])
+def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
+    """Each is refused with what is wrong, and the name of the file."""
+    path = tmp_path / 'motion.csv'
+    path.write_text(text)
+    with pytest.raises(BagError, match=said) as caught:
+        read_trajectory(path)
+    assert 'motion.csv' in str(caught.value)
+    with pytest.raises(BagError, match='cannot be read'):
+        read_trajectory(tmp_path / 'none.csv')

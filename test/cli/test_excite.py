@@ -1,0 +1,124 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor excite``, and the way on: record by the plan, fit beside it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.bags import read_recording
+from tudor_dynamics.bags.trajectory import read_trajectory
+from tudor_dynamics.cli.main import main
+
+
+def excite(root: Path, out: Path, *more: str) -> int:
+    """Plan a short motion of the reference arm."""
+    return main(['excite', str(root / 'config' / 'tudor.yaml'), '--out', str(out), '--seconds',
+                 '14', '--steps', '6', *more])
+
+
+def test_plan_record_fit(
+    root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The whole way: plan, play in simulation, fit, and what was promised beside what came."""
+    arm = str(root / 'config' / 'tudor.yaml')
+    assert excite(root, tmp_path / 'plan', '--noise', '0.05', '--noise-of', 'link2_hub=3') == 0
+    said = capsys.readouterr().out
+    assert 'no shapes of links' in said and 'coulomb+(joint2)' in said
+    assert sorted(p.name for p in (tmp_path / 'plan').iterdir()) == [
+        'bag', 'motion.png', 'plan.json', 'trajectory.csv']
+    head = json.loads((tmp_path / 'plan' / 'plan.json').read_text())
+    assert head['noise']['effort'] == {'joint2': 0.05, 'joint3': 0.05}
+    assert head['noise']['strain']['link2_hub'] == 3.0 and head['noise_stated']
+    assert max(head['part_of_limits']['velocity'].values()) <= 1.0 + 1e-6
+
+    assert main(['record', '--arm', arm, '--trajectory', str(tmp_path / 'plan'), '--stimuli', '1',
+                 '--jobs', '1', '--out', str(tmp_path / 'bags')]) == 0
+    bag = tmp_path / 'bags' / 'stimulus_01'
+    recording = read_recording(bag, load_arm(root / 'config' / 'tudor.yaml'))
+    planned = read_trajectory(tmp_path / 'plan' / 'trajectory.csv')
+    off = recording.q[:1400] - planned.q[:1400]
+    assert np.sqrt(np.mean(off**2)) < 0.1 * planned.q.std()  # it follows, and the damper adds
+    capsys.readouterr()
+
+    assert main(['fit', str(bag), '--arm', arm, '--plan', str(tmp_path / 'plan'), '--out',
+                 str(tmp_path / 'model'), '--force', '--json']) == 0
+    found = json.loads(capsys.readouterr().out)['plan']
+    assert found['runs'] == pytest.approx(1.0, abs=0.05) and found['noise_stated']
+    assert found['median_over_by_noise'] == pytest.approx(1.0, abs=0.3)
+    assert {item['output'] for item in found['parameters']} == {'effort', 'strain'}
+
+    # that model says noise and friction of the next plan
+    assert excite(root, tmp_path / 'next', '--model', str(tmp_path / 'model'), '--kind',
+                  'aprbs') == 0
+    head = json.loads((tmp_path / 'next' / 'plan.json').read_text())
+    assert head['noise_of'] == 'residuals' and head['noise_stated']
+    assert max(head['part_of_limits']['effort'].values()) > 0.0
+
+
+@pytest.mark.parametrize(('options', 'said'), [
+    (('--seconds', '3'), 'give 10 to 3600'), (('--noise-of', 'joint2=-1'), 'positive size'),
+    (('--noise-of', 'nobody=1'), 'one of joint2, joint3'),
+    (('--highest', '0.01'), 'has no room'), (('--noise', '0'), '--noise 0: give'),
+    (('--model', 'none'), 'none'), (('--srdf', 'none.srdf'), 'SRDF cannot be read'),
+    (('--model', 'm', '--noise', '1'), 'leave out --noise')])
+def test_wrong_input(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                     options: tuple[str, ...], said: str) -> None:
+    """One line, exit code 2, nothing left behind."""
+    assert excite(root, tmp_path / 'plan', *options) == 2
+    err = capsys.readouterr().err
+    assert said in err and err.count('\n') == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_limits_are_needed(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without speeds nothing is planned, and nothing that is there is overwritten."""
+    assert main(['excite', str(root / 'config' / 'two_blade_arm.yaml'), '--out',
+                 str(tmp_path / 'plan')]) == 2
+    assert 'no limits of velocity and acceleration' in capsys.readouterr().err
+    assert excite(root, tmp_path) == 2
+    assert 'exists already' in capsys.readouterr().err
+
+
+def test_plans_that_are_none(root: Path, tmp_path: Path,
+                             capsys: pytest.CaptureFixture[str]) -> None:
+    """Fit and record refuse folders and tables that are no plan, or one of another arm."""
+    arm = str(root / 'config' / 'tudor.yaml')
+    bag = str(root / 'bags' / 'two_blade_test')
+    folder = tmp_path / 'plan'
+    folder.mkdir()
+
+    def refused(*words: str) -> str:
+        assert main([*words]) == 2
+        err = capsys.readouterr().err
+        assert err.count('\n') == 1
+        return err
+    fit = ('fit', bag, '--arm', arm, '--out', str(tmp_path / 'm'), '--plan', str(folder))
+    assert 'there is no plan.json' in refused(*fit)
+    (folder / 'plan.json').write_text('{"format": "x"}')
+    assert 'no plan (' in refused(*fit)
+    record = ('record', '--arm', arm, '--out', str(tmp_path / 'r'), '--trajectory', str(folder))
+    assert 'cannot be read' in refused(*record)
+    (folder / 'trajectory.csv').write_text('t,a,a_velocity,a_acceleration\n0,0,0,0\n1,0,0,0\n')
+    assert 'the trajectory moves a' in refused(*record)
+    head = 't,' + ','.join(f'{name}{end}' for name in ('joint3', 'joint2') for end in (
+        '', '_velocity', '_acceleration'))
+    (folder / 'trajectory.csv').write_text(f'{head}\n0,9,0,0,0,0,0\n1,9,0,0,0,0,0\n')
+    assert 'takes joint2, joint3 beyond' in refused(*record)
