@@ -43,7 +43,7 @@ class Trajectory:
     Attributes
     ----------
     names : tuple of str
-        Joints.
+        Joints that move, in the order of the columns.
     t : ndarray of shape (n,)
         Time from the start, ascending [s].
     q, dq, ddq : ndarray of shape (n, n_joints)

@@ -82,7 +82,7 @@ def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | N
     Parameters
     ----------
     arm : Arm
-        Description.
+        Arm whose motors or URDF may say the limits.
     parameters : ndarray of shape (n_joints, n_columns), optional
         Parameters of a fitted model; by default the bodies of the URDF, without friction.
 

@@ -75,7 +75,7 @@ class ExpectedError:
     name : str
         What the base parameter stands for.
     unit : str
-        Its unit.
+        Unit of the parameter, and so of its standard error.
     value : float
         Standard error; infinite where the motion does not show it.
 

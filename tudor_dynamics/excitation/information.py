@@ -201,7 +201,7 @@ def covariance_of(information: FloatArray) -> FloatArray:
     Parameters
     ----------
     information : ndarray of shape (n_parameters, n_parameters)
-        Information matrix.
+        Sum of the products of rows, each in units of its noise.
 
     Returns
     -------

@@ -76,11 +76,11 @@ class PlanFolder:
     Attributes
     ----------
     path : Path
-        Its folder.
+        Folder that it was read from.
     arm : str
         Name of the arm.
     trajectory : Trajectory
-        Motion.
+        Motion that was planned.
     noise : Noise
         Noise that was stated.
     stated : bool

@@ -92,7 +92,7 @@ def best_series(
     Parameters
     ----------
     information : Information
-        Judges motions.
+        What motions show of the parameters in question.
     bounds : Bounds
         What they keep to.
     order : Order
@@ -211,7 +211,7 @@ def best_aprbs(
     Parameters
     ----------
     information : Information
-        Judges motions.
+        What motions show of the parameters in question.
     bounds : Bounds
         What they keep to.
     order : Order

@@ -89,7 +89,15 @@ class Series:
         return np.asarray(np.einsum('dsf,dsj->fj', self.basis, parts) * self.sizes)
 
     def reference(self, x: FloatArray) -> Reference:
-        """Give the motion of coefficients as a reference; see `motion`."""
+        """
+        Give the motion of coefficients as a reference.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_functions, n_joints)
+            Coefficients in units of their sizes.
+
+        """
         return Reference(self.dt, *np.split(self.motion(x), 3, axis=1))
 
 
