@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from tudor_dynamics.arm.loading import load_arm
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.recording import Recording
+    from tudor_dynamics.bags.trajectory import Trajectory
     from tudor_dynamics.errors import TudorError
+    from tudor_dynamics.feedforward.feedforward import Feedforward
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.library.from_bags import fit
     from tudor_dynamics.library.payload import carried
@@ -44,9 +46,9 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 __all__ = [
-    'Arm', 'FitSettings', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant', 'Recording',
-    'TudorError', 'build_mechanism', 'carried', 'fit', 'load_arm', 'load_bundle', 'modes',
-    'predict', 'read_recording', 'save_bundle', 'simulate',
+    'Arm', 'Feedforward', 'FitSettings', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant',
+    'Recording', 'Trajectory', 'TudorError', 'build_mechanism', 'carried', 'fit', 'load_arm',
+    'load_bundle', 'modes', 'predict', 'read_recording', 'save_bundle', 'simulate',
 ]
 
 # The same as above, for the interpreter; test/test_library.py compares them.
@@ -55,7 +57,9 @@ _HOMES = {
     'tudor_dynamics.arm.loading': ('load_arm',),
     'tudor_dynamics.bags.reader': ('read_recording',),
     'tudor_dynamics.bags.recording': ('Recording',),
+    'tudor_dynamics.bags.trajectory': ('Trajectory',),
     'tudor_dynamics.errors': ('TudorError',),
+    'tudor_dynamics.feedforward.feedforward': ('Feedforward',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.library.from_bags': ('fit',),
     'tudor_dynamics.library.payload': ('carried',),

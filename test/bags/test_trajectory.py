@@ -39,9 +39,23 @@ def test_table_and_back(tmp_path: Path) -> None:
     path = tmp_path / 'motion.csv'
     path.write_bytes(sample().table())
     found = read_trajectory(path)
-    assert found.names == ('a', 'b')
+    assert found.joints == ('a', 'b')
     for name in ('t', 'q', 'dq', 'ddq'):
         np.testing.assert_allclose(getattr(found, name), getattr(sample(), name), atol=1e-8)
+
+
+def test_what_is_known_goes_into_the_table(tmp_path: Path) -> None:
+    """All digits of what there is, in columns of any order; efforts are written, not read."""
+    path = tmp_path / 'motion.csv'
+    q = np.array([[0.1, 1 / 3], [0.2, -2e-7]])
+    path.write_bytes(Trajectory(('a', 'b'), np.array([0.0, 0.7]), q, effort=q * 3.0).table())
+    assert path.read_text().splitlines()[0] == 't,a,a_effort,b,b_effort'
+    found = read_trajectory(path)
+    assert np.array_equal(found.q, q) and found.dq is None and found.effort is None
+    path.write_text('# t, a_velocity, b, a, b_velocity\n0,1,2,3,4\n1,5,6,7,8\n')
+    found = read_trajectory(path)
+    assert found.joints == ('b', 'a') and np.array_equal(found.q, [[2, 3], [6, 7]])
+    assert np.array_equal(found.dq, [[4, 1], [8, 5]])
 
 
 def test_message_as_others_read_it(tmp_path: Path) -> None:
@@ -60,11 +74,14 @@ def test_message_as_others_read_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('text', 'said'), [
-    ('time,a\n0,1\n1,1\n', 'expected t, then joint'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n', 'two rows or more'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'ascending'),
-    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'finite'),
+    ('time,a\n0,1\n1,1\n', 'expected t, then each joint once'), ('', 'expected t, then'),
+    ('t\n0\n1\n', 'expected t, then'), ('t,a,a\n0,1,1\n1,1,1\n', 'expected t, then'),
+    ('t,a,b,a_velocity\n0,1,1,1\n1,1,1,1\n', 'not that of all joints'),
+    ('t,a,a_acceleration\n0,1,1\n1,1,1\n', 'accelerations without velocities'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n0,1,0,0\n', 'time does not increase'),
+    ('t,a,a_velocity,a_acceleration\n0,1,0,0\n1,nan,0,0\n', 'not finite'),
     ('t,a,a_velocity,a_acceleration\n0,1,0,x\n1,1,0,0\n', 'no row of numbers'),
+    ('t,a\n0,1,2\n', 'rows of 2 numbers'),
     ('t,a,a_velocity,a_acceleration,a,a_velocity,a_acceleration\n', 'expected t')])
 def test_what_is_no_table(text: str, said: str, tmp_path: Path) -> None:
     """Each is refused with what is wrong, and the name of the file."""

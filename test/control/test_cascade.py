@@ -82,6 +82,25 @@ def test_no_windup_at_the_limit() -> None:
     assert not limited.saturated[0]
 
 
+def test_what_is_fed_forward_is_not_asked_of_errors() -> None:
+    """It is added to the current within the limit, and does not wind the integrator up."""
+    cascade = Cascade([JointGains(4.0, 60.0, 600.0, current_limit=2.0)], DT)
+    assert cascade.step([0.1], [0.5], [0.1], [0.5], ahead=[1.5])[0] == pytest.approx(1.5)
+    assert cascade.step([0.1], [0.5], [0.1], [0.5], ahead=[9.0])[0] == pytest.approx(2.0)
+    assert cascade.saturated[0]
+    assert cascade.step([0.1], [0.5], [0.1], [0.5])[0] == pytest.approx(0.0)
+    known, unknown = (Cascade([JointGains(4.0, 60.0, 0.0)], DT) for _ in range(2))
+    places = []
+    for one, ahead in ((known, 3.0), (unknown, 0.0)):
+        q, dq = 0.0, 0.0
+        for _ in range(4000):
+            dq += DT * (one.step([0.2], [0.0], [q], [dq], ahead=[ahead])[0] - 3.0)
+            q += DT * dq
+        places.append(q)
+    assert places[0] == pytest.approx(0.2, abs=1e-4)
+    assert places[1] == pytest.approx(0.2 - 3.0 / 240.0, abs=1e-4)  # load over 4 / s times 60 A s
+
+
 def test_speed_limit_counts_damper_and_reference() -> None:
     """The commanded speed is bounded whatever asks for it."""
     limits = Limits(*(np.array([x]) for x in (-np.inf, np.inf, 0.5 / COMMANDED, np.inf)))

@@ -12,12 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Planned motion of joints as a table (CSV) and as one JointTrajectory message."""
+"""
+Motion of joints as points in time: as a table (CSV), and as JointTrajectory messages.
+
+A table has the columns ``t, JOINT, ...`` of positions, as ``tudor simulate --motion`` takes it,
+and ``JOINT_velocity``, ``JOINT_acceleration``, ``JOINT_effort`` for what is known beside.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
 
@@ -25,61 +30,167 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 
-from tudor_dynamics.errors import BagError
+from tudor_dynamics.errors import BagError, SignalError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.typing import FloatArray
 
+Points = Sequence[Sequence[float]]
 MAX_TABLE_BYTES = 50_000_000
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
-ENDINGS = ('', '_velocity', '_acceleration')
-"""What follows the name of a joint in the head of a table's column."""
+FIELDS = {'': 'q', '_velocity': 'dq', '_acceleration': 'ddq', '_effort': 'effort'}
+"""What follows the name of a joint in the head of a table's column, and what stands there."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    Motion of joints over time.
+    Points in time that joints pass.
 
     Attributes
     ----------
-    names : tuple of str
-        Joints that move, in the order of the columns.
-    t : ndarray of shape (n,)
-        Time from the start, ascending [s].
-    q, dq, ddq : ndarray of shape (n, n_joints)
-        Positions, velocities and accelerations [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    joints : tuple of str
+        Names of the joints.
+    t : ndarray of shape (n_points,)
+        Times of the points since the start, increasing [s].
+    q : ndarray of shape (n_points, n_joints)
+        Positions at the points [rad or m].
+    dq, ddq : ndarray of shape (n_points, n_joints), optional
+        Velocities and accelerations [rad/s, rad/s^2 or m/s, m/s^2]; None where they are not given.
+    effort : ndarray of shape (n_points, n_joints), optional
+        Efforts, in a unit that the arm knows.
+
+    Raises
+    ------
+    SignalError
+        If there is no point, shapes do not fit, a number is not finite, or time does not increase.
 
     """
 
-    names: tuple[str, ...]
+    joints: tuple[str, ...]
     t: FloatArray
     q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
+    dq: FloatArray | None = None
+    ddq: FloatArray | None = None
+    effort: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        shape = (len(self.t), len(self.joints))
+        if not shape[0]:
+            msg = 'the trajectory has no points'
+            raise SignalError(msg, remedy='give at least one, with positions')
+        for name, values in (('positions', self.q), ('velocities', self.dq),
+                             ('accelerations', self.ddq), ('efforts', self.effort)):
+            if values is not None and values.shape != shape:
+                msg = (f'the trajectory has {name} of shape {values.shape}, expected '
+                       f'{shape[0]} points of the joints {list(self.joints)}')
+                raise SignalError(msg)
+            if values is not None and not np.isfinite(values).all():
+                row = int(np.flatnonzero(~np.isfinite(values).all(axis=1))[0])
+                msg = f'{name} of point {row + 1} are not finite'
+                raise SignalError(msg)
+        if not np.isfinite(self.t).all() or np.any(np.diff(self.t) <= 0.0):
+            row = int(np.argmin(np.append(np.diff(self.t) > 0.0, False)))
+            msg = (f'time does not increase after point {row + 1}, at {self.t[row]:g} s; '
+                   'time_from_start of each point has to be later than that of the one before')
+            raise SignalError(msg)
+        if self.ddq is not None and self.dq is None:
+            msg = 'the trajectory has accelerations without velocities'
+            raise SignalError(msg, remedy='give both, or neither')
+
+    @classmethod
+    def from_points(
+        cls, joints: tuple[str, ...], t: FloatArray, positions: Points, velocities: Points,
+        accelerations: Points,
+    ) -> Trajectory:
+        """
+        Take the fields of messages, of which points leave some empty.
+
+        Parameters
+        ----------
+        joints : tuple of str
+            Names of the joints.
+        t : ndarray of shape (n_points,)
+            Times since the start [s].
+        positions, velocities, accelerations : sequence of sequence of float
+            Values of each point [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        Trajectory
+            A field that any point leaves empty is not given, as controllers see it.
+
+        Raises
+        ------
+        SignalError
+            If positions are missing, or a field has another length.
+
+        """
+        arrays: list[FloatArray | None] = []
+        for name, field in (('positions', positions), ('velocities', velocities),
+                            ('accelerations', accelerations)):
+            if arrays and not all(len(row) for row in field):
+                arrays.append(None)
+                continue
+            wrong = [k for k, row in enumerate(field) if len(row) != len(joints)]
+            if wrong:
+                msg = (f'point {wrong[0] + 1} has {len(field[wrong[0]])} {name} for the joints '
+                       f'{list(joints)}')
+                raise SignalError(msg, remedy='give one value for each joint')
+            arrays.append(np.array(field, dtype=float).reshape(len(field), len(joints)))
+        q, dq, ddq = arrays
+        assert q is not None
+        return cls(joints, t, q, dq, None if dq is None else ddq)
+
+    def of(self, joints: tuple[str, ...]) -> Trajectory:
+        """
+        Take some of the joints, in an order of their own.
+
+        Parameters
+        ----------
+        joints : tuple of str
+            Names of the joints wanted.
+
+        Raises
+        ------
+        SignalError
+            If one of them is missing, or named twice.
+
+        """
+        missing = [name for name in joints if self.joints.count(name) != 1]
+        if missing:
+            msg = (f'the trajectory has the joints {list(self.joints)}; the model needs each of '
+                   f'{list(joints)} once')
+            raise SignalError(msg, remedy='name joints as the arm description does')
+        places = [self.joints.index(name) for name in joints]
+        q, dq, ddq, effort = (None if values is None else values[:, places] for values in
+                              (self.q, self.dq, self.ddq, self.effort))
+        assert q is not None
+        return replace(self, joints=joints, q=q, dq=dq, ddq=ddq, effort=effort)
 
     def table(self) -> bytes:
-        """Write it as CSV: time, then position, velocity and acceleration of each joint."""
-        head = ['t', *(f'{name}{ending}' for name in self.names for ending in ENDINGS)]
-        columns = np.stack([self.q, self.dq, self.ddq], axis=2).reshape(len(self.t), -1)
-        text = StringIO()
-        np.savetxt(text, np.column_stack([self.t, columns]), fmt='%.9g', delimiter=',',
-                   header=','.join(head), comments='')
-        return text.getvalue().encode()
+        """Write it as CSV, with all digits: time, then all that is known of each joint."""
+        known = {ending: values for ending, field in FIELDS.items()
+                 if (values := getattr(self, field)) is not None}
+        head = ['t', *(f'{name}{ending}' for name in self.joints for ending in known)]
+        columns = np.stack(list(known.values()), axis=2).reshape(len(self.t), -1)
+        rows = np.column_stack([self.t, columns]).tolist()
+        return '\n'.join([','.join(head), *(','.join(map(repr, row)) for row in rows),
+                          '']).encode()
 
 
 def read_trajectory(path: Path) -> Trajectory:
     """
-    Read motion from a table, as `Trajectory.table` writes it.
+    Read motion from a table, as `Trajectory.table` writes it; columns in any order.
 
     Parameters
     ----------
     path : Path
-        CSV file: ``t``, then ``joint``, ``joint_velocity``, ``joint_acceleration`` of each joint.
+        CSV file: ``t``, then ``JOINT`` of each joint, and what is known beside.
 
     Returns
     -------
     Trajectory
-        Motion.
+        Motion; efforts are not read.
 
     Raises
     ------
@@ -93,24 +204,35 @@ def read_trajectory(path: Path) -> Trajectory:
         msg = f'the trajectory cannot be read ({getattr(err, "strerror", None) or err})'
         raise BagError(msg, place=path) from None
     head, _, body = text.partition('\n')
-    columns = [name.strip() for name in head.split(',')]
-    names = tuple(columns[1::3])
-    wanted = ['t', *(f'{name}{ending}' for name in names for ending in ENDINGS)]
-    if columns != wanted or not names or len(set(names)) < len(names):
-        msg = (f'the first line is {head[:200]!r}; expected t, then joint, joint_velocity, '
-               'joint_acceleration of each joint')
-        raise BagError(msg, place=path, remedy='`tudor excite` writes such a table')
+    columns = [name.strip() for name in head.lstrip('#').split(',')]
+    joints = tuple(name for name in columns[1:] if not any(
+        ending and name.endswith(ending) and name.removesuffix(ending) in columns
+        for ending in FIELDS))
+    if columns[0] != 't' or not joints or len(set(columns)) < len(columns):
+        msg = f'the first line is {head[:200]!r}; expected t, then each joint once'
+        raise BagError(msg, place=path, remedy='columns are t [s], JOINT [rad or m], and where '
+                       'known JOINT_velocity and JOINT_acceleration')
     try:
         values = np.loadtxt(StringIO(body), delimiter=',', ndmin=2)
     except ValueError as err:
         raise BagError(f'a line is no row of numbers ({err})', place=path) from None
-    if (values.shape[1:] != (len(columns),) or len(values) < 2 or not np.isfinite(values).all()
-            or (np.diff(values[:, 0]) <= 0.0).any()):
-        msg = (f'found a table of shape {values.shape}; expected two rows or more of '
-               f'{len(columns)} finite numbers, times ascending')
+    if values.shape[1:] != (len(columns),):
+        msg = f'found a table of shape {values.shape}; expected rows of {len(columns)} numbers'
         raise BagError(msg, place=path)
-    parts = values[:, 1:].reshape(len(values), -1, 3)
-    return Trajectory(names, values[:, 0], parts[:, :, 0], parts[:, :, 1], parts[:, :, 2])
+    found: dict[str, FloatArray | None] = {}
+    for ending, field in FIELDS.items():
+        there = [name for name in joints if f'{name}{ending}' in columns]
+        if there and len(there) < len(joints):
+            msg = f'found {there[0]}{ending}, but not that of all joints {list(joints)}'
+            raise BagError(msg, place=path, remedy='give it for all of them, or for none')
+        found[field] = values[:, [columns.index(f'{name}{ending}') for name in joints]] \
+            if there else None
+    q = found['q']
+    assert q is not None
+    try:
+        return Trajectory(joints, values[:, 0], q, found['dq'], found['ddq'])
+    except SignalError as err:
+        raise BagError(err.cause, place=path, remedy=err.remedy) from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +245,13 @@ class TrajectorySeries:
     topic : str
         Full name, e.g. ``/joint_trajectory``.
     stamp : ndarray of int64, shape (n,)
-        Header stamps [ns].
+        Times at which they are recorded, and header stamps where there are no others [ns].
     trajectories : sequence of Trajectory
         One for each message.
+    header : ndarray of int64, shape (n,), optional
+        Header stamps; 0 lets a controller begin at once [ns].
+    frames : sequence of str, optional
+        Frames of the headers; none by default.
     msgtype : str
         Type of the messages.
 
@@ -134,6 +260,8 @@ class TrajectorySeries:
     topic: str
     stamp: NDArray[np.int64]
     trajectories: Sequence[Trajectory]
+    header: NDArray[np.int64] | None = None
+    frames: Sequence[str] = ()
     msgtype: str = TRAJECTORY
 
     def encode(self) -> list[bytes]:
@@ -150,16 +278,18 @@ class TrajectorySeries:
         types = typestore.types
         nothing = np.zeros(0)
 
-        def message(stamp: int, trajectory: Trajectory) -> bytes:
+        def message(stamp: int, frame: str, trajectory: Trajectory) -> bytes:
             time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9))
+            fields = [getattr(trajectory, field) for field in FIELDS.values()]
             points = [types['trajectory_msgs/msg/JointTrajectoryPoint'](
-                q, dq, ddq, nothing,
+                *(nothing if field is None else np.ascontiguousarray(field[k])
+                  for field in fields),
                 types['builtin_interfaces/msg/Duration'](*divmod(ns, 10**9)))
-                for q, dq, ddq, ns in zip(
-                    trajectory.q, trajectory.dq, trajectory.ddq,
-                    np.round(trajectory.t * 1e9).astype(np.int64).tolist(), strict=True)]
+                for k, ns in enumerate(
+                    np.round(trajectory.t * 1e9).astype(np.int64).tolist())]
             return bytes(typestore.serialize_cdr(types[TRAJECTORY](
-                types['std_msgs/msg/Header'](time, ''), list(trajectory.names), points),
+                types['std_msgs/msg/Header'](time, frame), list(trajectory.joints), points),
                 TRAJECTORY))
-        return [message(stamp, trajectory) for stamp, trajectory in zip(
-            self.stamp.tolist(), self.trajectories, strict=True)]
+        stamps = self.stamp if self.header is None else self.header
+        return [message(*item) for item in zip(
+            stamps.tolist(), self.frames or [''] * len(stamps), self.trajectories, strict=True)]

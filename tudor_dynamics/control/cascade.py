@@ -80,7 +80,9 @@ def position_law(
 
 
 @compiled
-def velocity_law(gains: NDArray, state: NDArray, dt: float, speed: float, dq: float) -> float:
+def velocity_law(
+    gains: NDArray, state: NDArray, dt: float, speed: float, dq: float, ahead: float,
+) -> float:
     """
     Give the current of one joint.
 
@@ -92,6 +94,8 @@ def velocity_law(gains: NDArray, state: NDArray, dt: float, speed: float, dq: fl
         Step of the loop [s].
     speed, dq : float
         Commanded and measured speed [rad/s].
+    ahead : float
+        Current that the wanted motion is known to need, so that no error has to ask for it [A].
 
     Returns
     -------
@@ -100,7 +104,7 @@ def velocity_law(gains: NDArray, state: NDArray, dt: float, speed: float, dq: fl
 
     """
     error = speed - dq
-    current = gains[VELOCITY_GAIN] * error + state[INTEGRAL]
+    current = gains[VELOCITY_GAIN] * error + state[INTEGRAL] + ahead
     limit = gains[CURRENT_LIMIT]
     bounded = min(max(current, -limit), limit)
     # Anti-windup: the integrator stands still unless it leads back from the limit.
@@ -255,7 +259,7 @@ class Cascade:
 
     def step(
         self, q_ref: ArrayLike, dq_ref: ArrayLike, q: ArrayLike, dq: ArrayLike,
-        yielding: ArrayLike = 0.0,
+        yielding: ArrayLike = 0.0, ahead: ArrayLike = 0.0,
     ) -> FloatArray:
         """
         Give the currents for one step.
@@ -268,6 +272,8 @@ class Cascade:
             Measured motion [rad, rad/s].
         yielding : array of shape (n_joints,)
             Speed added by the damper [rad/s].
+        ahead : array of shape (n_joints,)
+            Feed-forward, see `velocity_law` [A].
 
         Returns
         -------
@@ -276,11 +282,11 @@ class Cascade:
 
         """
         count = len(self.gains)
-        q_ref, dq_ref, q, dq, yielding = (
+        q_ref, dq_ref, q, dq, yielding, ahead = (
             np.broadcast_to(np.asarray(item, dtype=float), count)
-            for item in (q_ref, dq_ref, q, dq, yielding))
+            for item in (q_ref, dq_ref, q, dq, yielding, ahead))
         wanted = [position_law(self.gains[j], float(q_ref[j]), float(dq_ref[j]), float(q[j]),
                                float(yielding[j])) for j in range(count)]
         speed = self.envelope.step(self.dt, wanted, q)
         return np.array([velocity_law(self.gains[j], self.state[j], self.dt, float(speed[j]),
-                                      float(dq[j])) for j in range(count)])
+                                      float(dq[j]), float(ahead[j])) for j in range(count)])

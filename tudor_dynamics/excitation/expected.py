@@ -35,6 +35,7 @@ from tudor_dynamics.models.estimation.torque_constants import rescaled
 from tudor_dynamics.models.training import Blocks, TrainingBlock
 from tudor_dynamics.models.units import column_unit
 from tudor_dynamics.signals.preprocessing import noise_gain, prepare, Stretch
+from tudor_dynamics.signals.splines import states
 from tudor_dynamics.typing import FloatArray
 
 OUTPUTS = ('effort', 'strain')
@@ -106,10 +107,10 @@ def played(trajectory: Trajectory, arm: Arm) -> Recording:
         Positions and velocities; efforts and strains are zero.
 
     """
-    n = len(trajectory.t)
+    n, joints = trajectory.q.shape
     return Recording(
         'the planned motion', np.round(trajectory.t * 1e9).astype(np.int64), trajectory.q,
-        trajectory.dq, np.zeros((n, len(arm.joints))),
+        states(trajectory)[:, joints:2 * joints], np.zeros((n, joints)),
         np.zeros((n, len(arm.gauges))) if arm.gauges else None, (slice(0, n),),
         float(np.median(np.diff(trajectory.t))))
 

@@ -152,14 +152,11 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
 
 
 def _ordered(plan: PlanFolder, arm: Arm) -> Trajectory:
-    names = plan.trajectory.names
+    names = plan.trajectory.joints
     if sorted(names) != sorted(arm.active_joints):
         msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
         raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
-    order = [names.index(name) for name in arm.active_joints]
-    old = plan.trajectory
-    return Trajectory(arm.active_joints, old.t, old.q[:, order], old.dq[:, order],
-                      old.ddq[:, order])
+    return plan.trajectory.of(arm.active_joints)
 
 
 def _runs(

@@ -99,7 +99,24 @@ class LoadWorth:
             In units of the output per kilogram.
 
         """
-        found = self._regressor.outputs(row[None, :], self._parameters)[0]
+        return self.along(row[None, :])[0]
+
+    def along(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate samples.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            In units of the output per kilogram.
+
+        """
+        found = self._regressor.outputs(motion, self._parameters)
         return found if self._factor is None else found * self._factor
 
 

@@ -27,6 +27,7 @@ from tudor_dynamics.report.schedule import LOOKS
 from tudor_dynamics.report.style import PRINT, style
 from tudor_dynamics.signals.excitation import JointRange
 from tudor_dynamics.signals.motion_profile import MotionLimits
+from tudor_dynamics.signals.splines import states
 
 SHOWN = 20.0
 """Samples a second that are drawn [Hz]."""
@@ -54,7 +55,8 @@ def draw_motion(
         theirs.
 
     """
-    names = trajectory.names
+    names = trajectory.joints
+    _, dq, ddq = np.split(states(trajectory), 3, axis=1)
     figure = Figure(figsize=(7.2, 0.6 + 1.25 * len(names)))
     axes = figure.subplots(len(names), 2, sharex=True, squeeze=False,
                            gridspec_kw={'width_ratios': (1.0, 1.6)})
@@ -66,8 +68,8 @@ def draw_motion(
             left.axhline(limit, color='#777777', linewidth=0.9, linestyle=(0, (4, 2)))
         plain_text(left.set_ylabel, f'{name} [{units[name]}]')
         for look, values, label in (
-                (LOOKS[0], trajectory.dq[::every, j] / limits.velocity[j], 'speed'),
-                (LOOKS[1], trajectory.ddq[::every, j] / limits.acceleration[j], 'acceleration')):
+                (LOOKS[0], dq[::every, j] / limits.velocity[j], 'speed'),
+                (LOOKS[1], ddq[::every, j] / limits.acceleration[j], 'acceleration')):
             right.plot(t, values, color=look['color'], linestyle=look['linestyle'],
                        linewidth=1.0, label=label)
         right.set_ylim(-1.15, 1.15)

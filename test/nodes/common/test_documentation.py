@@ -28,7 +28,8 @@ from tudor_dynamics.nodes.common.interfaces import NODES
 SHARED = {'Subscribed': ('/parameter_events',),
           'Published': ('/diagnostics', '/parameter_events', '/rosout')}
 ARMS = {'oscillation_damper', 'force_controller', 'reference_generator', 'arm_simulator'}
-MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor'}
+MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
+          'feedforward'}
 
 
 def section(root: Path, node: str, part: str) -> list[list[str]]:

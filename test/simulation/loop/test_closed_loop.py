@@ -24,6 +24,7 @@ import pytest
 
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.control.cascade import INTEGRAL
 from tudor_dynamics.control.sign_test import check_sign, Sign, StepResponse
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -74,6 +75,25 @@ def test_starts_at_rest_under_its_weight() -> None:
     assert seen.current[0, 0] * 11.27 == pytest.approx(torque, rel=0.01)
     moment = 9.81 * (0.185 * 0.343**2 / (2 * 0.393) + 0.2 * 0.343)
     assert seen.strain[0, 1] == pytest.approx(121.4 * moment, rel=0.01)
+
+
+def test_fed_forward_current_takes_the_load_off_the_integrators() -> None:
+    """What holds the weight may come from ahead: nothing moves; shapes and numbers are checked."""
+    loop = ClosedLoop(with_payload(tudor(), 0.2), damping=0.0,
+                      imperfections=Imperfections.none())
+    loop.reset(HOME)
+    weight = hold(loop, HOME, 0.1).current[0]
+    assert np.abs(weight).min() > 0.05
+    loop.reset(HOME, weight)
+    np.testing.assert_allclose(loop.cascade.state[:, INTEGRAL], 0.0, atol=1e-12)
+    steps = round(0.5 / loop.dt)
+    seen = loop.run(np.tile(HOME, (steps, 1)), np.zeros((steps, 2)),
+                    ahead=np.tile(weight, (steps, 1)))
+    assert np.abs(seen.q - HOME).max() < 1e-6
+    np.testing.assert_allclose(seen.current, np.tile(weight, (steps, 1)), atol=1e-3)
+    for wrong, words in ((np.zeros((3, 2)), 'shapes'), (np.full((steps, 2), np.nan), 'finite')):
+        with pytest.raises(SimulationError, match=words):
+            loop.run(np.tile(HOME, (steps, 1)), np.zeros((steps, 2)), ahead=wrong)
 
 
 def test_same_seed_same_signals_in_steps_and_chunks() -> None:

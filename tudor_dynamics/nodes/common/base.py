@@ -301,7 +301,7 @@ class TudorNode(Node):
             return WARN, self.ended, {}
         if self.fault:
             return ERROR, self.fault, {}
-        if self.meter.stale(float(self.value('timeout'))):
+        if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
             return STALE, 'no input', {}
         return OK, 'running', {}
 

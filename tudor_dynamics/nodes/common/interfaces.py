@@ -20,6 +20,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
+from tudor_dynamics.feedforward.feedforward import POSITIONS
+from tudor_dynamics.feedforward.units import UNITS
 from tudor_dynamics.models.kinds import KINDS
 
 JOINT_STATES = 'joint_states'
@@ -41,6 +43,10 @@ TIP_FORCE = 'tip_force'
 JOINT_REFERENCE = 'joint_reference'
 VELOCITY_COMMANDS = 'velocity_commands'
 JOINT_TRAJECTORY = 'joint_trajectory'
+WANTED_TRAJECTORY = 'wanted_trajectory'
+TRAJECTORY_WITH_EFFORT = 'trajectory_with_effort'
+WANTED_STATES = 'wanted_states'
+STATES_WITH_EFFORT = 'states_with_effort'
 EXTERNAL_WRENCH = 'external_wrench'
 APPLIED_WRENCH = 'applied_wrench'
 DIAGNOSTICS = '/diagnostics'
@@ -148,6 +154,11 @@ DETECT = (
           dynamic=True),
     Param('stuck_time', 1.0, 'time without any change while the arm moves, behind which a channel '
           'counts as dead', 's', 0.01, 600.0, dynamic=True))
+AHEAD = (
+    Param('unit', 'model', 'efforts as the model has them, as currents, or as torques at the '
+          'joints', choices=UNITS),
+    Param('positions', 'wanted', 'positions stay as wanted, or become those of the motors that '
+          'put the links of an elastic arm there', choices=POSITIONS))
 PLAYER = (
     Param('bag', '', 'rosbag2 directory, .mcap or .db3'),
     Param('rate', 1.0, 'speed of the replay, 1 for real time', '', 1e-3, 1e3, dynamic=True),
@@ -232,6 +243,7 @@ NODES: dict[str, tuple[Param, ...]] = {
     'collision_detector': (*PREDICT, *DETECT, *COMMON),
     'monitor': (*PREDICT, PAYLOAD_SOURCE, OBSERVER, GAP, *DETECT, *COMMON),
     'payload_estimator': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
+    'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'force_controller': (*FORCE, *COMMON),
     'reference_generator': (*REFERENCE, *COMMON),

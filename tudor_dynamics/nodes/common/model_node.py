@@ -81,9 +81,12 @@ class ModelNode(TudorNode):
             msg = 'no model: set the parameter model to a bundle made by tudor fit'
             raise ModelError(msg)
         arm = None if self.bundle is None else self.bundle.arm
-        loaded = load_bundle(self._source, arm=arm).beside_robot()
+        return self.choose(load_bundle(self._source, arm=arm))
+
+    def choose(self, loaded: ModelBundle) -> ModelBundle:
+        """Take what of a bundle works beside a robot that is measured; or refuse it."""
         refuse_interfaces(loaded.arm, f'node {self.get_name()}', arrays=True)
-        return loaded
+        return loaded.beside_robot()
 
     def _carrying(self, bundle: ModelBundle) -> ModelBundle:
         """Put the payload into a model; it may be one of all payloads."""

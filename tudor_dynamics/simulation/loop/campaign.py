@@ -36,6 +36,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference
+from tudor_dynamics.signals.splines import states
 from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.load_changes import carried_at, LoadChange
@@ -186,12 +187,11 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
         If it moves other joints, begins or goes beyond what the arm can do.
 
     """
-    if sorted(trajectory.names) != sorted(arm.active_joints):
-        msg = (f'the trajectory moves {", ".join(trajectory.names)}; {arm.name} has '
+    if sorted(trajectory.joints) != sorted(arm.active_joints):
+        msg = (f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} has '
                f'{", ".join(arm.active_joints)}')
         raise SimulationError(msg)
-    order = [trajectory.names.index(name) for name in arm.active_joints]
-    q, dq = trajectory.q[:, order], trajectory.dq[:, order]
+    q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
     hard = hard_limits(arm)
     wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
     beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]

@@ -156,7 +156,7 @@ class ClosedLoop:
                         if row[status] > 0.0}
                 for joint, row in zip(self.damper.joints, self._control.status_time, strict=True)}
 
-    def reset(self, q: ArrayLike) -> None:
+    def reset(self, q: ArrayLike, ahead: ArrayLike = 0.0) -> None:
         """
         Put the arm at rest, held by its motors; noise begins anew.
 
@@ -164,6 +164,8 @@ class ClosedLoop:
         ----------
         q : array of shape (n_joints,)
             Angles of the active joints that the encoders of the motors show [rad].
+        ahead : array of shape (n_joints,)
+            Current that is fed forward from the first step on; integrators have the rest [A].
 
         """
         plant, state = self.plant, self._sensors.drive_state
@@ -194,7 +196,7 @@ class ClosedLoop:
         counts = self._sensors.sensor[:, 0]
         rough = counts > 0.0
         self._sensors.angle[rough] = np.floor(wanted[rough] / counts[rough]) * counts[rough]
-        self.cascade.reset(state[:, dr.CURRENT])
+        self.cascade.reset(state[:, dr.CURRENT] - np.asarray(ahead, dtype=float))
         self.damper.reset()
         self._control.status_time[:] = 0.0
         self._plant.external[:] = 0.0
@@ -285,7 +287,10 @@ class ClosedLoop:
         return self.run(np.atleast_2d(np.asarray(q_ref, dtype=float)),
                         np.atleast_2d(np.asarray(dq_ref, dtype=float)))
 
-    def run(self, q_ref: FloatArray, dq_ref: FloatArray, *, every: int = 1) -> LoopRecord:
+    def run(
+        self, q_ref: FloatArray, dq_ref: FloatArray, *, every: int = 1,
+        ahead: FloatArray | None = None,
+    ) -> LoopRecord:
         """
         Run through a reference.
 
@@ -295,6 +300,9 @@ class ClosedLoop:
             Reference at the start of each step [rad, rad/s].
         every : int
             Steps between two records, counted from the last ``reset``.
+        ahead : ndarray of shape (n_steps, n_joints), optional
+            Current that is fed forward in each step, as a drive takes it beside its speed; none
+            by default [A].
 
         Returns
         -------
@@ -308,13 +316,15 @@ class ClosedLoop:
 
         """
         joints, gauges = len(self._joints), len(self.arm.gauges)
-        q_ref, dq_ref = (np.ascontiguousarray(item, dtype=float) for item in (q_ref, dq_ref))
+        q_ref, dq_ref, ahead = (
+            np.ascontiguousarray(item, dtype=float)
+            for item in (q_ref, dq_ref, np.zeros(np.shape(q_ref)) if ahead is None else ahead))
         steps = len(q_ref)
-        if q_ref.shape != (steps, joints) or dq_ref.shape != q_ref.shape:
-            msg = (f'references have shapes {q_ref.shape} and {dq_ref.shape}; expected '
-                   f'({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
+        if not q_ref.shape == dq_ref.shape == ahead.shape == (steps, joints):
+            msg = (f'references have shapes {q_ref.shape}, {dq_ref.shape} and {ahead.shape}; '
+                   f'expected ({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
             raise SimulationError(msg)
-        if not (np.isfinite(q_ref).all() and np.isfinite(dq_ref).all()):
+        if not np.isfinite([q_ref, dq_ref, ahead]).all():
             msg = f'{self.arm.name}: a reference is not finite; check the motion'
             raise SimulationError(msg)
         begun = self._done
@@ -322,8 +332,8 @@ class ClosedLoop:
         out = np.empty((rows, 6 * joints + gauges))
         noise = self._random.standard_normal((steps, joints + gauges))
         count, status, self._acting = run_loop(
-            self._plant, self._sensors, self._control, q_ref, dq_ref, noise, begun, self.dt,
-            every, self._acting, self._loaded, out)
+            self._plant, self._sensors, self._control, q_ref, dq_ref, ahead, noise, begun,
+            self.dt, every, self._acting, self._loaded, out)
         self._done += count
         self.plant.taken(self._done, status)
         first = -(-begun // every)

@@ -119,6 +119,7 @@ def sense(
 @compiled
 def control(
     sensors: SensorTables, tables: ControlTables, dt: float, q_ref: NDArray, dq_ref: NDArray,
+    ahead: NDArray,
 ) -> None:
     """Run damper, envelope and cascade on the readings, then the rotors with the currents."""
     moving = 0.0
@@ -139,7 +140,8 @@ def control(
             tables.gains[j], q_ref[j], dq_ref[j], sensors.angle[j], tables.yielding[j])
         speed = envelope_law(
             tables.envelope[j], tables.envelope_state[j], dt, wanted, sensors.angle[j])
-        current = velocity_law(tables.gains[j], tables.state[j], dt, speed, sensors.speed[j])
+        current = velocity_law(
+            tables.gains[j], tables.state[j], dt, speed, sensors.speed[j], ahead[j])
         dr.rotor_law(sensors.drive[j], sensors.drive_state[j], dt, current)
 
 
@@ -171,8 +173,8 @@ def advance(
 @compiled
 def run_loop(
     plant: DrivenPlant, sensors: SensorTables, tables: ControlTables,
-    q_ref: NDArray, dq_ref: NDArray, noise: NDArray, done: int, dt: float, every: int,
-    acting: bool, loaded: bool, out: NDArray,
+    q_ref: NDArray, dq_ref: NDArray, ahead: NDArray, noise: NDArray, done: int, dt: float,
+    every: int, acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
     """
     Run as many steps as there are references.
@@ -183,6 +185,8 @@ def run_loop(
         The arm, advanced in place.
     q_ref, dq_ref : ndarray of shape (n_steps, n_joints)
         Reference at the start of each step.
+    ahead : ndarray of shape (n_steps, n_joints)
+        Current fed forward in each step [A].
     noise : ndarray of shape (n_steps, n_joints + n_gauges)
         Normal random numbers.
     done : int
@@ -218,7 +222,7 @@ def run_loop(
             for g in range(gauges):
                 row[3 * joints + g] = sensors.strain[g]
             record += 1
-        control(sensors, tables, dt, q_ref[k], dq_ref[k])
+        control(sensors, tables, dt, q_ref[k], dq_ref[k], ahead[k])
         status, acting = advance(plant, sensors, (done + k + 1) * dt, dt, loaded)
         if status != gen.OK:
             return k, status, acting

@@ -1,0 +1,181 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node feedforward: the efforts that wanted motions need, for controllers that take them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+from typing import Any
+
+import numpy as np
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.feedforward.feedforward import Feedforward
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad
+from tudor_dynamics.nodes.common.base import OK, strong, WARN
+from tudor_dynamics.nodes.common.interfaces import (
+    STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
+from tudor_dynamics.nodes.common.messages import (
+    floats, joint_state, NamedReader, nanoseconds, time_message)
+from tudor_dynamics.nodes.common.model_node import ModelNode
+from tudor_dynamics.nodes.common.payload_port import PayloadPort
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.common.wire import JointSample
+
+
+class FeedforwardNode(ModelNode):
+    """Feed-forward node; ``**kwargs`` go to rclpy's Node."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('feedforward', **kwargs)
+        self.ahead: Feedforward | None = None
+        self._reader: NamedReader | None = None
+        self._refused = ''
+        self._port = PayloadPort(self, str(self.value('payload_source')))
+        self._trajectories = self.publish_on(JointTrajectory, TRAJECTORY_WITH_EFFORT)
+        self._states = self.publish_on(JointState, STATES_WITH_EFFORT)
+        self.start()
+        # as the controller listens: a command is not to be lost
+        self._wanted = self.create_subscription(
+            JointTrajectory, WANTED_TRAJECTORY, self._on_trajectory, strong(),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self._single = self.hear_joint_states(WANTED_STATES, self._on_state)
+
+    def choose(self, loaded: ModelBundle) -> ModelBundle:
+        """Take the models as they were fitted: a wanted motion passes no filter."""
+        return loaded
+
+    def prepare(self, bundle: ModelBundle) -> tuple[Feedforward, CarriedLoad | None]:
+        """Build the feed-forward, and let it work once."""
+        whole = self.of_all or bundle
+        payload = float(self.value('payload'))
+        ahead = Feedforward(
+            whole, kind=self.value('kind'), unit=self.value('unit'),
+            positions=self.value('positions'),
+            payload=None if whole.payload_range is None else payload)
+        rest = np.zeros((2, len(ahead.joints)))
+        ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))
+        return ahead, self._port.prepare(whole, payload)
+
+    def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
+        """Put another model into use."""
+        self.bundle = bundle
+        self.ahead, load = prepared
+        self._port.use(load)
+        self._reader = NamedReader(self.ahead.joints, self.drops)
+
+    def _along(self, trajectory: Trajectory) -> Trajectory | None:
+        """Give a trajectory its efforts, with the load as it is known now; None if refused."""
+        assert self.ahead is not None
+        try:
+            load = self._port.load
+            if load is not None and load.mass != self.ahead.payload:
+                self.ahead.carry(load.mass)
+            found = self.ahead.along(trajectory)
+        except TudorError as err:
+            self._refuse(str(err))
+            return None
+        self._refused = ''
+        return found
+
+    def _refuse(self, why: str) -> None:
+        """Count a motion that gets no efforts, and say why once."""
+        self.drops['impossible_command'] += 1
+        if why != self._refused:
+            self.get_logger().error(f'motion refused: {why}')
+        self._refused = why
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        begun = self.meter.begin()
+        if self.ahead is None:
+            return
+        if message.points:  # without any it tells controllers to stop, and goes through
+            wanted = self._read(message)
+            found = None if wanted is None else self._along(wanted)
+            if found is None:
+                return
+            for k, point in enumerate(message.points):
+                self._fill(point, found, k)
+        self._trajectories.publish(message)
+        self.meter.end(begun)
+
+    def _read(self, message: JointTrajectory) -> Trajectory | None:
+        """Read a trajectory; None if refused."""
+        points = message.points
+        try:
+            return Trajectory.from_points(
+                tuple(message.joint_names),
+                np.array([1e-9 * nanoseconds(point.time_from_start) for point in points]),
+                [point.positions for point in points], [point.velocities for point in points],
+                [point.accelerations for point in points])
+        except TudorError as err:
+            self._refuse(str(err))
+            return None
+
+    def _fill(self, point: JointTrajectoryPoint, found: Trajectory, k: int) -> None:
+        """Write efforts into a point, and where the motors have to be if they are led."""
+        assert found.effort is not None
+        point.effort = floats(found.effort[k])
+        if self.value('positions') == 'motor':
+            assert found.dq is not None and found.ddq is not None
+            point.positions = floats(found.q[k])
+            point.velocities = floats(found.dq[k])
+            point.accelerations = floats(found.ddq[k])
+
+    def _on_state(self, message: JointSample) -> None:
+        begun = self.meter.begin()
+        if self.ahead is None or self._reader is None:
+            return
+        q = self._reader.read(message, 'position')
+        dq = self._reader.read(message, 'velocity', optional=True)
+        if q is None or not np.isfinite(q).all() or (dq is not None and not np.isfinite(dq).all()):
+            self.drops['not_finite'] += q is not None
+            return
+        found = self._along(Trajectory(self.ahead.joints, np.zeros(1), q[None],
+                                       None if dq is None else dq[None]))
+        if found is None or found.effort is None:
+            return
+        stamp = message.stamp
+        self._states.publish(joint_state(
+            time_message(stamp), list(self.ahead.joints), position=found.q[0],
+            velocity=np.zeros_like(q) if dq is None else dq, effort=found.effort[0]))
+        self.meter.end(begun)
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell what is given, and what was refused last."""
+        level, message, values = super().status()
+        if self.ahead is not None:
+            values.update({'kind': str(self.value('kind')), 'unit': ', '.join(self.ahead.units),
+                           'positions': str(self.value('positions')),
+                           'payload [kg]': f'{self.ahead.payload:g}'})
+        values.update(self._port.values())
+        if self._refused and level == OK:
+            return WARN, f'motion refused: {self._refused}', values
+        return level, message, values
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(FeedforwardNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
