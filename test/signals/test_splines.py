@@ -41,9 +41,9 @@ def test_a_quintic_is_what_three_fields_say(coefficients: np.ndarray) -> None:
     """Points of a polynomial of degree five give that polynomial between them."""
     curves = [Polynomial(row) for row in coefficients]
     path = Trajectory(JOINTS, T, *(along(curves, order) for order in range(3)))
-    denser = denser(path, 20.0)
-    for order, found in enumerate((denser.q, denser.dq, denser.ddq)):
-        assert found == pytest.approx(along(curves, order, denser.t), abs=1e-8)
+    more = denser(path, 20.0)
+    for order, found in enumerate((more.q, more.dq, more.ddq)):
+        assert found == pytest.approx(along(curves, order, more.t), abs=1e-8)
 
 
 @settings(max_examples=30, deadline=None)

@@ -27,7 +27,7 @@ from rosbags.typesys import get_typestore, Stores
 from tudor_dynamics.bags.layouts.cdr_layout import MAX_NAMES, POINT_FIELDS
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.trajectory import (
-    read_trajectory, Trajectory, TRAJECTORY, TrajectorySeries)
+    read_trajectory, TRAJECTORY, Trajectory, TrajectorySeries)
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, TudorError, UsageError
 from tudor_dynamics.files import write_whole

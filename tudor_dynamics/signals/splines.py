@@ -65,7 +65,7 @@ def states(trajectory: Trajectory) -> FloatArray:
     Parameters
     ----------
     trajectory : Trajectory
-        Points.
+        What joints are to do.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     Parameters
     ----------
     trajectory : Trajectory
-        Points.
+        What joints are to do.
     rate : float
         Points per second [Hz]; the first and the last stay where they are.
 
