@@ -15,11 +15,12 @@
 """
 Compare free base parameters with bodies and drives that can exist, on unseen motion.
 
-Each recording of bench/first_hour.py is fitted as there; full parameters are found from what the
+Each recording of bench/first_hour.py is fitted as there, the others of DATA by their first 60 % or
+by another bag, the sample bags by what they come with; full parameters are found from what the
 bundle keeps, and all are judged on the test bags: base parameters, bodies that can exist, and the
-bodies as described with the same drives. Where clarabel is installed (``pip install clarabel``),
-the same question is put to it as a semidefinite program: least squares under matrix inequalities,
-with the distance from the description as a square instead of one of logarithms.
+bodies as described with the drives that suit them best. Where clarabel is installed (``pip install
+clarabel``), the same question is put to it as a semidefinite program: least squares under matrix
+inequalities, with the distance from the description as a square instead of one of logarithms.
 
     python bench/consistent.py --data DATA
 """
@@ -37,12 +38,30 @@ from reference_fits import CONFIG, data_directory, fit
 from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.models.consistent.bodies import parameters_of, prior_of, pseudo_inertia
-from tudor_dynamics.models.consistent.full import full_parameters
+from tudor_dynamics.models.consistent.full import described_parameters_of, full_parameters
 from tudor_dynamics.models.consistent.problem import Problem
 from tudor_dynamics.models.consistent.solve import full_of
 from tudor_dynamics.models.estimation.products import summed
-from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.models.storage.bundle_io import load_bundle
+
+SAMPLES = CONFIG.parent / 'bags'
+OTHERS = (
+    # name, description, training, test, couplings
+    ('UR10e with 2.8 kg', 'ur10e.yaml', ['ur10e_loaded@0-60%'], ['ur10e_loaded@60-100%'], None),
+    ('Airbot Play, loaded', 'airbot.yaml', ['airbot_chirp_loaded@0-60%'],
+     ['airbot_chirp_loaded@60-100%'], None),
+    ('Airbot Play, one motion', 'airbot.yaml', ['airbot_trapezoidal@0-60%'],
+     ['airbot_trapezoidal@60-100%'], None),
+    ('two blades, 0 g', 'two_blade_arm.yaml', ['arm_000g_free_1@0-60%'],
+     ['arm_000g_free_1@60-100%'], None),
+    ('same, not damped', 'two_blade_arm.yaml', ['arm_000g_undamped_1@0-60%'],
+     ['arm_000g_undamped_1@60-100%'], None),
+    ('two blades, sample bags', 'two_blade_arm.yaml', ['two_blade_train_1', 'two_blade_train_2'],
+     ['two_blade_test'], None),
+    ('reference arm, damped', 'tudor.yaml', ['tudor_damped/stimulus_01@0-60%'],
+     ['tudor_damped/stimulus_01@60-100%'], None),
+    ('same, not damped', 'tudor.yaml', ['tudor_undamped/stimulus_01@0-60%'],
+     ['tudor_undamped/stimulus_01@60-100%'], None))
 
 try:
     import clarabel
@@ -81,12 +100,11 @@ def semidefinite(bundle, model, full):
     quadratic = data.T @ data + np.diag(weak)
     linear = -(data.T @ target + weak * center)
     blocks, limits, cones = [], [], []
-    signed = np.flatnonzero(problem.signs != 0.0)
-    part = np.zeros((len(signed), n))
-    part[np.arange(len(signed)), bodies + signed] = -problem.signs[signed]
+    part = np.zeros((len(problem.steps), n))
+    part[:, bodies:] = -problem.steps
     blocks.append(part)
-    limits.append(np.zeros(len(signed)))
-    cones.append(clarabel.NonnegativeConeT(len(signed)))
+    limits.append(np.zeros(len(part)))
+    cones.append(clarabel.NonnegativeConeT(len(part)))
     upper = [(i, j) for j in range(4) for i in range(j + 1)]
     for body in range(len(prior)):
         part = np.zeros((10, n))
@@ -119,12 +137,9 @@ def judge(name, out, bags, test):
     taken = time.process_time() - begin
     unseen = [load(parse_choice(str(bags / bag)), bundle.arm, bundle.preprocessing, learn=True)
               for bag in test]
-    together = EffortRegressor(bundle.arm, shared=True)
-    scaled = together.scaled if together.unknown else np.zeros(len(full.columns), dtype=bool)
-    described = replace(full.solution, bodies=np.array([
-        parameters_of(log) for log in prior_of(bundle.arm).center]))
+    described = described_parameters_of(bundle.arm, model)
     errors = [relative_error(model, parameters, unseen) for parameters in (
-        model.coefficients(), full.model.coefficients(), full_of(described, scaled))]
+        model.coefficients(), full.model.coefficients(), described.model.coefficients())]
     least = min(np.linalg.eigvalsh(pseudo_inertia(body)).min() for body in full.bodies.values())
     print(f'{name:22} free {errors[0]:6.2f} %  can exist {errors[1]:6.2f} %  described '
           f'{errors[2]:6.2f} %  {taken:5.2f} s  least eigenvalue {least:.1e}', end='')
@@ -136,15 +151,21 @@ def judge(name, out, bags, test):
     print(flush=True)
 
 
+def folder_of(bag, data):
+    """Give where a bag lies: in DATA, or among the sample bags."""
+    sample = (SAMPLES / bag.partition('@')[0]).exists()
+    return SAMPLES if sample else data / 'bags'
+
+
 def main():
     """Go through the recordings that are there."""
     data = data_directory(__doc__.splitlines()[1])
-    bags = data / 'bags'
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / 'model'
         for name, arm, training, test, *_, couplings in (*UNSEEN, *(
-                (*case, None) for case in KNOWN)):
+                (*case, None) for case in KNOWN), *OTHERS):
             source = data / 'arms' / arm if (data / 'arms' / arm).exists() else CONFIG / arm
+            bags = folder_of(training[0], data)
             if not all((bags / bag.partition('@')[0]).exists() for bag in (*training, *test)):
                 print(f'{name}: not there, left out')
                 continue

@@ -37,7 +37,11 @@ def test_a_controller_finds_every_joint(tmp_path, currents):
         joint = found[name]
         assert joint['effort_unit'] == ('A' if currents else 'N m')
         assert joint['torque_constant'] == pytest.approx(full.torque_constants[name])
-        assert joint['friction_terms']['viscous'] == joint['viscous_friction'] > 0.0
+        assert joint['friction_terms']['viscous'] == pytest.approx(joint['viscous_friction'])
+        assert joint['viscous_friction'] > 0.0
+    gains = yaml.safe_load(text)['joint_trajectory_controller']['ros__parameters']['gains']
+    assert gains == {name: {'ff_velocity_scale': found[name]['viscous_friction']}
+                     for name in JOINTS}
     assert ('Torque constants are not known' in text) == currents
 
 

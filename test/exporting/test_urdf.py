@@ -77,8 +77,8 @@ def test_friction_stands_in_the_joints(full):
             continue
         (dynamics,) = found
         terms = full.drives[joint.get('name')]
-        assert float(dynamics.get('damping')) == terms['viscous']
-        assert float(dynamics.get('friction')) == terms['coulomb']
+        assert float(dynamics.get('damping')) == pytest.approx(terms['viscous'], rel=1e-12)
+        assert float(dynamics.get('friction')) == pytest.approx(terms['coulomb'], rel=1e-12)
 
 
 def test_links_of_a_body_share_it_and_can_exist(full):

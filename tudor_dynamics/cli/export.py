@@ -26,7 +26,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.exporting.description import description_of
 from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of
 from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf, not_in_mjcf
-from tudor_dynamics.exporting.friction import simple_friction
+from tudor_dynamics.exporting.friction import simple_frictions
 from tudor_dynamics.exporting.mjcf import mjcf_of
 from tudor_dynamics.exporting.tables import csv_of, yaml_of
 from tudor_dynamics.exporting.urdf import urdf_of
@@ -141,10 +141,10 @@ def show(full: FullParameters, target: str, console: Console) -> None:
                       'the bodies weigh about what the description says; give effort.'
                       'torque_constant of one joint for absolute ones')
     if target in ('urdf', 'mjcf'):
-        left = {name: simple_friction(terms).left_out for name, terms in full.drives.items()}
+        left = {name: simple.left_out for name, simple in simple_frictions(full).items()}
         some = [f'{name} ({", ".join(terms)})' for name, terms in left.items() if terms]
         if some:
-            console.print(f'{target} has no place for friction of: {"; ".join(some)}; '
+            console.print(f'{target} has two numbers for friction, without: {"; ".join(some)}; '
                           '--to yaml has all of it')
         if target == 'urdf' and any(terms.get('Ia') for terms in full.drives.values()):
             console.print('urdf has no place for rotor inertias: --to mjcf or yaml has them')

@@ -54,7 +54,7 @@ class Description:
     Attributes
     ----------
     text : str
-        YAML.
+        All of the file, as YAML.
     left_out : tuple of str
         What was identified and has no place in a description, one phrase each.
 

@@ -18,9 +18,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.exporting.friction import Simple, simple_friction
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
+
+
+SPEED = 1.0
+"""Up to which friction counts, where a description has no limit [rad/s or m/s]."""
 
 
 @dataclass(frozen=True)
@@ -99,3 +105,22 @@ def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
             column.partition('(')[0]: float(value) / by_torque
             for column, value in zip(columns[1:], values[1:], strict=True)})
     return found
+
+
+def elastic_friction(arm: Arm, joint: str, terms: dict[str, float]) -> Simple:
+    """
+    Bring the friction of a joint to two numbers.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm of the model.
+    joint : str
+        Name of the joint.
+    terms : dict of str to float
+        Its friction, see `ElasticDrive`.
+
+    """
+    spec = arm.joints[arm.active_joints.index(joint)]
+    limit = None if spec.limits is None else spec.limits.velocity
+    return simple_friction(spec, terms, limit or SPEED)

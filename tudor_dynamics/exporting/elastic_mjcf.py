@@ -28,8 +28,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.exporting.elastic_drives import ElasticDrive
-from tudor_dynamics.exporting.friction import simple_friction
+from tudor_dynamics.exporting.elastic_drives import elastic_friction, ElasticDrive
 from tudor_dynamics.exporting.mjcf_elements import (
     add_inertial, finished, new_body, new_file, quaternion)
 from tudor_dynamics.exporting.rows import row
@@ -79,7 +78,7 @@ def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[s
     Parameters
     ----------
     model : ElasticModel
-        Identified model.
+        Identified model, of strain or effort.
     drives : dict of str to ElasticDrive
         Drives by joint.
 
@@ -97,7 +96,8 @@ def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[s
               for name, value in values.items()
               if name.partition('(')[0] in ('play', 'alpha', 'lag') and value > 0.0]
     for joint, drive in drives.items():
-        found += [f'{term} of {joint}' for term in simple_friction(drive.terms).left_out]
+        simple = elastic_friction(model.arm, joint, drive.terms)
+        found += [f'friction of {joint}: {what}' for what in simple.left_out]
     return tuple(found)
 
 
@@ -190,7 +190,8 @@ class _Writer:
         kind = 'slide' if self.arm.is_prismatic(joint) else 'hinge'
         terms = self.drives[joint].terms if joint in self.drives else {}
         index = self.arm.active_joints.index(joint)
-        simple, spring = simple_friction(terms), self.driven.tables.gears.springs[index]
+        simple = elastic_friction(self.arm, joint, terms)
+        spring = self.driven.tables.gears.springs[index]
         rotor = _rotor(self.drives, joint) or STAND_IN * float(self.carried[index])
         ElementTree.SubElement(
             element, 'joint', name=joint, type=kind, axis=row(axis),

@@ -18,6 +18,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from scipy import optimize
+
+from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.models.consistent.drives import NO_FRICTION
+from tudor_dynamics.models.consistent.full import FullParameters
+from tudor_dynamics.models.friction import friction_columns, friction_names
+
+SPEEDS = 20
+"""Evenly over those of a joint, at which friction is compared, in each direction."""
+CLOSE = 0.01
+"""Part of friction by which two numbers may miss it without a word."""
+
 
 @dataclass(frozen=True)
 class Simple:
@@ -27,11 +40,11 @@ class Simple:
     Attributes
     ----------
     damping : float
-        Torque for each unit of speed, the mean of both directions [N m s/rad or N s/m].
+        Torque for each unit of speed, both ways [N m s/rad or N s/m].
     friction : float
         Torque against the motion at any speed, likewise [N m or N].
     left_out : tuple of str
-        Terms that the two do not express.
+        What the two do not express, one phrase each.
 
     """
 
@@ -40,14 +53,21 @@ class Simple:
     left_out: tuple[str, ...]
 
 
-def simple_friction(terms: dict[str, float]) -> Simple:
+def simple_friction(joint: JointSpec, terms: dict[str, float], speed: float) -> Simple:
     """
     Bring friction to the two numbers that URDF and MJCF have for it.
 
+    Those that are nearest to all of its terms over the speeds of the joint, both ways, and take
+    energy: where viscous and Coulomb friction are all there is, these, or their means.
+
     Parameters
     ----------
+    joint : JointSpec
+        Description with the friction terms.
     terms : dict of str to float
-        Terms of a joint, as ``FullParameters.drives`` gives them.
+        Values of the joint by term, as ``FullParameters.drives`` gives them.
+    speed : float
+        Largest speed that counts [rad/s or m/s].
 
     Returns
     -------
@@ -55,11 +75,33 @@ def simple_friction(terms: dict[str, float]) -> Simple:
         Damping and friction.
 
     """
-    known = {'Ia', *(f'{term}{way}' for term in ('viscous', 'coulomb') for way in ('', '+', '-'))}
-    means = {term: sum(both_ways(terms, term)) / 2.0 for term in ('viscous', 'coulomb')}
-    return Simple(max(0.0, means['viscous']), max(0.0, means['coulomb']), (
-        *(f'{term} below zero' for term, value in means.items() if value < 0.0),
-        *(term for term, value in terms.items() if term not in known and value != 0.0)))
+    forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
+    speeds = np.concatenate([-forward, forward])
+    names = [name.partition('(')[0] for name in friction_names(joint)]
+    own = np.array([0.0 if name in NO_FRICTION else terms.get(name, 0.0) for name in names])
+    wanted = friction_columns(joint, speeds) @ own
+    pair = joint.model_copy(update={'friction': ('viscous', 'coulomb'), 'asymmetric': False})
+    columns = friction_columns(pair, speeds)
+    (damping, friction), _ = optimize.nnls(columns, wanted)
+    size = float(np.linalg.norm(wanted))
+    missed = float(np.linalg.norm(columns @ (damping, friction) - wanted))
+    return Simple(float(damping), float(friction), (
+        *(name for name in NO_FRICTION if terms.get(name)),
+        *((f'{missed / size:.0%} of the rest',) if missed > CLOSE * size else ())))
+
+
+def simple_frictions(full: FullParameters) -> dict[str, Simple]:
+    """
+    Bring the friction of all joints to two numbers, see `simple_friction`.
+
+    Parameters
+    ----------
+    full : FullParameters
+        What was identified, with the speeds that it was seen at.
+
+    """
+    return {joint.name: simple_friction(joint, full.drives[joint.name], speed)
+            for joint, speed in zip(full.arm.joints, full.solution.speeds.tolist(), strict=True)}
 
 
 def both_ways(terms: dict[str, float], term: str) -> tuple[float, float]:
@@ -71,7 +113,7 @@ def both_ways(terms: dict[str, float], term: str) -> tuple[float, float]:
     terms : dict of str to float
         Terms of a joint, as for `simple_friction`.
     term : {'viscous', 'coulomb'}
-        Which.
+        Which of those that may differ between the directions.
 
     Returns
     -------

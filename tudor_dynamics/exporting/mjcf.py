@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.exporting.friction import simple_friction
+from tudor_dynamics.exporting.friction import simple_frictions
 from tudor_dynamics.exporting.mjcf_elements import add_inertial, finished, new_body, new_file
 from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.models.consistent.full import FullParameters
@@ -45,13 +45,13 @@ def mjcf_of(full: FullParameters) -> str:
     arm, model = full.arm, full.arm.model
     root = new_file(arm)
     places = [ElementTree.SubElement(root, 'worldbody')]
-    drives = full.drives
+    drives, frictions = full.drives, simple_frictions(full)
     for index, parameters in enumerate(full.bodies.values(), start=1):
         name = str(model.names[index])
         body = new_body(places[int(model.parents[index])], f'{name}_link',
                         model.jointPlacements[index])
         add_inertial(body, pin.Inertia.FromDynamicParameters(parameters))
-        simple = simple_friction(drives[name])
+        simple = frictions[name]
         ElementTree.SubElement(
             body, 'joint', name=name, type='slide' if arm.is_prismatic(name) else 'hinge',
             axis=row(joint_axis(model, name)), armature=repr(drives[name].get('Ia', 0.0)),

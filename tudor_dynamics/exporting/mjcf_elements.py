@@ -55,7 +55,7 @@ def new_body(parent: ElementTree.Element, name: str, place: pin.SE3) -> ElementT
     parent : Element
         Body that carries it, or the world.
     name : str
-        Its name.
+        What the file calls it.
     place : pinocchio.SE3
         Its frame in that of the parent [m].
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from tudor_dynamics import __version__
-from tudor_dynamics.exporting.friction import simple_friction
+from tudor_dynamics.exporting.friction import simple_frictions
 from tudor_dynamics.models.consistent.full import FullParameters
 from tudor_dynamics.models.units import column_unit
 import yaml
@@ -48,10 +48,10 @@ def yaml_of(full: FullParameters) -> str:
 
     """
     joints: dict[str, Any] = {}
-    constants = full.torque_constants
+    constants, frictions = full.torque_constants, simple_frictions(full)
     for spec in full.arm.joints:
         terms = full.drives[spec.name]
-        simple = simple_friction(terms)
+        simple = frictions[spec.name]
         friction = {name: value for name, value in terms.items() if name != 'Ia'}
         joints[spec.name] = {
             'effort_unit': spec.effort.unit,
@@ -60,14 +60,18 @@ def yaml_of(full: FullParameters) -> str:
             'viscous_friction': simple.damping, 'coulomb_friction': simple.friction,
             'friction_terms': friction, 'friction_velocity': spec.friction_velocity,
             'stribeck_velocity': spec.stribeck_velocity}
+    feed = {name: {'ff_velocity_scale': simple.damping} for name, simple in frictions.items()}
     head = (f'# Drives of {full.arm.name}, as identified by tudor_dynamics {__version__}.\n'
             '# viscous_friction [N m s/rad] and coulomb_friction [N m] are what URDF and MJCF\n'
-            '# know; friction_terms are all of it, see docs/theory.md for their formulas.\n')
+            '# know; friction_terms are all of it, see docs/theory.md for their formulas.\n'
+            '# joint_trajectory_controller multiplies the wanted speed by ff_velocity_scale,\n'
+            '# where it commands efforts; Coulomb friction has to come with the trajectory.\n')
     if full.assumed:
         head += ('# Torque constants are not known: all torques and masses are scaled so that\n'
                  '# bodies weigh about what the description says of them.\n')
     content = {'tudor_dynamics_drives': {'ros__parameters': {
-        'joints': list(full.arm.active_joints), **joints}}}
+        'joints': list(full.arm.active_joints), **joints}},
+        'joint_trajectory_controller': {'ros__parameters': {'gains': feed}}}
     return head + yaml.safe_dump(content, sort_keys=False)
 
 

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.exporting.friction import Simple, simple_friction
+from tudor_dynamics.exporting.friction import Simple, simple_frictions
 from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.exporting.sharing import link_inertias
 from tudor_dynamics.models.consistent.full import FullParameters
@@ -66,15 +66,14 @@ def urdf_of(full: FullParameters) -> str:
     text = full.arm.urdf.encode()
     root = _elements(text)
     inertias = link_inertias(full.arm, full.bodies)
-    drives = full.drives
+    frictions = simple_frictions(full)
     changes: list[tuple[int, int, bytes]] = []
     for element in root.parts:
         name = element.attributes.get('name')
         if element.name == 'link' and name in inertias:
             changes.append(_change(text, element, 'inertial', _inertial(inertias[name])))
-        elif element.name == 'joint' and name in drives and element.attributes.get('type'):
-            simple = simple_friction(drives[name])
-            changes.append(_change(text, element, 'dynamics', _dynamics(simple)))
+        elif element.name == 'joint' and name in frictions and element.attributes.get('type'):
+            changes.append(_change(text, element, 'dynamics', _dynamics(frictions[name])))
     for begin, end, content in sorted(changes, reverse=True):
         text = text[:begin] + content + text[end:]
     return text.decode()
@@ -153,7 +152,7 @@ def _dynamics(simple: Simple) -> str:
 def _new(full: FullParameters) -> str:
     """Make a URDF of an arm that was described by D-H rows; held joints are rigid in it."""
     arm, model = full.arm, full.arm.model
-    bodies, drives = full.bodies, full.drives
+    bodies, frictions = full.bodies, simple_frictions(full)
     lines = ['<?xml version="1.0"?>', f'<robot name={quoteattr(arm.name)}>',
              *(f'  <!-- {name} is held at {place:.6g} -->'
                for name, place in arm.held_joints.items()), '  <link name="base"/>']
@@ -173,5 +172,5 @@ def _new(full: FullParameters) -> str:
             f'    <child link={quoteattr(f"{name}_link")}/>',
             f'    <axis xyz="{row(axis)}"/>',
             f'    <limit lower="{-REACH!r}" upper="{REACH!r}" effort="0" velocity="0"/>',
-            f'    {_dynamics(simple_friction(drives[name]))}', '  </joint>']
+            f'    {_dynamics(frictions[name])}', '  </joint>']
     return '\n'.join([*lines, '</robot>', ''])

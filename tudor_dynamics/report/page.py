@@ -30,6 +30,7 @@ from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report import data as report_data, tables as report_tables
+from tudor_dynamics.report.before_after import before_after
 from tudor_dynamics.report.coverage import density_figure, pair_figure
 from tudor_dynamics.report.elastic import elastic_section
 from tudor_dynamics.report.elastic_rows import ElasticSection
@@ -218,6 +219,9 @@ def sections(
     if any(output.groups for output in outputs):
         found.append(PageSection('coefficients', 'Coefficients', 'coefficients', {
             'outputs': outputs, 'uncertain': report_tables.UNCERTAIN}))
+    before = before_after(result)
+    if before is not None:
+        found.append(PageSection('before', 'Before and after', 'before', {'before': before}))
     if elastic is not None:
         found.append(PageSection('elastic', 'Elastic arm', 'elastic', {
             'elastic': elastic, 'joints': result.arm.active_joints}))

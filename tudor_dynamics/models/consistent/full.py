@@ -27,9 +27,9 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base_parameters import BaseSet
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.consistent.bodies import Prior
+from tudor_dynamics.models.consistent.bodies import Prior, prior_of
 from tudor_dynamics.models.consistent.problem import Solution
-from tudor_dynamics.models.consistent.solve import full_of, solve_consistent
+from tudor_dynamics.models.consistent.solve import full_of, solve_consistent, solve_drives
 from tudor_dynamics.models.estimation.products import summed
 from tudor_dynamics.models.estimation.torque_constants import Constants
 from tudor_dynamics.models.regressor import EffortRegressor
@@ -130,6 +130,29 @@ def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullPara
         If the bundle has no analytical model of efforts, or has not kept its data.
 
     """
+    return full_parameters_of(bundle.arm, effort_model(bundle), prior)
+
+
+def effort_model(bundle: ModelBundle) -> AnalyticalModel:
+    """
+    Find the model of efforts behind which there are full parameters.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Bundle that was read with its data.
+
+    Returns
+    -------
+    AnalyticalModel
+        With what its bags came to.
+
+    Raises
+    ------
+    ModelError
+        If the bundle has no analytical model of efforts, or has not kept its data.
+
+    """
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
@@ -138,7 +161,7 @@ def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullPara
     if not model.data_:
         raise ModelError('the bundle has not kept what its bags came to',
                          remedy='fit the model again with this version')
-    return full_parameters_of(bundle.arm, model, prior)
+    return model
 
 
 def full_parameters_of(
@@ -162,7 +185,35 @@ def full_parameters_of(
         Parameters of every body and drive.
 
     """
-    solution = solve_consistent(arm, model, summed(model.data_.values()), prior)
+    return _full(arm, model, solve_consistent(arm, model, summed(model.data_.values()), prior))
+
+
+def described_parameters_of(
+    arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
+) -> FullParameters:
+    """
+    Take bodies as they are described, with the drives that suit them best.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that was recorded.
+    model : AnalyticalModel
+        Fitted model, with its data.
+    prior : Prior, optional
+        The bodies; those of the description by default.
+
+    Returns
+    -------
+    FullParameters
+        Parameters of every body and drive.
+
+    """
+    return _full(arm, model, solve_drives(
+        arm, model, summed(model.data_.values()), prior or prior_of(arm)))
+
+
+def _full(arm: Arm, model: AnalyticalModel, solution: Solution) -> FullParameters:
     columns = model.regressor.columns
     return FullParameters(arm, solution, columns,
                           _model(model, solution, scaled_columns(arm, columns)))

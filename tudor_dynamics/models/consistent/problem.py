@@ -26,7 +26,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base_parameters import random_inputs
 from tudor_dynamics.models.consistent.bodies import PARAMETERS, parameters_of, Prior, slopes_of
-from tudor_dynamics.models.consistent.drives import signs_of
+from tudor_dynamics.models.consistent.drives import energy_rows, PEAK, raised
 from tudor_dynamics.models.estimation.products import Products, triangle
 from tudor_dynamics.models.estimation.torque_constants import CORRELATED, PRIOR_WIDTH
 from tudor_dynamics.models.regressor import EffortRegressor
@@ -35,10 +35,6 @@ from tudor_dynamics.typing import FloatArray
 WIDTH_DRIVE = 3.0
 """Width of what drives may contribute to an output, in units of the output's size: no knowledge,
 but a bound on what nothing shows."""
-LEAST = 1e-4
-"""Where a drive's parameter begins that has to have another sign than it would like."""
-NEGLIGIBLE = 1e-8
-"""Below it, a drive's parameter is on its bound."""
 WIDTH_CONSTANT = 3.0
 """Standard deviation of the logarithm of all torque constants together: no knowledge."""
 
@@ -62,6 +58,9 @@ class Solution:
         Standard deviations before any data.
     described : bool
         Whether masses stood in the description.
+    speeds : ndarray of shape (n_channels,)
+        Largest speed of each joint over which its friction is known to take energy [rad/s or
+        m/s].
     relative_errors, free_errors : ndarray of shape (n_channels,)
         Relative error of each channel on the training data: of these parameters, and of base
         parameters that need not belong to any bodies.
@@ -76,6 +75,7 @@ class Solution:
     constant_errors: FloatArray
     body_widths: FloatArray
     described: bool
+    speeds: FloatArray
     relative_errors: FloatArray
     free_errors: FloatArray
 
@@ -85,13 +85,20 @@ class Problem:
     Residuals of data and of prior knowledge, and their derivatives.
 
     Unknowns are log-Cholesky parameters of all bodies, in units of their widths from their
-    centres; parameters of drives in units of their sizes, or the roots of these; logarithms of
-    unknown torque constants.
+    centres; parameters of drives in units of their sizes; logarithms of unknown torque constants.
+    What drives must not do (``energy_rows``) counts as an error where they do it.
 
     Parameters
     ----------
     arm, model, products, prior
         As for `solve_consistent`.
+
+    Attributes
+    ----------
+    trusted : float
+        Part of their weight that the data have.
+    strict : float
+        Weight of what drives must not do, in units of an output's noise by its size.
 
     """
 
@@ -128,8 +135,11 @@ class Problem:
         self.parts.sort(key=lambda part: part[0])
         self.sizes = self._sizes()
         self.data = self._joined()
-        self.signs = signs_of(self.columns[self.first:])
-        self.trusted = 1.0
+        self.speeds = PEAK * _mean_speeds(model, products)
+        self.rows = energy_rows(arm, self.columns[self.first:], self.speeds)
+        steps = self.rows * self.sizes
+        self.steps = steps / np.maximum(np.abs(steps).max(axis=1, keepdims=True), 1e-300)
+        self.trusted = self.strict = 1.0
 
     def _joined(self) -> list[tuple[int, FloatArray, FloatArray]]:
         """Give the data with all channels of known constants as one, which has fewer rows."""
@@ -158,13 +168,8 @@ class Problem:
         constants = np.zeros(self.n_channels)
         constants[list(self.unknown)] = x[end:]
         full = np.concatenate([*(parameters_of(log) for log in logs),
-                               self._drives(x[self.first:end])])
+                               self.sizes * x[self.first:end]])
         return full, constants, logs
-
-    def _drives(self, x: FloatArray) -> FloatArray:
-        """Give parameters of drives: squares, where their sign is known, or what stands there."""
-        squares = np.where(np.abs(x) < NEGLIGIBLE, 0.0, x * x)
-        return self.sizes * np.where(self.signs == 0.0, x, self.signs * squares)
 
     def start(self) -> FloatArray:
         """Begin with the bodies as described, and drives and constants that suit them best."""
@@ -175,9 +180,7 @@ class Problem:
             bodies = matrix[:, :self.first] @ full[:self.first]
             columns = np.column_stack([matrix[:, self.first + own] * self.sizes[own], bodies])
             best = np.linalg.lstsq(columns, target, rcond=1e-8)[0]
-            sign = self.signs[own]
-            x[self.first + own] = np.where(sign == 0.0, best[:-1], np.sqrt(
-                np.maximum(sign * best[:-1], LEAST)))
+            x[self.first + own] = best[:-1]
             if channel in self.unknown:
                 share = max(float(best[-1]), 1e-3 * float(np.linalg.norm(target))
                             / max(float(np.linalg.norm(bodies)), 1e-300))
@@ -186,7 +189,7 @@ class Problem:
 
     def residual(self, x: FloatArray) -> FloatArray:
         """
-        Give errors of the data in their noise, then distances from the prior.
+        Give errors of the data in their noise, distances from the prior, energy of drives.
 
         Parameters
         ----------
@@ -199,7 +202,8 @@ class Problem:
         for channel, matrix, target in self.data:
             factor = np.where(self.scaled, np.exp(-constants[channel]), 1.0)
             found.append(self.trusted * (matrix @ (full * factor) - target))
-        return np.concatenate([*found, self._distance(x)])
+        taken = self.steps @ x[self.first:self.first + len(self.sizes)]
+        return np.concatenate([*found, self._distance(x), self.strict * np.minimum(taken, 0.0)])
 
     def _distance(self, x: FloatArray) -> FloatArray:
         end = self.first + len(self.sizes)
@@ -225,9 +229,7 @@ class Problem:
         for i, log in enumerate(logs):
             part = slice(PARAMETERS * i, PARAMETERS * (i + 1))
             inner[part, part] = slopes_of(log) * self.prior.width[i]
-        drives = x[self.first:end]
-        inner[self.first:, self.first:] = np.diag(
-            self.sizes * np.where(self.signs == 0.0, 1.0, 2.0 * self.signs * drives))
+        inner[self.first:, self.first:] = np.diag(self.sizes)
         found = []
         for channel, matrix, _ in self.data:
             factor = np.where(self.scaled, np.exp(-constants[channel]), 1.0)
@@ -243,12 +245,34 @@ class Problem:
         own[end:, end:] = (np.eye(n) - 1.0 / max(n, 1)) / PRIOR_WIDTH
         mean = np.zeros((min(n, 1), len(x)))
         mean[:, end:] = 1.0 / (max(n, 1) * WIDTH_CONSTANT)
-        return np.vstack([*found, own, mean])
+        energy = np.zeros((len(self.steps), len(x)))
+        active = self.steps @ x[self.first:end] < 0.0
+        energy[active, self.first:end] = self.strict * self.steps[active]
+        return np.vstack([*found, own, mean, energy])
 
-    def _drive_errors(self, x: FloatArray, deviation: FloatArray) -> FloatArray:
-        slope = np.where(self.signs == 0.0, 1.0, 2.0 * np.abs(x))
-        return np.asarray(self.sizes * (slope * deviation + np.where(
-            self.signs == 0.0, 0.0, deviation ** 2)))
+    def reweigh(self, x: FloatArray) -> None:
+        """
+        Take the noise of each channel from what bodies that can exist leave over of it.
+
+        Parameters
+        ----------
+        x : ndarray of shape (n_unknowns,)
+            Unknowns of such bodies.
+
+        """
+        ratios = self.free / np.maximum(self._errors(x), 1e-300)
+        self.parts = [(channel, ratios[channel] * matrix, ratios[channel] * target)
+                      for channel, matrix, target in self.parts]
+        self.data = self._joined()
+
+    def _errors(self, x: FloatArray) -> FloatArray:
+        """Give the relative error of each channel."""
+        full, constants, _ = self._split(x)
+        factors = np.where(self.scaled, np.exp(-constants)[:, None], 1.0)
+        return np.array([
+            np.linalg.norm(matrix @ (full * factors[channel]) - target)
+            / max(float(np.linalg.norm(target)), 1e-300)
+            for channel, matrix, target in self.parts])
 
     def solution(self, x: FloatArray) -> Solution:
         """
@@ -262,7 +286,7 @@ class Problem:
         """
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
-        jacobian = self.jacobian(x)
+        jacobian = self.jacobian(x)[:-len(self.steps) or None]
         rows = sum(len(matrix) for _, matrix, _ in self.data)
         jacobian[:rows] /= np.sqrt(CORRELATED)
         information = jacobian.T @ jacobian
@@ -277,12 +301,22 @@ class Problem:
         deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         relative = np.zeros(self.n_channels)
         relative[list(self.unknown)] = deviation[end:]
-        factors = np.where(self.scaled, np.exp(-constants)[:, None], 1.0)
-        relative_errors = np.array([
-            np.linalg.norm(matrix @ (full * factors[channel]) - target)
-            / max(float(np.linalg.norm(target)), 1e-300)
-            for channel, matrix, target in self.parts])
-        return Solution(full[:self.first].reshape(-1, PARAMETERS), full[self.first:],
-                        np.exp(constants), errors,
-                        self._drive_errors(x[self.first:end], deviation[self.first:end]),
-                        relative, widths, self.prior.described, relative_errors, self.free)
+        drives = raised(full[self.first:], self.columns[self.first:], self.rows)
+        return Solution(full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants),
+                        errors, self.sizes * deviation[self.first:end], relative, widths,
+                        self.prior.described, self.speeds, self._errors(x), self.free)
+
+
+def _mean_speeds(
+    model: AnalyticalModel, products: Sequence[Sequence[Products]],
+) -> FloatArray:
+    """Give the root mean square of the speed of each joint, 1 where no viscous friction shows."""
+    found = np.zeros(len(model.channels))
+    for group, data in zip(model.groups_, products, strict=True):
+        for channel, product in zip(group.base.channels, data, strict=True):
+            factor, joint = product.factor(), model.channels[channel]
+            for i, column in enumerate(group.base.kept.tolist()):
+                name = model.regressor.columns[column]
+                if name.startswith('viscous') and name.endswith(f'({joint})'):
+                    found[channel] += float(factor[:, i] @ factor[:, i]) / max(product.n, 1)
+    return np.where(found > 0.0, np.sqrt(found), 1.0)

@@ -39,12 +39,12 @@ from tudor_dynamics.models.consistent.problem import Problem, Solution
 from tudor_dynamics.models.estimation.products import Products
 from tudor_dynamics.typing import FloatArray
 
-TRUSTED = (1e-4, 1e-2, 1.0)
-"""Part of their weight that the data have in each search: with all of it from the beginning, the
-way to the solution is a winding valley."""
-ENOUGH = 1e-7
+SEARCHES = ((1e-4, 1e2), (1e-2, 1e3), (1e-1, 1e3), (1.0, 1e3), (1.0, 1e4))
+"""Part of their weight that the data have in each search, and how strictly friction has to take
+energy: with all of both from the beginning, the way to the solution is a winding valley."""
+ENOUGH = 1e-9
 """Relative change of the sum of squares at which a search ends."""
-EVALUATIONS = 150
+EVALUATIONS = 300
 
 
 def solve_consistent(
@@ -78,7 +78,9 @@ def solve_consistent(
     """
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
-    for problem.trusted in TRUSTED:
+    for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
+        if search == len(SEARCHES):
+            problem.reweigh(x)
         x = optimize.least_squares(
             problem.residual, x, problem.jacobian, method='lm', x_scale='jac', ftol=ENOUGH,
             xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x
@@ -87,6 +89,40 @@ def solve_consistent(
                '`tudor info` says of them')
         raise FitError(msg)
     return problem.solution(x)
+
+
+def solve_drives(
+    arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]], prior: Prior,
+) -> Solution:
+    """
+    Find the drives and torque constants that suit bodies as they are described.
+
+    Parameters
+    ----------
+    arm, model, products
+        As for `solve_consistent`.
+    prior : Prior
+        The bodies, at its centre.
+
+    Returns
+    -------
+    Solution
+        These bodies, with drives.
+
+    """
+    problem = Problem(arm, model, products, prior)
+    problem.trusted, problem.strict = SEARCHES[-1]
+    x = problem.start()
+    first = problem.first
+
+    def whole(part: FloatArray) -> FloatArray:
+        return np.concatenate([x[:first], part])
+
+    found = optimize.least_squares(
+        lambda part: problem.residual(whole(part)),
+        x[first:], lambda part: problem.jacobian(whole(part))[:, first:], method='lm',
+        x_scale='jac', ftol=ENOUGH, xtol=ENOUGH, gtol=1e-12, max_nfev=EVALUATIONS).x
+    return problem.solution(whole(found))
 
 
 def full_of(solution: Solution, scaled: NDArray[np.bool_]) -> FloatArray:

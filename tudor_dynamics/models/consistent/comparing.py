@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +26,11 @@ import pinocchio as pin
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.consistent.full import full_parameters, FullParameters, scaled_columns
-from tudor_dynamics.models.consistent.solve import full_of
+from tudor_dynamics.models.consistent.bodies import prior_of
+from tudor_dynamics.models.consistent.full import (
+    described_parameters_of, effort_model, full_parameters, FullParameters)
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -111,9 +113,7 @@ def side_of(path: str | Path) -> Side:
         full = full_parameters(bundle)
         return Side(str(path), bundle.arm, full.bodies, full, bundle)
     arm = load_arm(path)
-    model = arm.model
-    bodies = {str(model.names[i]): np.asarray(model.inertias[i].toDynamicParameters())
-              for i in range(1, model.njoints)}
+    bodies = described_bodies(arm)
     if not any(body[0] > 0.0 for body in bodies.values()):
         raise UsageError('describes no masses: there is nothing to compare', place=path,
                          remedy='give a description with a URDF that has masses, or a model')
@@ -144,23 +144,49 @@ def compare_bodies(one: Side, other: Side) -> list[BodyRow]:
         raise UsageError(
             f'{one.name} has the joints {", ".join(one.arm.active_joints)}, {other.name} '
             f'{", ".join(other.arm.active_joints)}', remedy='compare models of one arm')
-    rows = []
-    for joint in one.bodies:
-        found = []
-        for side in (one, other):
-            inertia = pin.Inertia.FromDynamicParameters(side.bodies[joint])
-            axis = _axis(side.arm, joint)
-            about = side.bodies[joint][[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
-            found.append((float(inertia.mass), np.asarray(inertia.lever),
-                          float(axis @ about @ axis)))
-        (mass_a, center_a, turn_a), (mass_b, center_b, turn_b) = found
-        rows.append(BodyRow(joint, (mass_a, mass_b), float(np.linalg.norm(center_b - center_a)),
-                            (turn_a, turn_b)))
-    return rows
+    return [body_row(joint, (one.arm, other.arm), (one.bodies[joint], other.bodies[joint]))
+            for joint in one.bodies]
 
 
-def _axis(arm: Arm, joint: str) -> FloatArray:
-    return np.asarray(joint_axis(arm.model, joint))
+def described_bodies(arm: Arm) -> dict[str, FloatArray]:
+    """
+    Give the bodies as they are described, by the joint that moves each, as `Side` has them.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm, with masses or without.
+
+    """
+    model = arm.model
+    return {str(model.names[i]): np.asarray(model.inertias[i].toDynamicParameters())
+            for i in range(1, model.njoints)}
+
+
+def body_row(
+    joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray],
+) -> BodyRow:
+    """
+    Put a body beside another.
+
+    Parameters
+    ----------
+    joint : str
+        Joint that moves it.
+    arms : (Arm, Arm)
+        Arms that both belong to.
+    bodies : (ndarray, ndarray) of shape (10,)
+        As `Side` has them.
+
+    """
+    (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
+    turns = []
+    for arm, body in zip(arms, (one, other), strict=True):
+        axis = np.asarray(joint_axis(arm.model, joint))
+        about = body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
+        turns.append(float(axis @ about @ axis))
+    return BodyRow(joint, (float(a.mass), float(b.mass)),
+                   float(np.linalg.norm(b.lever - a.lever)), (turns[0], turns[1]))
 
 
 def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatArray:
@@ -170,9 +196,10 @@ def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatA
     Parameters
     ----------
     side : Side
-        Side to be judged. A description has no drives: those of ``measure`` count.
+        Side to be judged. A description has no drives: those that suit its bodies best on the
+        recordings of ``measure`` count.
     measure : Side
-        Side with a model, which gives filters, friction and torque constants.
+        Side with a model, which gives filters, friction terms and recordings.
     stretches : sequence of Stretch
         Motion with efforts, filtered as the model of ``measure`` was.
 
@@ -182,19 +209,35 @@ def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatA
         Relative error of each joint's effort.
 
     """
-    full = side.full or measure.full
-    assert full is not None
-    parameters = full.model.coefficients()
-    if side.full is None:
-        bodies = np.array([side.bodies[name] for name in full.bodies])
-        parameters = full_of(replace(full.solution, bodies=bodies),
-                             scaled_columns(full.arm, full.columns))
-    measured, predicted = [], []
-    for stretch in stretches:
-        if stretch.effort is not None:
-            measured.append(stretch.decimation(stretch.effort))
-            predicted.append(stretch.decimation(
-                full.model.regressor.outputs(stretch.motion, parameters)))
-    y, p = np.vstack(measured), np.vstack(predicted)
+    full = side.full
+    if full is None:
+        assert measure.full is not None and measure.bundle is not None
+        full = described_parameters_of(measure.arm, effort_model(measure.bundle),
+                                       prior_of(side.arm))
+    return relative_errors(full.model, stretches)
+
+
+def relative_errors(model: AnalyticalModel, stretches: Sequence[Stretch]) -> FloatArray:
+    """
+    Judge a model of efforts on recorded motion.
+
+    Parameters
+    ----------
+    model : AnalyticalModel
+        Base parameters, or full ones.
+    stretches : sequence of Stretch
+        Motion with efforts, filtered as the data of the model were.
+
+    Returns
+    -------
+    ndarray of shape (n_joints,)
+        Relative error of each joint's effort.
+
+    """
+    parameters = model.coefficients()
+    judged = [stretch for stretch in stretches if stretch.effort is not None]
+    y = np.vstack([stretch.decimation(np.asarray(stretch.effort)) for stretch in judged])
+    p = np.vstack([stretch.decimation(model.regressor.outputs(stretch.motion, parameters))
+                   for stretch in judged])
     size = np.linalg.norm(y, axis=0)
     return np.asarray(np.linalg.norm(p - y, axis=0) / np.where(size > 0.0, size, np.nan))
