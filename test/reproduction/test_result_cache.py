@@ -26,7 +26,8 @@ from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.reproduction.judging import hub_gauges
 from tudor_dynamics.reproduction.result_cache import (
-    Cached, FITTING, PACKAGE, RECORDING, ResultCache, source_digest)
+    Cached, FITTING, RECORDING, ResultCache)
+from tudor_dynamics.source_digest import PACKAGE, source_digest
 
 
 def test_computed_once(tmp_path: Path) -> None:

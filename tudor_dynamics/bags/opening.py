@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
-import re
 
+from tudor_dynamics.bags.finding import natural, SUFFIXES
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.storage.mcap_summary import BreaksOff, mcap_topics
 from tudor_dynamics.bags.storage.metadata import METADATA, Metadata, read_metadata
@@ -30,7 +30,6 @@ from tudor_dynamics.bags.storage.unpacking import Damaged
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular, scratch_prefix
 
-SUFFIXES = ('.db3', '.mcap')
 HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
 """Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
 MAX_TOPICS = 4096
@@ -73,11 +72,6 @@ def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
         types = sorted({*known.msgtype.split(', '), item.msgtype})
         merged[item.name] = TopicInfo(item.name, ', '.join(types), known.count + item.count)
     return merged
-
-
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    return [(0, int(part), '') if part.isdecimal() else (1, 0, part)
-            for part in re.split(r'([0-9]{1,18})', path.name)]
 
 
 def _storage_name(files: Collection[Path]) -> str:
@@ -125,7 +119,7 @@ def _check_leftovers(file: Path, notes: Notes) -> None:
 
 def _open_directory(path: Path, notes: Notes) -> Bag:
     files = tuple(sorted((item for item in path.iterdir()
-                          if item.suffix in SUFFIXES and item.is_file()), key=_natural))
+                          if item.suffix in SUFFIXES and item.is_file()), key=natural))
     if not (path / METADATA).exists():
         if not files:
             msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '

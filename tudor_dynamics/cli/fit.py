@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 import time
 from typing import Any
@@ -32,7 +33,7 @@ from tudor_dynamics.cli.planned import print_comparison
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.excitation.plan_files import read_plan
 from tudor_dynamics.files import read_bounded
-from tudor_dynamics.identification.bag_choice import check_choices, parse_choice
+from tudor_dynamics.identification.bag_choice import check_choices, found_choices
 from tudor_dynamics.identification.bundling import bundle_of, figures
 from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
@@ -42,7 +43,9 @@ from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.library.changing import change_bags
-from tudor_dynamics.library.from_bags import fit_bags, read_bags, with_recorded_gauges
+from tudor_dynamics.library.from_bags import fit_bags, read_bags
+from tudor_dynamics.library.many_bags import fit_many, FROM, Streaming, streams, SUFFIX
+from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
@@ -95,7 +98,8 @@ class Clock:
 def configure(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``tudor fit``."""
     parser.add_argument('bags', nargs='*', metavar='BAG',
-                        help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s')
+                        help='bag directory or file, or a part of it: BAG@0-60%%, BAG@5s-50s; a '
+                             "folder of bags; or a pattern, such as 'bags/2026-*'")
     parser.add_argument('--arm', metavar='YAML', help='arm description; tudor init writes one')
     parser.add_argument('--out', metavar='MODEL',
                         help='directory for the model bundle and its report')
@@ -115,6 +119,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--force', action='store_true',
                         help='exit with 0 even if no model is good enough')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
+    many = parser.add_argument_group('many bags')
+    many.add_argument('--stream', action='store_true',
+                      help='go through the bags one by one and keep what each comes to in '
+                           f'MODEL{SUFFIX} (default from {FROM} bags on)')
+    many.add_argument('--strict', action='store_true',
+                      help='refuse bags that cannot be used, in place of leaving them out')
+    many.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
+                      help='processes (default: one a core)')
     change = parser.add_argument_group('a model that is there, in place of --arm')
     change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
     change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
@@ -190,22 +202,28 @@ def run(args: argparse.Namespace) -> int:
     arm = described(args)
     preprocessing = chosen_preprocessing(args, arm)
     plan = None if args.plan is None else read_plan(args.plan)
-    training = [parse_choice(text) for text in args.bags]
-    test = [parse_choice(text) for text in args.test]
+    training, test = found_choices(args.bags), found_choices(args.test)
     check_choices(training, test)
     check_kinds(args.models, arm)
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
         random_split=args.random_split, shared=CURRENTS.get(args.currents))
-    total = len(training) + len(test) + 4 * len(settings.kinds) + 4
     payloads = parse_payloads(args.payload_of, training + test)
-    arm = with_recorded_gauges(arm, [*training, *test])
+    streamed = streams(len(training), settings, asked=args.stream)
+    total = (4 * len(training) + 2 * len(test) if streamed else
+             len(training) + len(test)) + 4 * len(settings.kinds) + 4
     with steps(total) as step:
-        data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
-        clock.lap('read and filter')
-        result = fit_bags(arm, data, test_data, preprocessing, settings, step,
-                          ignore_payload=args.ignore_payload)
+        if streamed:
+            result = fit_many(arm, training, test, preprocessing, settings, payloads, Streaming(
+                out.with_name(out.name + SUFFIX), args.jobs, strict=args.strict), step,
+                ignore_payload=args.ignore_payload)
+        else:
+            arm = with_recorded_gauges(arm, [*training, *test])
+            data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
+            clock.lap('read and filter')
+            result = fit_bags(arm, data, test_data, preprocessing, settings, step,
+                              ignore_payload=args.ignore_payload)
         clock.lap('fit and validate')
         comparison = None if plan is None else compare_with_plan(result, plan)
         step('collision thresholds')

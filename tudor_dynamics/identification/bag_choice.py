@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+import glob
 import os
 from pathlib import Path
 import re
 
+from tudor_dynamics.bags.finding import bags_below, natural
 from tudor_dynamics.errors import check_type, UsageError
 
 Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
@@ -166,6 +168,42 @@ def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
     return [parse_choice(os.fspath(bag)) for bag in bags]
 
 
+def found_choices(texts: Sequence[str]) -> list[BagChoice]:
+    """
+    Read bag arguments, among them folders of bags and patterns such as ``'bags/2026-*'``.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Arguments; a part of a folder is that part of each bag in it.
+
+    Returns
+    -------
+    list of BagChoice
+        Bags, those of a folder in the order of their names, numbers by their size.
+
+    Raises
+    ------
+    UsageError
+        If a part is empty, or a pattern stands for nothing.
+
+    """
+    found: list[BagChoice] = []
+    for text in texts:
+        choice = parse_choice(text)
+        if os.path.lexists(choice.path) or not glob.has_magic(choice.path):
+            paths = [Path(choice.path)]
+        else:
+            paths = sorted(map(Path, glob.glob(choice.path)), key=natural)
+            if not paths:
+                raise UsageError(f'{text}: no file has such a name', remedy='name a bag, or a '
+                                 'folder of bags')
+        below = [bag for path in paths for bag in bags_below(path)]
+        found += [choice] if below == [Path(choice.path)] else [
+            replace(choice, path=str(bag)) for bag in below]
+    return found
+
+
 def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
     """
     Refuse parts of one bag that overlap.
@@ -184,10 +222,13 @@ def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> N
     if not training:
         msg = 'there is no bag to learn from: give the path of one, better of several'
         raise UsageError(msg)
-    for i, one in enumerate(training):
-        for other in (*training[i + 1:], *test):
-            same = Path(one.path).resolve() == Path(other.path).resolve()
-            if same and one.overlaps(other):
+    known: dict[Path, list[BagChoice]] = {}
+    for number, other in enumerate((*training, *test)):
+        same = known.setdefault(Path(other.path).resolve(), [])
+        for one in same:
+            if one.overlaps(other):
                 msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
                        'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
                 raise UsageError(msg)
+        if number < len(training):
+            same.append(other)

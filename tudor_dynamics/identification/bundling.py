@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from tudor_dynamics.identification.bag_choice import parse_choice
@@ -51,13 +52,14 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
     """
     assessment = assess(result) if assessment is None else assessment
     facts = {
-        'training': [bag_facts(bag) for bag in result.training],
-        'test': [bag_facts(bag) for bag in result.test],
+        'training': [bag.as_dict() for bag in result.learned],
+        'test': [bag.as_dict() for bag in result.judged],
         'validation': figures(result),
         'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
                      'share': r.share} for r in result.ringing],
         'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
+        **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {}),
         **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
         'payload_errors': payload_errors(result)}
     causal = None
@@ -73,27 +75,6 @@ def _models(result: FitResult) -> dict[str, dict[str, Model]]:
     for item in result.fitted:
         models.setdefault(item.output, {})[item.kind] = item.model
     return models
-
-
-def bag_facts(bag: BagData) -> dict[str, Any]:
-    """
-    Say which bag was used, so that it can be found and checked again.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was read.
-
-    Returns
-    -------
-    dict
-        Path as given, checksum, samples, duration [s], dropped messages.
-
-    """
-    recording = bag.recording
-    facts = {'bag': str(bag.choice), 'sha256': recording.checksum, 'samples': bag.samples,
-             'duration': round(float(recording.t[-1]), 6), 'dropped': dict(recording.dropped)}
-    return facts if bag.payload is None else {**facts, 'payload': bag.payload}
 
 
 def trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:

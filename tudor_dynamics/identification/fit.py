@@ -24,6 +24,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
+from tudor_dynamics.identification.bag_facts import BagFacts, facts_of, Unused
 from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
 from tudor_dynamics.identification.elastic.result import Identified
@@ -175,6 +176,11 @@ class FitResult:
         What was left open and chosen, and what it brought.
     causal : FitResult or None
         The same models fitted with causal filters, for the robot, where these are zero-phase.
+    learned, judged : tuple of BagFacts
+        All bags learned from and judged by: more than ``training`` and ``test``, where those are
+        a sample of many.
+    unused : tuple of Unused
+        Bags that were left out.
 
     """
 
@@ -191,6 +197,9 @@ class FitResult:
     findings: tuple[Finding, ...] = ()
     choices: tuple[Choice, ...] = ()
     causal: FitResult | None = None
+    learned: tuple[BagFacts, ...] = ()
+    judged: tuple[BagFacts, ...] = ()
+    unused: tuple[Unused, ...] = ()
 
 
 def fit_models(
@@ -273,7 +282,9 @@ def fit_models(
                      next((found for trainer in trainers.values()
                            if (found := trainer.identified) is not None), None),
                      {names: found for trainer in trainers.values()
-                      for names, found in trainer.searches.items()})
+                      for names, found in trainer.searches.items()},
+                     learned=tuple(facts_of(bag) for bag in training),
+                     judged=tuple(facts_of(bag) for bag in test))
 
 
 def _fit_one(

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -103,11 +104,129 @@ def _ratio(error: float, reference: float, size: float = 0.0) -> float:
     return error / reference if reference > 1e-12 * size else float('nan')
 
 
-def _rms(error: FloatArray, some: NDArray[np.bool_] | None) -> float | None:
-    """Root mean square of some samples; None where there are none."""
-    if some is None or not some.any():
-        return None
-    return float(np.sqrt(np.mean(error[some] ** 2)))
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """
+    What figures need of a prediction: sums, which those of several recordings add up to.
+
+    Attributes
+    ----------
+    n : int
+        Number of samples.
+    mean, predicted_mean : ndarray of shape (n_channels,)
+        Means of what was measured and predicted, in their units.
+    spread, predicted_spread : ndarray of shape (n_channels,)
+        Squares about these means, summed.
+    error : ndarray of shape (n_channels,)
+        Squared errors, summed.
+    length, length_spread : float
+        Mean of the Euclidean norm of the error; squares about it, summed.
+    moving : ndarray of shape (3, n_channels), or None
+        Samples at which the joint moves; squared errors of these, and of those at which it
+        stands, summed; None where unknown.
+
+    """
+
+    n: int
+    mean: FloatArray
+    predicted_mean: FloatArray
+    spread: FloatArray
+    predicted_spread: FloatArray
+    error: FloatArray
+    length: float
+    length_spread: float
+    moving: FloatArray | None
+
+    def __add__(self, other: Tally) -> Tally:
+        """Join two predictions (Chan, Golub and LeVeque, 1983, eq. 1.5)."""
+        n = self.n + other.n
+        part, both = other.n / n, self.n * other.n / n
+
+        def mean(one: Any, two: Any) -> Any:
+            return one + part * (two - one)
+
+        def spread(one: Any, two: Any, one_mean: Any, two_mean: Any) -> Any:
+            return one + two + both * (two_mean - one_mean) ** 2
+
+        return Tally(
+            n, mean(self.mean, other.mean), mean(self.predicted_mean, other.predicted_mean),
+            spread(self.spread, other.spread, self.mean, other.mean),
+            spread(self.predicted_spread, other.predicted_spread, self.predicted_mean,
+                   other.predicted_mean),
+            self.error + other.error, mean(self.length, other.length),
+            spread(self.length_spread, other.length_spread, self.length, other.length),
+            None if self.moving is None or other.moving is None else self.moving + other.moving)
+
+    def score(self, names: Sequence[str]) -> Score:
+        """
+        Give the figures.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the channels.
+
+        """
+        squares = self.spread + self.n * self.mean**2
+        printed = self.predicted_spread + self.n * (self.predicted_mean - self.mean) ** 2
+        moves, moved, stood = (np.zeros((3, len(names))) if self.moving is None else self.moving)
+        stands = self.n - moves if self.moving is not None else moves
+        channels = {
+            name: ChannelScore(
+                rmse=math.sqrt(self.error[i] / self.n),
+                fit=_fit(self.error[i], self.spread[i], squares[i]),
+                relative_error=_ratio(math.sqrt(self.error[i]), math.sqrt(squares[i])),
+                moving_rmse=math.sqrt(moved[i] / moves[i]) if moves[i] else None,
+                standing_rmse=math.sqrt(stood[i] / stands[i]) if stands[i] else None)
+            for i, name in enumerate(names)}
+        error, square = float(self.error.sum()), float(squares.sum())
+        return Score(
+            samples=self.n, rmse=math.sqrt(error / self.n / len(names)),
+            sigma_e=math.sqrt(self.length_spread / self.n),
+            fit=_fit(error, float(self.spread.sum()), square),
+            fit_printed=_fit(error, float(printed.sum()), square),
+            relative_error=_ratio(math.sqrt(error), math.sqrt(square)), channels=channels)
+
+
+def _fit(error: float, spread: float, square: float) -> float:
+    return 100.0 * (1.0 - _ratio(math.sqrt(error), math.sqrt(spread), math.sqrt(square)))
+
+
+def tally(
+    measured: FloatArray, predicted: FloatArray, moving: NDArray[np.bool_] | None = None,
+) -> Tally:
+    """
+    Sum up a prediction.
+
+    Parameters
+    ----------
+    measured, predicted : ndarray of shape (n_samples, n_channels)
+        Outputs in their units.
+    moving : ndarray of bool, shape (n_samples, n_channels), optional
+        Whether the joint of each channel moves.
+
+    Raises
+    ------
+    FitError
+        If shapes differ or there is no sample.
+
+    """
+    if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
+        msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
+               'expected two equal shapes (n_samples, n_channels) with samples')
+        raise FitError(msg)
+    squares = (measured - predicted) ** 2
+    length = np.sqrt(squares.sum(axis=1))
+    return Tally(
+        len(measured), measured.mean(axis=0), predicted.mean(axis=0), _about_mean(measured),
+        _about_mean(predicted), squares.sum(axis=0), float(length.mean()),
+        float(_about_mean(length)), None if moving is None else np.array(
+            [moving.sum(axis=0), np.where(moving, squares, 0.0).sum(axis=0),
+             np.where(moving, 0.0, squares).sum(axis=0)]))
+
+
+def _about_mean(values: FloatArray) -> FloatArray:
+    return np.asarray(np.sum((values - values.mean(axis=0)) ** 2, axis=0))
 
 
 def score(
@@ -137,29 +256,4 @@ def score(
         If shapes differ or there is no sample.
 
     """
-    if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
-        msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
-               'expected two equal shapes (n_samples, n_channels) with samples')
-        raise FitError(msg)
-    error = measured - predicted
-    mean = measured.mean(axis=0)
-    norm = np.linalg.norm
-    sizes = norm(measured, axis=0)
-    channels = {
-        name: ChannelScore(
-            rmse=float(np.sqrt(np.mean(error[:, i] ** 2))),
-            fit=100.0 * (1.0 - _ratio(float(norm(error[:, i])),
-                                      float(norm(measured[:, i] - mean[i])), float(sizes[i]))),
-            relative_error=_ratio(float(norm(error[:, i])), float(sizes[i])),
-            moving_rmse=_rms(error[:, i], None if moving is None else moving[:, i]),
-            standing_rmse=_rms(error[:, i], None if moving is None else ~moving[:, i]))
-        for i, name in enumerate(names)}
-    total, size = float(norm(error)), float(norm(measured))
-    return Score(
-        samples=len(measured),
-        rmse=float(np.sqrt(np.mean(error ** 2))),
-        sigma_e=float(np.std(norm(error, axis=1))),
-        fit=100.0 * (1.0 - _ratio(total, float(norm(measured - mean)), size)),
-        fit_printed=100.0 * (1.0 - _ratio(total, float(norm(predicted - mean)), size)),
-        relative_error=_ratio(total, size),
-        channels=channels)
+    return tally(measured, predicted, moving).score(names)

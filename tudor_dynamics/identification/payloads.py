@@ -18,12 +18,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Protocol
 
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bag_choice import BagChoice
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import Model, Range
 from tudor_dynamics.models.payload import SAME
+
+
+class Loaded(Protocol):
+    """A bag of which it is said what the arm carried."""
+
+    @property
+    def choice(self) -> BagChoice:
+        """Bag, or part of one."""
+
+    @property
+    def payload(self) -> float | None:
+        """Mass at the tip, where it is known [kg]."""
 
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
@@ -68,13 +81,13 @@ def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[s
     return found
 
 
-def payload_range(training: Sequence[BagData], test: Sequence[BagData]) -> Range | None:
+def payload_range(training: Sequence[Loaded], test: Sequence[Loaded]) -> Range | None:
     """
     Find the payloads of a fit.
 
     Parameters
     ----------
-    training, test : sequence of BagData
+    training, test : sequence of BagData or Sight
         Bags to learn from and bags to judge by.
 
     Returns

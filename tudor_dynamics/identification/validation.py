@@ -24,13 +24,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+import operator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.metrics import Score, score
+from tudor_dynamics.identification.metrics import Score, tally, Tally
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.typing import FloatArray
@@ -68,6 +70,10 @@ class Trace:
     measured: FloatArray
     predicted: FloatArray
     moving: NDArray[np.bool_] | None = None
+
+    def tally(self) -> Tally:
+        """Sum up the prediction for figures over several bags."""
+        return tally(self.measured, self.predicted, self.moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +174,8 @@ def _summary(
     method: str,
     cases: Sequence[tuple[Model, BagData]] = (),
 ) -> Validation:
-    measured = np.vstack([item.measured for item in traces])
-    predicted = np.vstack([item.predicted for item in traces])
-    known = [item.moving for item in traces if item.moving is not None]
-    moving = np.vstack(known) if len(known) == len(traces) else None
-    return Validation(method, score(measured, predicted, channels, moving), tuple(traces),
-                      channels, tuple(cases))
+    total = reduce(operator.add, (item.tally() for item in traces))
+    return Validation(method, total.score(channels), tuple(traces), channels, tuple(cases))
 
 
 def leave_one_bag_out(

@@ -25,7 +25,7 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.bundling import bag_facts
+from tudor_dynamics.identification.bag_facts import facts_of
 from tudor_dynamics.identification.dataset import BagData, load, training_blocks
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
@@ -104,7 +104,7 @@ def change_bags(
                 if isinstance(item, dict) and item.get('bag') not in drop]
     data = [load(choice, bundle.arm, bundle.preprocessing, learn=True) for choice in choices]
     _refuse_copies(data, training)
-    facts['training'] = [*training, *(bag_facts(bag) for bag in data)]
+    facts['training'] = [*training, *(facts_of(bag).as_dict() for bag in data)]
     history = facts.get('changed')
     facts['changed'] = [*(history if isinstance(history, list) else []),
                         {'added': keys, 'dropped': list(drop)}]

@@ -18,13 +18,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 import warnings
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.doctor.bags import examine_bags
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
 from tudor_dynamics.identification.bag_choice import BagChoice, check_choices, choices, Paths
@@ -36,6 +37,8 @@ from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.trainers import check_kinds
 from tudor_dynamics.identification.worth.assessment import assess
+from tudor_dynamics.library.many_bags import fit_many, Streaming, streams
+from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
@@ -45,45 +48,6 @@ Progress = Callable[[str], None]
 
 HELD_OUT = 0.4
 """Part at the end of an only bag that is kept for validation."""
-
-
-def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
-    """
-    Leave out gauges of the description that no bag has, where bags have others.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm as described.
-    bags : sequence of BagChoice
-        Bags to learn from and to judge by.
-
-    Returns
-    -------
-    Arm
-        With the gauges that were recorded; as described where all or none were, or the damper
-        needs one that was not.
-
-    Raises
-    ------
-    BagError
-        If a bag cannot be read.
-
-    """
-    if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
-                                  for gauge in arm.gauges):
-        return arm
-    topics = {gauge.topic for gauge in arm.gauges}
-    found = frozenset[str]().union(*(recorded_names(path, topics)
-                                     for path in dict.fromkeys(bag.path for bag in bags)))
-    missing = [name for name in arm.gauge_names if name not in found]
-    damped = () if arm.spec.damper is None else arm.spec.damper.joints
-    if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
-        return arm
-    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
-           'models are of the others alone')
-    warnings.warn(msg, TudorWarning, stacklevel=2)
-    return arm.with_gauges(found)
 
 
 def read_bags(
@@ -223,6 +187,7 @@ def fit(
     ignore_payload: bool = False,
     out: str | Path | None = None,
     overwrite: bool = False,
+    streaming: Streaming | None = None,
     progress: Progress = lambda _: None,
 ) -> ModelBundle:
     """
@@ -252,6 +217,8 @@ def fit(
         Directory for the bundle and its report; nothing is written by default.
     overwrite : bool, default=False
         Replace a bundle that stands at ``out``.
+    streaming : Streaming, optional
+        Go through the bags one by one, as is done with many in any case, and how.
     progress : callable
         Told what is done next, in words.
 
@@ -278,10 +245,17 @@ def fit(
     if preprocessing is not None:  # what is given is meant, defaults included
         spec = PreprocessingSpec.model_validate(spec.model_dump())
     masses = _by_path(payloads or {}, [*training, *judging])
-    arm = with_recorded_gauges(arm, [*training, *judging])
-    data, test_data = read_bags(arm, training, judging, spec, masses, progress)
-    result = fit_bags(arm, data, test_data, spec, settings, progress,
-                      ignore_payload=ignore_payload)
+    with ExitStack() as stack:
+        if streams(len(training), settings, asked=streaming is not None):
+            if streaming is None:
+                streaming = Streaming(Path(stack.enter_context(TemporaryDirectory())))
+            result = fit_many(arm, training, judging, spec, settings, masses, streaming, progress,
+                              ignore_payload=ignore_payload)
+        else:
+            arm = with_recorded_gauges(arm, [*training, *judging])
+            data, test_data = read_bags(arm, training, judging, spec, masses, progress)
+            result = fit_bags(arm, data, test_data, spec, settings, progress,
+                              ignore_payload=ignore_payload)
     progress('collision thresholds')
     assessment = assess(result)
     bundle = bundle_of(result, assessment)

@@ -43,6 +43,7 @@ from tudor_dynamics.models.storage.coefficients import Group, groups_of, groups_
 from tudor_dynamics.models.storage.parts import AnalyticalPart, read
 from tudor_dynamics.models.training import Blocks, check_block, check_motion
 from tudor_dynamics.models.units import output_units
+from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 1024
@@ -306,7 +307,8 @@ class AnalyticalModel(MemorylessModel):
         for block in blocks():
             check_block(block, self.n_inputs, self.channels)
             if block.decimation is not None and block.decimation.sos is not None:
-                yield block.decimation(self.regressor.rows(block.motion)), block.output
+                yield self._smoothed(self.regressor.rows(block.motion), block.decimation), (
+                    block.output)
                 continue
             motion = block.motion if block.decimation is None else block.decimation(block.motion)
             for first in range(0, len(motion), ROWS_AT_A_TIME):
@@ -319,6 +321,14 @@ class AnalyticalModel(MemorylessModel):
                 else:
                     yield (self.regressor.rows(piece, out=buffer[:len(piece)]),
                            block.output[part])
+
+    def _smoothed(self, rows: FloatArray, decimation: Decimation) -> FloatArray:
+        """Filter and decimate what base parameters take of rows; the other columns are zero."""
+        used = np.unique(np.concatenate([base.kept for base in self.base_]))
+        found = decimation(rows[:, :, used])
+        full = np.zeros((*found.shape[:2], rows.shape[2]))
+        full[:, :, used] = found
+        return full
 
     def _fit_huber(self, blocks: Blocks, *, triangular: bool) -> None:
         before = self.coefficients()

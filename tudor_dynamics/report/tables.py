@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import math
 
 from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.identification.bag_facts import BagFacts
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import Grade, LARGEST_CONDITION
 from tudor_dynamics.models.kinds import KINDS
@@ -247,26 +247,19 @@ def _conditioning(condition: float, excited: bool) -> str:
 def bag_rows(result: FitResult) -> list[BagRow]:
     """List the bags of a fit, training first."""
     return [_bag_row(bag, role) for role, bags in
-            (('training', result.training), ('validation', result.test)) for bag in bags]
+            (('training', result.learned), ('validation', result.judged)) for bag in bags]
 
 
-def _bag_row(bag: BagData, role: str) -> BagRow:
-    recording = bag.recording
-    t = recording.t
-    parts = recording.segments
-    holes = [float(t[after.start] - t[before.stop - 1])
-             for before, after in zip(parts, parts[1:], strict=False)]
-    dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(recording.dropped.items())
+def _bag_row(bag: BagFacts, role: str) -> BagRow:
+    dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(bag.dropped.items())
                         if count)
-    return BagRow(str(bag.choice), role, len(t), bag.samples, float(t[-1]), 1.0 / recording.dt,
-                  len(holes), max(holes, default=0.0), dropped or 'none', recording.checksum[:12],
-                  recording.warnings)
+    return BagRow(bag.bag, role, bag.recorded, bag.used, bag.duration, bag.rate, bag.gaps,
+                  bag.longest_gap, dropped or 'none', bag.checksum[:12], bag.warnings)
 
 
 def other_warnings(result: FitResult) -> list[str]:
     """Give the warnings that no single bag is to blame for."""
-    of_bags = {warning for bag in (*result.training, *result.test)
-               for warning in bag.recording.warnings}
+    of_bags = {warning for bag in (*result.learned, *result.judged) for warning in bag.warnings}
     return [warning for warning in result.warnings if warning not in of_bags]
 
 

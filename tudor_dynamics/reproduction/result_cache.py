@@ -25,7 +25,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 import hashlib
 import io
 import json
@@ -35,53 +34,17 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics import __version__
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.storage.files import write_directory
+from tudor_dynamics.source_digest import source_digest
 from tudor_dynamics.typing import FloatArray
 
 FOLDER = 'stages'
-PACKAGE = Path(__file__).resolve().parents[1]
 RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
 FITTING = (*RECORDING, 'models', 'payload', 'contact', 'identification', 'monitoring', 'report',
            'reproduction')
 """Parts that a fit and its figures depend on."""
-
-
-@lru_cache
-def source_digest(parts: tuple[str, ...], package: Path = PACKAGE) -> str:
-    """
-    Give the version of some parts of the package, and of the modules at its top, which all use.
-
-    Parameters
-    ----------
-    parts : tuple of str
-        Directories below the package, with all below them, or single files.
-    package : Path
-        Directory of the package.
-
-    Returns
-    -------
-    str
-        Version of the package and digest of the sources.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such part.
-
-    """
-    files = set(package.glob('*.py'))
-    for part in parts:
-        path = package / part
-        files.update([path] if path.suffix else path.rglob('*.py'))
-        path.stat()
-    digest = hashlib.sha256(__version__.encode())
-    for file in sorted(files):
-        name, content = file.relative_to(package).as_posix(), file.read_bytes()
-        digest.update(f'{name} {len(content)}\n'.encode() + content)
-    return f'{__version__} {digest.hexdigest()[:16]}'
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ class Choices:
 
 def choose(
     arm: Arm, bags: Sequence[BagData], preprocessing: PreprocessingSpec, settings: FitSettings,
-    progress: Progress = lambda _: None,
+    progress: Progress = lambda _: None, *, summable: bool = False,
 ) -> Choices:
     """
     Choose what description and settings leave open.
@@ -90,6 +90,8 @@ def choose(
         Choices of the fit; ``auto`` is open.
     progress : callable
         Told what is done next.
+    summable : bool, default=False
+        Leave out friction whose rows depend on all bags.
 
     Returns
     -------
@@ -98,7 +100,7 @@ def choose(
 
     """
     progress('choose what is left open')
-    return _Chooser(arm, bags, preprocessing, settings).choose()
+    return _Chooser(arm, bags, preprocessing, settings, summable=summable).choose()
 
 
 class _Chooser:
@@ -106,6 +108,7 @@ class _Chooser:
 
     def __init__(
         self, arm: Arm, bags: Sequence[BagData], spec: PreprocessingSpec, settings: FitSettings,
+        *, summable: bool,
     ) -> None:
         self.arm, self.bags, self.spec, self.settings = arm, bags, spec, settings
         self.outputs = common_outputs(bags)
@@ -114,7 +117,7 @@ class _Chooser:
         self.made: list[Choice] = []
         follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
         # a load on the gear is no term of an arm that is followed, nor affine in a payload
-        self.without = ('load',) if follows or settings.payloads is not None else ()
+        self.without = (('load',) if summable or follows or settings.payloads is not None else ())
         # what follows measured positions has no filter to choose
         self.filter_open = not follows and not spec.model_fields_set & CAUSAL_KEYS
 

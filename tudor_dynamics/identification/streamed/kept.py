@@ -1,0 +1,181 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What bags came to, in files that a fit takes up again: whole, or as if they were not there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+import io
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.identification.bag_facts import BagFacts
+from tudor_dynamics.identification.metrics import Tally
+from tudor_dynamics.identification.streamed.task import Place
+from tudor_dynamics.models.estimation.products import Products
+from tudor_dynamics.typing import FloatArray
+
+LARGEST = 200_000_000
+"""Bytes of what one bag came to."""
+NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
+"""Of a file: checksum of the bag, digest of settings and sources."""
+Part = list[list[Products]]
+"""Products of each group and channel."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptBag:
+    """
+    What a bag came to.
+
+    Attributes
+    ----------
+    facts : BagFacts
+        What is known of it.
+    parts : mapping of (int, str) to list of list of Products
+        Filters and output to products, as Gram matrices with triangular factors.
+
+    """
+
+    facts: BagFacts
+    parts: Mapping[Place, Part]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """
+    How models did on a bag.
+
+    Attributes
+    ----------
+    facts : BagFacts
+        What is known of it.
+    unseen, seen : mapping of (int, str) to Tally
+        Filters and output to the sums of a model that has not seen the bag, and of that of all.
+
+    """
+
+    facts: BagFacts
+    unseen: Mapping[Place, Tally]
+    seen: Mapping[Place, Tally]
+
+
+def write_bag(path: Path, bag: KeptBag) -> None:
+    """Write what a bag came to, whole or not at all."""
+    arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
+        asdict(bag.facts)).encode(), np.uint8)}
+    for (number, output), part in bag.parts.items():
+        for i, group in enumerate(part):
+            arrays[f'{number} {output} {i}'] = np.array([_matrices(item) for item in group])
+            arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    write_whole(path, buffer.getvalue())
+
+
+def read_bag(path: Path) -> KeptBag | None:
+    """
+    Read what a bag came to.
+
+    Parameters
+    ----------
+    path : Path
+        File of `write_bag`.
+
+    Returns
+    -------
+    KeptBag or None
+        None where there is no such file, or it cannot be read: the bag is gone through again.
+
+    """
+    try:
+        with np.load(io.BytesIO(read_bounded(path, LARGEST)), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        facts = _facts(json.loads(arrays.pop('facts').tobytes()))
+        parts: dict[Place, Part] = {}
+        for name, values in arrays.items():
+            number, output, _, *rest = name.split()
+            if rest:
+                continue
+            if not np.all(np.isfinite(values)):
+                return None
+            counts = arrays[f'{name} n'].tolist()
+            parts.setdefault((int(number), output), []).append(
+                [Products(gram, n, factor) for (gram, factor), n in
+                 zip(values, counts, strict=True)])
+    except (OSError, ValueError, KeyError, TypeError, EOFError):
+        return None
+    return KeptBag(facts, parts)
+
+
+def write_judged(path: Path, judged: Judged) -> None:
+    """Write how models did on a bag, whole or not at all."""
+    write_whole(path, json.dumps({'facts': asdict(judged.facts)} | {
+        name: [[*place, _plain(tally)] for place, tally in getattr(judged, name).items()]
+        for name in ('unseen', 'seen')}).encode())
+
+
+def read_judged(path: Path) -> Judged | None:
+    """Read how models did on a bag; None as for `read_bag`."""
+    try:
+        content = json.loads(read_bounded(path, LARGEST))
+        return Judged(_facts(content['facts']), *({(int(number), str(output)): _tally(values)
+                         for number, output, values in content[name]}
+                                                  for name in ('unseen', 'seen')))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def forget(folder: Path, used: Collection[Path]) -> None:
+    """
+    Remove what bags came to under settings or sources of before.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it is kept.
+    used : collection of Path
+        What stays; a file whose name this module has not given stays as well.
+
+    """
+    for file in folder.iterdir():
+        if file not in used and NAME.fullmatch(file.name):
+            file.unlink(missing_ok=True)
+
+
+def _facts(content: dict[str, Any]) -> BagFacts:
+    return BagFacts(**{**content, 'warnings': tuple(content['warnings'])})
+
+
+def _plain(tally: Tally) -> list[Any]:
+    values = (getattr(tally, item.name) for item in fields(Tally))
+    return [value.tolist() if isinstance(value, np.ndarray) else value for value in values]
+
+
+def _tally(values: Sequence[Any]) -> Tally:
+    return Tally(*(np.array(value) if isinstance(value, list) else value for value in values))
+
+
+def _matrices(product: Products) -> FloatArray:
+    factor = np.zeros_like(product.gram)
+    assert product.triangle is not None
+    factor[:len(product.triangle)] = product.triangle
+    return np.array([product.gram, factor])

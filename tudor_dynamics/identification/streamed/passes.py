@@ -1,0 +1,273 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The passes over many bags: seen, multiplied out, judged; one bag after the other, and kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+import warnings
+
+from tudor_dynamics.bags.notes import Notes
+from tudor_dynamics.bags.opening import open_bag
+from tudor_dynamics.bags.reader import stated_payload
+from tudor_dynamics.errors import BagError, TudorError, TudorWarning
+from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.identification.bag_facts import BagFacts, facts_of, Unused
+from tudor_dynamics.identification.dataset import BagData, filtered, OUTPUTS, training_blocks
+from tudor_dynamics.identification.payloads import model_for
+from tudor_dynamics.identification.streamed.kept import (
+    Judged, KeptBag, read_bag, read_judged, write_bag, write_judged)
+from tudor_dynamics.identification.streamed.task import digest_of, Models, Sight, Task
+from tudor_dynamics.identification.trainers import blank
+from tudor_dynamics.identification.validation import trace
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.parallel import Count, in_processes
+
+AT_ONCE = 8
+"""Bags of one piece of work, at most."""
+Piece = TypeVar('Piece')
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """
+    Bags with the models that are judged by them.
+
+    Attributes
+    ----------
+    task : Task
+        What is asked of every bag.
+    bags : tuple of Sight
+        Bags that the first models have not seen.
+    unseen, seen : mapping of (int, str) to AnalyticalModel
+        Models of other bags, and of all.
+
+    """
+
+    task: Task
+    bags: tuple[Sight, ...]
+    unseen: Models
+    seen: Models
+
+
+def survey(
+    choices: Sequence[BagChoice], payloads: dict[str, float], base: Path, jobs: int,
+    progress: Progress,
+) -> list[Sight | Unused]:
+    """
+    See many bags without reading them.
+
+    Parameters
+    ----------
+    choices : sequence of BagChoice
+        Bags, and parts of them.
+    payloads : dict of str to float
+        Resolved path of a bag to its mass at the tip, in place of its metadata [kg].
+    base : Path
+        Directory that their names are relative to.
+    jobs : int
+        Number of processes.
+    progress : callable
+        Told how many are done.
+
+    Returns
+    -------
+    list of Sight or Unused
+        In the order of the choices.
+
+    """
+    pieces = [(base, part, payloads) for part in _divided(choices, jobs)]
+    return _joined(in_processes(_see, pieces, jobs, progress))
+
+
+def _see(
+    piece: tuple[Path, Sequence[BagChoice], dict[str, float]], count: Count,
+) -> list[Sight | Unused]:
+    base, choices, payloads = piece
+
+    def see(choice: BagChoice) -> Sight:
+        path = base / choice.path
+        notes = Notes(str(path))
+        bag = open_bag(path, notes)
+        known = payloads.get(str(path.resolve()))
+        return Sight(choice, bag.checksum(),
+                     stated_payload(bag, notes) if known is None else known)
+    return _each(choices, str, see, count, base)
+
+
+def gather(
+    task: Task, bags: Sequence[Sight], jobs: int, progress: Progress,
+) -> list[BagFacts | Unused]:
+    """
+    Multiply out many bags, and keep what each came to in its file.
+
+    Parameters
+    ----------
+    task : Task
+        What is asked of every bag.
+    bags : sequence of Sight
+        Bags to learn from.
+    jobs : int
+        Number of processes.
+    progress : callable
+        Told how many are done.
+
+    Returns
+    -------
+    list of BagFacts or Unused
+        In the order of the bags.
+
+    """
+    pieces = [(task, part) for part in _divided(bags, jobs)]
+    return _joined(in_processes(_gather, pieces, jobs, progress))
+
+
+def _gather(piece: tuple[Task, Sequence[Sight]], count: Count) -> list[BagFacts | Unused]:
+    task, bags = piece
+    models: dict[str, AnalyticalModel] = {}
+
+    def products(seen: Sight) -> BagFacts:
+        file = task.file(seen, '.npz')
+        kept = read_bag(file)
+        if kept is None:
+            for output in () if models else task.outputs:  # only where there is anything to do
+                model = blank('analytical', task.arm, output, task.settings)
+                assert isinstance(model, AnalyticalModel)
+                models[output] = model
+            kept = _multiplied(task, _complete(task, task.read(seen)), models)
+            write_bag(file, kept)
+        return kept.facts
+    return _each(bags, _named, products, count, task.base)
+
+
+def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> KeptBag:
+    parts = {}
+    for number, spec in enumerate(task.specs):
+        data = bag if number == 0 else filtered(bag, spec)
+        for output, model in models.items():
+            blocks = training_blocks([data], output, with_payload=task.with_payload)
+            parts[number, output] = model.products(blocks, triangular=True)
+    return KeptBag(facts_of(bag), parts)
+
+
+def _complete(task: Task, bag: BagData) -> BagData:
+    lacking = [output for output in OUTPUTS if output in task.outputs and not bag.has(output)]
+    if lacking:
+        raise BagError(f'no {" and no ".join(lacking)}, which other bags have',
+                       place=str(bag.choice), remedy='fit it apart')
+    return bag
+
+
+def judge(
+    trials: Sequence[Trial], jobs: int, progress: Progress,
+) -> list[Judged | Unused]:
+    """
+    Let models predict many bags, and keep how they did.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        Bags with their models.
+    jobs : int
+        Number of processes.
+    progress : callable
+        Told how many are done.
+
+    Returns
+    -------
+    list of Judged or Unused
+        In the order of the bags.
+
+    """
+    pieces = [Trial(trial.task, tuple(part), trial.unseen, trial.seen)
+              for trial in trials for part in _divided(trial.bags, jobs)]
+    return _joined(in_processes(_judge, pieces, jobs, progress))
+
+
+def _judge(trial: Trial, count: Count) -> list[Judged | Unused]:
+    task = trial.task
+    which = _digest(trial)
+
+    def tallies(seen: Sight) -> Judged:
+        file = task.file(seen, '.json', which)
+        judged = read_judged(file)
+        if judged is None:
+            bag = _complete(task, task.read(seen))
+            data = [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
+            judged = Judged(facts_of(bag), *(
+                {(number, output): trace(model_for(model, bag), data[number], output).tally()
+                 for (number, output), model in models.items()}
+                for models in (trial.unseen, trial.seen)))
+            write_judged(file, judged)
+        return judged
+    return _each(trial.bags, _named, tallies, count, task.base)
+
+
+def files_of(trials: Sequence[Trial]) -> set[Path]:
+    """
+    Name the files that a fit has used.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+        As they were judged.
+
+    """
+    found = set()
+    for trial in trials:
+        which = _digest(trial)
+        for seen in trial.bags:
+            found |= {trial.task.file(seen, '.npz'), trial.task.file(seen, '.json', which)}
+    return found
+
+
+def _digest(trial: Trial) -> str:
+    return digest_of(trial.unseen) + digest_of(trial.seen)
+
+
+def _each(
+    items: Sequence[Item], name: Callable[[Item], str], work: Callable[[Item], Result],
+    count: Count, base: Path,
+) -> list[Result | Unused]:
+    """Go through items; what is wrong with one says so in its place."""
+    found: list[Result | Unused] = []
+    with warnings.catch_warnings():  # they stand among the facts of each bag
+        warnings.simplefilter('ignore', TudorWarning)
+        for item in items:
+            try:
+                found.append(work(item))
+            except TudorError as err:
+                found.append(Unused(name(item), err.advice.replace(f'{base}/', '')))
+            count(1)
+    return found
+
+
+def _named(seen: Sight) -> str:
+    return str(seen.choice)
+
+
+def _divided(items: Sequence[Item], jobs: int) -> list[Sequence[Item]]:
+    size = max(1, min(AT_ONCE, len(items) // (4 * jobs)))
+    return [items[first:first + size] for first in range(0, len(items), size)]
+
+
+def _joined(parts: Sequence[Sequence[Item]]) -> list[Item]:
+    return [item for part in parts for item in part]

@@ -1,0 +1,162 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Sums over many bags, by groups that are left out together, and models of such sums."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+import copy
+from dataclasses import dataclass, field
+
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.identification.streamed.kept import Part, read_bag
+from tudor_dynamics.identification.streamed.task import Place, Sight, Task
+from tudor_dynamics.identification.trainers import blank
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.estimation.products import Products, summed
+from tudor_dynamics.models.training import TrainingBlock
+
+FOLDS = 10
+"""Groups of bags that are left out, one after the other."""
+
+
+def fold_of(number: int, bags: int) -> int:
+    """
+    Say which group a bag is left out with: neighbours in the order given, so in time, go together.
+
+    Parameters
+    ----------
+    number : int
+        Place of the bag.
+    bags : int
+        Number of all bags.
+
+    Returns
+    -------
+    int
+        Number of the group; each bag its own where there are few.
+
+    """
+    return number * min(FOLDS, bags) // bags
+
+
+@dataclass
+class FoldSums:
+    """
+    What groups of bags came to, added up bag by bag, in their order.
+
+    Attributes
+    ----------
+    task : Task
+        What was asked of every bag.
+    parts : dict of (int, str) to dict of int to list of list of Products
+        Filters and output, then group, to sums.
+
+    """
+
+    task: Task
+    parts: dict[Place, dict[int, Part]] = field(default_factory=dict)
+
+    def add(self, seen: Sight) -> None:
+        """
+        Add what was kept of a bag.
+
+        Parameters
+        ----------
+        seen : Sight
+            Bag that was gone through.
+
+        Raises
+        ------
+        FitError
+            If what was kept of it has gone meanwhile.
+
+        """
+        file = self.task.file(seen, '.npz')
+        kept = read_bag(file)
+        if kept is None:
+            raise FitError('what a bag came to cannot be read any more', place=file,
+                           remedy='fit again, and leave that directory alone meanwhile')
+        for place, part in kept.parts.items():
+            folds = self.parts.setdefault(place, {})
+            known = folds.get(seen.fold)
+            folds[seen.fold] = part if known is None else summed([known, part])
+
+    def models(self, place: Place) -> tuple[AnalyticalModel, dict[int, AnalyticalModel]]:
+        """
+        Fit the model of all groups, and one without each of them.
+
+        Parameters
+        ----------
+        place : (int, str)
+            Number of the filters, and the output.
+
+        Returns
+        -------
+        model : AnalyticalModel
+            Of all bags.
+        others : dict of int to AnalyticalModel
+            Group to the model of the others; empty where there is one group alone.
+
+        """
+        folds = self.parts[place]
+        known: dict[tuple[str, bool], Part] = {}
+        for fold, part in folds.items():
+            known[name_of(fold), True] = part
+            known[name_of(fold), False] = [[Products(item.gram, item.n) for item in group]
+                                           for group in part]
+        arm, settings = self.task.arm, self.task.settings
+
+        def fit(some: Sequence[int]) -> AnalyticalModel:
+            return _fitted(arm, place[1], settings, [name_of(fold) for fold in some], known)
+
+        return fit(list(folds)), {
+            fold: fit([other for other in folds if other != fold])
+            for fold in folds if len(folds) > 1}
+
+
+def name_of(fold: int) -> str:
+    """Name a group of bags, in a bundle."""
+    return f'group {fold + 1}'
+
+
+def _fitted(
+    arm: object, output: str, settings: FitSettings, names: Sequence[str],
+    known: Mapping[tuple[str, bool], Part],
+) -> AnalyticalModel:
+    model = blank('analytical', arm, output, settings)  # type: ignore[arg-type]
+    assert isinstance(model, AnalyticalModel)
+    return model.fit_parts(dict.fromkeys(names, _nothing), dict(known))
+
+
+def _nothing() -> Iterator[TrainingBlock]:
+    """Give no data: all sums are known."""
+    return iter(())
+
+
+def light(model: AnalyticalModel) -> AnalyticalModel:
+    """
+    Give a model without the data that it was fitted to, to be sent.
+
+    Parameters
+    ----------
+    model : AnalyticalModel
+        Fitted model.
+
+    """
+    other = copy.copy(model)
+    other.data_ = {}
+    return other
