@@ -236,8 +236,8 @@ def test_hostile_names_stay_names() -> None:
 def test_lone_surrogates_can_be_written() -> None:
     """A path that is no UTF-8 does not stop the report."""
     result = fit(planar_arm(1), FitSettings(kinds=('analytical',)))
-    bags = (replace(result.training[0], choice=BagChoice('run\udcff')), *result.training[1:])
-    assert b'run?' in report_bytes(replace(result, training=bags))
+    bags = (replace(result.learned[0], bag='run\udcff'), *result.learned[1:])
+    assert b'run?' in report_bytes(replace(result, learned=bags))
 
 
 @pytest.mark.parametrize('kinds', [('analytical',), ('elm',)])

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 import os
 from pathlib import Path
 import time
@@ -244,6 +245,7 @@ def run(args: argparse.Namespace) -> int:
                            'findings': [item.as_dict() for item in result.findings],
                            'choices': choices_to_list(result.choices),
                            **({} if comparison is None else {'plan': comparison.content()}),
+                           'unused': [asdict(bag) for bag in result.unused],
                            **assessment.as_dict(), **figures(result)}))
     else:
         _print(result, assessment, report)

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.metrics import Score, tally, Tally
+from tudor_dynamics.identification.metrics import Score, Tally, tally
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.typing import FloatArray

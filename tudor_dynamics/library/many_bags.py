@@ -175,7 +175,7 @@ class _Many:
         payloads: Mapping[str, float], *, ignore_payload: bool,
     ) -> FitResult:
         """Go through all bags three times: seen, multiplied out, judged."""
-        seen = survey([*choices, *tests], dict(payloads), self.base, self.streaming.jobs,
+        seen = survey([*choices, *tests], payloads, self.base, self.streaming.jobs,
                       self._count('see bags'))
         training, test = self._told_apart(seen[:len(choices)], seen[len(choices):])
         found = None if ignore_payload else payload_range(training, test)
@@ -191,8 +191,8 @@ class _Many:
                            for some in (bags, test_bags))
         chosen = choose(self.arm, bags, self.spec, self.settings, self.progress, summable=True)
         if any('load' in joint.friction for joint in chosen.arm.joints):
-            raise UsageError('friction that grows with the load is not fitted bag by bag: its rows '
-                             'depend on all of them', remedy='leave the term load out')
+            raise UsageError('friction that grows with the load is not fitted bag by bag: its '
+                             'rows depend on all of them', remedy='leave the term load out')
         self.progress('doctor')
         findings = examine_bags(chosen.arm, [*bags, *test_bags])
         specs = [chosen.preprocessing]
@@ -226,15 +226,15 @@ class _Many:
             models[place], others[place] = sums.models(place)
         trials = _trials(task, known, test, models, others)
         judged = judge(trials, self.streaming.jobs, self._count('judge'))
-        seen, unseen = judged[:len(known)], judged[len(known):]
-        gone = [item for item in seen if isinstance(item, Unused)]
+        of_training, of_test = judged[:len(known)], judged[len(known):]
+        gone = [item for item in of_training if isinstance(item, Unused)]
         if gone:
             raise FitError(f'{gone[0]}, though it could be read before',
                            remedy='fit again, and leave the bags alone meanwhile')
-        self._leave_out([item for item in unseen if isinstance(item, Unused)])
+        self._leave_out([item for item in of_test if isinstance(item, Unused)])
         forget(task.folder, files_of(trials))
         on_training, on_test = ([item for item in some if isinstance(item, Judged)]
-                                for some in (seen, unseen))
+                                for some in (of_training, of_test))
         if test and not on_test:
             raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
         folds = {str(item.choice): item.fold for item in known}

@@ -235,7 +235,10 @@ def sections(
             'separate': bool(result.test), 'coverage': report_data.coverage(result),
             'density': density_figure(axes), 'pairs': pair_figure(pairs) if pairs else None}),
         PageSection('bags', 'Bags and warnings', 'bags', {
-            'bags': bags, 'warnings': warnings, 'n_warnings': number_of_warnings}),
+            'bags': bags, 'warnings': warnings, 'n_warnings': number_of_warnings,
+            'unused': result.unused, 'shown': report_tables.SHOWN,
+            'sampled': len(result.training) if len(result.learned) > len(result.training) else 0
+        }),
         PageSection('settings', 'Preprocessing and settings', 'settings', {
             **kinds, 'outputs': outputs, 'settings': result.settings,
             'preprocessing': report_tables.preprocessing_rows(

@@ -28,6 +28,8 @@ from tudor_dynamics.models.kinds import KINDS
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
+SHOWN = 50
+"""Bags that a page lists."""
 GOOD_CONDITION = 100.0
 """Condition number up to which least squares is said to be well conditioned (Gautier)."""
 

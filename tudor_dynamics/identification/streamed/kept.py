@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-import io
 import json
 from pathlib import Path
 import re
@@ -26,11 +25,13 @@ from typing import Any
 
 import numpy as np
 
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.bag_facts import BagFacts
 from tudor_dynamics.identification.metrics import Tally
 from tudor_dynamics.identification.streamed.task import Place
 from tudor_dynamics.models.estimation.products import Products
+from tudor_dynamics.models.storage.files import dump_npz, load_npz
 from tudor_dynamics.typing import FloatArray
 
 LARGEST = 200_000_000
@@ -79,16 +80,24 @@ class Judged:
 
 
 def write_bag(path: Path, bag: KeptBag) -> None:
-    """Write what a bag came to, whole or not at all."""
+    """
+    Write what a bag came to, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        File; one that is there is replaced.
+    bag : KeptBag
+        What is kept.
+
+    """
     arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
         asdict(bag.facts)).encode(), np.uint8)}
     for (number, output), part in bag.parts.items():
         for i, group in enumerate(part):
             arrays[f'{number} {output} {i}'] = np.array([_matrices(item) for item in group])
             arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    write_whole(path, buffer.getvalue())
+    write_whole(path, dump_npz(arrays))
 
 
 def read_bag(path: Path) -> KeptBag | None:
@@ -107,9 +116,8 @@ def read_bag(path: Path) -> KeptBag | None:
 
     """
     try:
-        with np.load(io.BytesIO(read_bounded(path, LARGEST)), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        facts = _facts(json.loads(arrays.pop('facts').tobytes()))
+        arrays = load_npz(read_bounded(path, LARGEST), path)
+        facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
         parts: dict[Place, Part] = {}
         for name, values in arrays.items():
             number, output, _, *rest = name.split()
@@ -119,27 +127,46 @@ def read_bag(path: Path) -> KeptBag | None:
                 return None
             counts = arrays[f'{name} n'].tolist()
             parts.setdefault((int(number), output), []).append(
-                [Products(gram, n, factor) for (gram, factor), n in
+                [Products(gram, int(n), factor) for (gram, factor), n in
                  zip(values, counts, strict=True)])
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
+    except (TudorError, OSError, ValueError, KeyError, TypeError):
         return None
     return KeptBag(facts, parts)
 
 
 def write_judged(path: Path, judged: Judged) -> None:
-    """Write how models did on a bag, whole or not at all."""
+    """
+    Write how models did on a bag, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        File; one that is there is replaced.
+    judged : Judged
+        What is kept.
+
+    """
     write_whole(path, json.dumps({'facts': asdict(judged.facts)} | {
         name: [[*place, _plain(tally)] for place, tally in getattr(judged, name).items()]
         for name in ('unseen', 'seen')}).encode())
 
 
 def read_judged(path: Path) -> Judged | None:
-    """Read how models did on a bag; None as for `read_bag`."""
+    """
+    Read how models did on a bag.
+
+    Parameters
+    ----------
+    path : Path
+        File of `write_judged`; None is given for one that is not there, as by `read_bag`.
+
+    """
     try:
         content = json.loads(read_bounded(path, LARGEST))
-        return Judged(_facts(content['facts']), *({(int(number), str(output)): _tally(values)
+        unseen, seen = ({(int(number), str(output)): _tally(values)
                          for number, output, values in content[name]}
-                                                  for name in ('unseen', 'seen')))
+                        for name in ('unseen', 'seen'))
+        return Judged(_facts(content['facts']), unseen, seen)
     except (OSError, ValueError, KeyError, TypeError):
         return None
 
@@ -171,7 +198,10 @@ def _plain(tally: Tally) -> list[Any]:
 
 
 def _tally(values: Sequence[Any]) -> Tally:
-    return Tally(*(np.array(value) if isinstance(value, list) else value for value in values))
+    given = zip(fields(Tally), values, strict=True)
+    content: dict[str, Any] = {item.name: np.array(value) if isinstance(value, list) else value
+                               for item, value in given}
+    return Tally(**content)
 
 
 def _matrices(product: Products) -> FloatArray:

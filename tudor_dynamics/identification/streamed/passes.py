@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -36,11 +37,10 @@ from tudor_dynamics.identification.streamed.task import digest_of, Models, Sight
 from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.identification.validation import trace
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.parallel import Count, in_processes
+from tudor_dynamics.parallel import Count, in_processes, in_threads
 
 AT_ONCE = 8
 """Bags of one piece of work, at most."""
-Piece = TypeVar('Piece')
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 Progress = Callable[[int], None]
@@ -69,11 +69,11 @@ class Trial:
 
 
 def survey(
-    choices: Sequence[BagChoice], payloads: dict[str, float], base: Path, jobs: int,
+    choices: Sequence[BagChoice], payloads: Mapping[str, float], base: Path, jobs: int,
     progress: Progress,
 ) -> list[Sight | Unused]:
     """
-    See many bags without reading them.
+    See many bags without reading them: in threads, as checksums need no more.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def survey(
     base : Path
         Directory that their names are relative to.
     jobs : int
-        Number of processes.
+        Number of threads.
     progress : callable
         Told how many are done.
 
@@ -94,23 +94,23 @@ def survey(
         In the order of the choices.
 
     """
-    pieces = [(base, part, payloads) for part in _divided(choices, jobs)]
-    return _joined(in_processes(_see, pieces, jobs, progress))
-
-
-def _see(
-    piece: tuple[Path, Sequence[BagChoice], dict[str, float]], count: Count,
-) -> list[Sight | Unused]:
-    base, choices, payloads = piece
-
-    def see(choice: BagChoice) -> Sight:
+    def see(choice: BagChoice) -> Sight | Unused:
         path = base / choice.path
         notes = Notes(str(path))
-        bag = open_bag(path, notes)
-        known = payloads.get(str(path.resolve()))
-        return Sight(choice, bag.checksum(),
-                     stated_payload(bag, notes) if known is None else known)
-    return _each(choices, str, see, count, base)
+        try:
+            bag = open_bag(path, notes)
+            known = payloads.get(str(path.resolve()))
+            return Sight(choice, bag.checksum(),
+                         stated_payload(bag, notes) if known is None else known)
+        except TudorError as err:
+            return _unused(str(choice), err, base)
+
+    found = []
+    with _quiet():
+        for part in _divided(choices, jobs):
+            found += in_threads(see, part, jobs)
+            progress(len(found))
+    return found
 
 
 def gather(
@@ -155,7 +155,7 @@ def _gather(piece: tuple[Task, Sequence[Sight]], count: Count) -> list[BagFacts 
             kept = _multiplied(task, _complete(task, task.read(seen)), models)
             write_bag(file, kept)
         return kept.facts
-    return _each(bags, _named, products, count, task.base)
+    return _each(bags, products, count, task.base)
 
 
 def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> KeptBag:
@@ -218,7 +218,7 @@ def _judge(trial: Trial, count: Count) -> list[Judged | Unused]:
                 for models in (trial.unseen, trial.seen)))
             write_judged(file, judged)
         return judged
-    return _each(trial.bags, _named, tallies, count, task.base)
+    return _each(trial.bags, tallies, count, task.base)
 
 
 def files_of(trials: Sequence[Trial]) -> set[Path]:
@@ -244,24 +244,30 @@ def _digest(trial: Trial) -> str:
 
 
 def _each(
-    items: Sequence[Item], name: Callable[[Item], str], work: Callable[[Item], Result],
-    count: Count, base: Path,
+    bags: Sequence[Sight], work: Callable[[Sight], Result], count: Count, base: Path,
 ) -> list[Result | Unused]:
-    """Go through items; what is wrong with one says so in its place."""
+    """Go through bags; what is wrong with one says so in its place."""
     found: list[Result | Unused] = []
-    with warnings.catch_warnings():  # they stand among the facts of each bag
-        warnings.simplefilter('ignore', TudorWarning)
-        for item in items:
+    with _quiet():
+        for seen in bags:
             try:
-                found.append(work(item))
+                found.append(work(seen))
             except TudorError as err:
-                found.append(Unused(name(item), err.advice.replace(f'{base}/', '')))
+                found.append(_unused(str(seen.choice), err, base))
             count(1)
     return found
 
 
-def _named(seen: Sight) -> str:
-    return str(seen.choice)
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep warnings back: they stand among the facts of each bag."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', TudorWarning)
+        yield
+
+
+def _unused(bag: str, err: TudorError, base: Path) -> Unused:
+    return Unused(bag, err.advice.replace(f'{base}/', ''))
 
 
 def _divided(items: Sequence[Item], jobs: int) -> list[Sequence[Item]]:

@@ -129,7 +129,15 @@ class FoldSums:
 
 
 def name_of(fold: int) -> str:
-    """Name a group of bags, in a bundle."""
+    """
+    Name a group of bags, in a bundle.
+
+    Parameters
+    ----------
+    fold : int
+        Number of the group, from 0.
+
+    """
     return f'group {fold + 1}'
 
 
@@ -154,7 +162,7 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
     Parameters
     ----------
     model : AnalyticalModel
-        Fitted model.
+        Fitted model with what each group of bags came to.
 
     """
     other = copy.copy(model)

@@ -115,7 +115,7 @@ class Task:
         Parameters
         ----------
         seen : Sight
-            Bag.
+            Bag that was, or is to be, gone through.
         suffix : str
             End of the name.
         depends : str
@@ -147,7 +147,7 @@ def digest_of(models: Models) -> str:
     Parameters
     ----------
     models : mapping of (int, str) to AnalyticalModel
-        Fitted models.
+        Fitted models, of which the coefficients count.
 
     """
     digest = hashlib.sha256()

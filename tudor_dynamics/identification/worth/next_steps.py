@@ -19,9 +19,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 import math
+import os
 import shlex
 from typing import Any
 
+from tudor_dynamics.identification.bag_facts import BagFacts
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import Grade, LARGEST_GAP
 from tudor_dynamics.identification.worth.uses import Use
@@ -36,6 +38,8 @@ WIDER = 1.2
 """Doubt about thresholds that more motion is worth."""
 LITTLE = 0.5
 """Points of fit that are not worth a step."""
+NAMED = 20
+"""Bags that a command names one by one."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,7 @@ def next_steps(
     headline = [item for item in result.fitted if item.kind != 'elm'] or list(result.fitted)
     for item in headline:
         found += _of_model(result, item)
-    if len(result.training) == 1 and not result.test:
+    if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
             UNTESTED, 'one bag cannot tell how the model does on another day: record a second, of '
             'another motion', _fit(result, more='BAG')))
@@ -170,12 +174,18 @@ def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
 
 def _fit(result: FitResult, more: str = '', options: Sequence[str] = ()) -> str:
     """Write the command of a fit like this one, with something else."""
-    words = ['tudor', 'fit', *(str(bag.choice) for bag in result.training)]
-    if result.test:
+    words = ['tudor', 'fit', *_names(result.learned)]
+    if result.judged:
         # what follows --test would be a test as well
         words += [more] if more else []
-        words += ['--test', *(str(bag.choice) for bag in result.test)]
+        words += ['--test', *_names(result.judged)]
     elif more:
         words.append(more)
     words += ['--arm', result.arm.source, *options, '--out', 'MODEL']
     return shlex.join(words)
+
+
+def _names(bags: Sequence[BagFacts]) -> list[str]:
+    """Name bags as the command line may; many by the folder that all of them are in."""
+    names = [bag.bag for bag in bags]
+    return names if len(names) <= NAMED else [os.path.commonpath(names) or '.']
