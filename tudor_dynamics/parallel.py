@@ -15,6 +15,8 @@
 """
 Pieces of work in threads or processes, by joblib; what runs them makes no difference to results.
 
+Where a cluster was named (`cluster.on_cluster`), it does what processes would have done.
+
 No process outlives the one that began it, also where that was killed and told nobody.
 """
 
@@ -37,12 +39,12 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 import numpy as np
 
+from tudor_dynamics import cluster
 from tudor_dynamics.errors import ProcessError
 
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
-Count = Callable[[int], None]
-"""Told the number of steps that a piece of work has done since it was last told."""
+Count = cluster.Count
 
 GRACE = 10.0
 """For a worker to end by itself once its parent has gone [s]."""
@@ -79,12 +81,25 @@ def in_threads(
     return list(Parallel(jobs, backend='threading')(delayed(work)(piece) for piece in pieces))
 
 
+def width(jobs: int) -> int:
+    """
+    Say how many pieces are done at a time.
+
+    Parameters
+    ----------
+    jobs : int
+        Number of processes, where there is no cluster.
+
+    """
+    return max(1, cluster.threads()) if cluster.active() else jobs
+
+
 def in_processes(
     work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Result]:
     """
-    Do pieces of work in processes.
+    Do pieces of work in processes, or on the cluster that was named.
 
     Parameters
     ----------
@@ -93,7 +108,7 @@ def in_processes(
     pieces : sequence
         What is to be done; goes to the processes as bytes.
     jobs : int
-        Number of processes; one for no process beside this one.
+        Number of processes, where there is no cluster; one for no process beside this one.
     progress : callable, optional
         Told the number of steps done so far, all pieces together.
 
@@ -108,6 +123,8 @@ def in_processes(
         If a process was ended from outside, as the system does where memory runs out.
 
     """
+    if cluster.active():
+        return cluster.in_cluster(work, pieces, progress)
     if min(jobs, len(pieces)) <= 1:
         done: list[int] = []
         results = []

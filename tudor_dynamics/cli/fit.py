@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-import os
 from pathlib import Path
 import time
 from typing import Any
@@ -31,6 +30,8 @@ from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
     finite, new_table, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.cli.planned import print_comparison
+from tudor_dynamics.cli.running import add_running, check_running
+from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.excitation.plan_files import read_plan
 from tudor_dynamics.files import read_bounded
@@ -126,8 +127,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                            f'MODEL{SUFFIX} (default from {FROM} bags on)')
     many.add_argument('--strict', action='store_true',
                       help='refuse bags that cannot be used, in place of leaving them out')
-    many.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
-                      help='processes (default: one a core)')
+    add_running(many)
     change = parser.add_argument_group('a model that is there, in place of --arm')
     change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
     change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
@@ -197,6 +197,7 @@ def run(args: argparse.Namespace) -> int:
         lacking = ('no bag' if not args.bags else 'no --arm' if args.arm is None else 'no --out')
         raise UsageError(f'there is {lacking}',
                          remedy='tudor fit BAG --arm YAML --out MODEL, or --to MODEL --add BAG')
+    check_running(args)
     clock = Clock()
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
@@ -214,7 +215,7 @@ def run(args: argparse.Namespace) -> int:
     streamed = streams(len(training), settings, asked=args.stream)
     total = (4 * len(training) + 2 * len(test) if streamed else
              len(training) + len(test)) + 4 * len(settings.kinds) + 4
-    with steps(total) as step:
+    with steps(total) as step, on_cluster(args.cluster):
         if streamed:
             result = fit_many(arm, training, test, preprocessing, settings, payloads, Streaming(
                 out.with_name(out.name + SUFFIX), args.jobs, strict=args.strict), step,

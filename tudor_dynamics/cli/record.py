@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-import os
 from pathlib import Path
 import sys
 import time
@@ -29,6 +28,8 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.cli.running import add_running
+from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.excitation.plan_files import read_motion
 from tudor_dynamics.files import write_whole
@@ -97,8 +98,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'or all')
     parser.add_argument('--seed', type=int, default=0, metavar='N',
                         help='of motions, noise and pushes (default: 0)')
-    parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1, metavar='N',
-                        help='processes (default: one a core)')
+    add_running(parser)
     parser.add_argument('--json', action='store_true', help='print what was done as JSON')
 
 
@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
     if args.conditions:
         return _conditions(args, arm, specs, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
-    with _bar(total) as show:
+    with _bar(total) as show, on_cluster(args.cluster):
         results = record_stimuli(args.arm, specs, paths, args.jobs, show)
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)
     seconds = time.perf_counter() - begun

@@ -21,6 +21,8 @@ from importlib import import_module
 import os
 from typing import Any
 
+from tudor_dynamics.cli.running import add_running
+from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.outlook.parts import PARTS
@@ -54,10 +56,11 @@ force: short for outlook --only force, steps of a held force on floors of 100 to
 
 EXPERIMENTS = ('table1', 'figures', 'lshape', 'outlook', 'force')
 OWN = {'lshape': ('elements', 'dt', 'animate', 'reference'),
-       'table1': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'split'),
-       'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs'),
-       'outlook': ('arm', 'quick', 'seed', 'jobs', 'only', 'data'),
-       'force': ('arm', 'quick', 'seed', 'jobs')}
+       'table1': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'cluster',
+                  'split'),
+       'figures': ('arm', 'models', 'quick', 'stimuli', 'seconds', 'seed', 'jobs', 'cluster'),
+       'outlook': ('arm', 'quick', 'seed', 'jobs', 'cluster', 'only', 'data'),
+       'force': ('arm', 'quick', 'seed', 'jobs', 'cluster')}
 """Options that an experiment knows, beside --out and --json."""
 
 
@@ -80,7 +83,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
                      help='recordings a payload, half of them for training (10)')
     arm.add_argument('--seconds', type=float, metavar='S', help='length of each (80)')
     arm.add_argument('--seed', type=int, metavar='N', help='of motions, noise and pushes (0)')
-    arm.add_argument('--jobs', type=int, metavar='N', help='processes (one a core)')
+    add_running(arm, jobs=None)
     outlook = parser.add_argument_group('outlook')
     outlook.add_argument('--only', nargs='+', choices=tuple(PARTS), help='parts (all)')
     outlook.add_argument('--data', metavar='DIR',
@@ -110,4 +113,5 @@ def run(args: argparse.Namespace) -> int:
     if args.experiment == 'force':
         args.experiment, args.only = 'outlook', ['force']
     module = import_module(f'tudor_dynamics.cli.reproduce.{args.experiment}')
-    return int(module.run(args))
+    with on_cluster(args.cluster):
+        return int(module.run(args))

@@ -37,7 +37,7 @@ from tudor_dynamics.identification.streamed.task import digest_of, Models, Sight
 from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.identification.validation import trace
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.parallel import Count, in_processes, in_threads
+from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 
 AT_ONCE = 8
 """Bags of one piece of work, at most."""
@@ -136,7 +136,7 @@ def gather(
         In the order of the bags.
 
     """
-    pieces = [(task, part) for part in _divided(bags, jobs)]
+    pieces = [(task, part) for part in _divided(bags, width(jobs))]
     return _joined(in_processes(_gather, pieces, jobs, progress))
 
 
@@ -198,7 +198,7 @@ def judge(
 
     """
     pieces = [Trial(trial.task, tuple(part), trial.unseen, trial.seen)
-              for trial in trials for part in _divided(trial.bags, jobs)]
+              for trial in trials for part in _divided(trial.bags, width(jobs))]
     return _joined(in_processes(_judge, pieces, jobs, progress))
 
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import hashlib
 import json
@@ -79,6 +79,8 @@ class Task:
         Directory that the names of bags are relative to.
     folder : Path
         Where sums are kept.
+    source : str
+        Version of the package, by its sources.
 
     """
 
@@ -88,6 +90,7 @@ class Task:
     settings: FitSettings
     base: Path
     folder: Path
+    source: str = field(default_factory=lambda: source_digest(PARTS))
 
     @property
     def with_payload(self) -> bool:
@@ -132,7 +135,7 @@ class Task:
     def _digest(self) -> str:
         arm, settings = self.arm, self.settings
         return json.dumps([
-            source_digest(PARTS), arm.digest, arm.spec.model_dump_json(),
+            self.source, arm.digest, arm.spec.model_dump_json(),
             [spec.model_dump_json() for spec in self.specs], self.outputs, settings.strain_form,
             settings.shared, self.with_payload])
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -273,9 +273,11 @@ def record_stimulus(
     return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
 
 
-def _record_piece(piece: tuple[str, StimulusSpec, str], count: Count) -> StimulusResult:
-    source, spec, path = piece
-    return record_stimulus(load_arm(source), spec, Path(path), count)
+def _record_piece(
+    piece: tuple[Path, str, StimulusSpec, str], count: Count,
+) -> StimulusResult:
+    base, source, spec, path = piece  # who does it need not stand in the same directory
+    return replace(record_stimulus(load_arm(base / source), spec, base / path, count), bag=path)
 
 
 def record_stimuli(
@@ -307,7 +309,8 @@ def record_stimuli(
         What was done, in the order of ``specs``.
 
     """
-    pieces = [(str(source), spec, str(path)) for spec, path in zip(specs, paths, strict=True)]
+    pieces = [(Path.cwd(), str(source), spec, str(path))
+              for spec, path in zip(specs, paths, strict=True)]
     return in_processes(_record_piece, pieces, jobs, progress)
 
 

@@ -1,0 +1,168 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Work on a cluster of processes: workers that die or come late make no difference to results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+import json
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+from patience import PATIENCE
+from piece_making import held, killed, square
+import pytest
+
+from tudor_dynamics import cluster
+from tudor_dynamics.cli.main import main
+from tudor_dynamics.cluster import on_cluster
+from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
+from tudor_dynamics.parallel import in_processes, width
+
+pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
+                                          'other machines')
+TESTS = Path(__file__).parent
+
+
+class Machines:
+    """A scheduler, and workers that are begun when they are asked for."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack = stack
+        with socket.socket() as taken:
+            taken.bind(('127.0.0.1', 0))
+            self.address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
+        self._begin('scheduler', '--host', '127.0.0.1', '--port',
+                    self.address.rpartition(':')[2], '--no-dashboard', '--no-show')
+
+    def worker(self) -> None:
+        """Begin a worker with a nanny, which begins it anew when it dies."""
+        self._begin('worker', self.address, '--nworkers', '1', '--nthreads', '1',
+                    '--no-dashboard', '--local-directory', '/tmp')
+
+    def _begin(self, *words: str) -> None:
+        environment = os.environ | {'PYTHONPATH': str(TESTS)}
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'dask', *words], stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL, env=environment, start_new_session=True)
+        self._stack.callback(process.wait)
+        self._stack.callback(os.killpg, process.pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope='module')
+def machines() -> Iterator[Machines]:
+    """Begin a scheduler, and end all that belongs to it."""
+    with ExitStack() as stack:
+        yield Machines(stack)
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until something is so."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path) -> None:
+    """Killed in the middle of a piece, it is replaced and its piece done again."""
+    told: list[int] = []
+    results: list[int] = []
+    pieces = [(tmp_path, number) for number in range(4)]
+
+    def work() -> None:
+        results.extend(in_processes(held, pieces, 1, told.append))
+
+    with pytest.warns(TudorWarning, match='no workers yet'), on_cluster(machines.address):
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        machines.worker()
+        wait_for(lambda: any(tmp_path.iterdir()) or not thread.is_alive())
+        number, _, pid = next(tmp_path.iterdir()).name.partition('-')
+        os.kill(int(pid), signal.SIGKILL)
+        machines.worker()
+        wait_for(lambda: len({file.name.partition('-')[2] for file in tmp_path.iterdir()}) == 3
+                 or not thread.is_alive())
+        (tmp_path / 'go').touch()
+        thread.join(PATIENCE)
+        assert width(7) == 2
+    assert results == [0, 1, 4, 9] and told[-1] == 6 and told == sorted(told)
+    begun = [file.name.partition('-')[0] for file in tmp_path.iterdir()]
+    assert begun.count(number) == 2  # the piece of the dead worker
+    assert width(7) == 7 and not cluster.active()
+
+
+def test_errors_come_back(machines: Machines) -> None:
+    """An error is what it was, and what kills one worker after the other says so."""
+    with on_cluster(machines.address):
+        with pytest.raises(BagError, match='^-1: negative; give another$') as caught:
+            in_processes(square, [1, -1, 2], 2)
+        assert caught.value.place == '-1'
+        with pytest.raises(ProcessError, match='ended several workers'):
+            in_processes(killed, [1], 2)
+        assert in_processes(square, range(1, 6), 2) == [1, 4, 9, 16, 25]
+
+
+def test_other_versions_are_refused(
+    machines: Machines, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A worker that would compute something else computes nothing."""
+    with on_cluster(machines.address):
+        monkeypatch.setattr(cluster, 'versions', lambda: {'numpy': '1.0'})
+        with pytest.raises(ProcessError, match=r'a worker has numpy [0-9.]+, not 1\.0'):
+            in_processes(square, [1], 1)
+
+
+@pytest.mark.parametrize(('address', 'words'), [
+    ('here', 'no address of a scheduler'), ('tcp://127.0.0.1:1', 'no scheduler answers')])
+def test_no_cluster(
+    address: str, words: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], root: Path, tmp_path: Path,
+) -> None:
+    """One line, exit code 2."""
+    monkeypatch.setattr(cluster, 'TIMEOUT', 0.5)
+    with pytest.raises(UsageError, match=words), on_cluster(address):
+        pass
+    assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '1', '--seconds',
+                 '3', '--out', str(tmp_path / 'out'), '--cluster', address]) == 2
+    assert words in capsys.readouterr().err and not (tmp_path / 'out').exists()
+
+
+def test_figures_are_those_of_this_machine(
+    machines: Machines, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Recordings and a fit bag by bag come out the same, byte by byte, by relative names too."""
+    monkeypatch.chdir(tmp_path)
+    for name, more in (('here', ['--jobs', '1']), ('there', ['--cluster', machines.address])):
+        assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '2',
+                     '--seconds', '8', '--out', f'{name}/bags', *more]) == 0
+        os.symlink(f'{name}/bags', 'bags')
+        assert main(['fit', 'bags', '--stream', '--arm', str(root / 'config/tudor.yaml'), '--out',
+                     f'{name}/model', '--force', '--json', *more]) == 0
+        os.unlink('bags')
+    bags, models = (sorted(Path('here').glob(f'{part}/**/*.*')) for part in ('bags', 'model'))
+    assert len(bags) == 5 and len(models) >= 4
+    for file in [*bags, *(file for file in models if file.suffix != '.html')]:
+        assert file.read_bytes() == Path('there', *file.parts[1:]).read_bytes(), file
+    said = capsys.readouterr().out
+    assert json.loads(said[said.rindex('\n{'):])['unused'] == []

@@ -1,0 +1,167 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Pieces of work on other machines, by Dask; what runs them makes no difference to results.
+
+A worker that dies takes no piece with it: the scheduler gives it to another one. One that comes
+later takes its share. Names of files in a piece have to mean the same on all machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.metadata import version
+import re
+from typing import Any, TypeVar
+import warnings
+
+from tudor_dynamics.errors import ProcessError, TudorWarning, UsageError
+from tudor_dynamics.source_digest import PACKAGE, source_digest
+
+Piece = TypeVar('Piece')
+Result = TypeVar('Result')
+Count = Callable[[int], None]
+"""Told the number of steps that a piece of work has done since it was last told."""
+
+ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
+TIMEOUT = 10.0
+"""For a scheduler to answer [s]."""
+BEHIND = ('numpy', 'scipy', 'numba', 'pin')
+"""What results depend on, beside the package itself."""
+
+_client: Any = None
+
+
+@contextmanager
+def on_cluster(address: str | None) -> Iterator[None]:
+    """
+    Let the pieces of work that are begun meanwhile go to a cluster.
+
+    Parameters
+    ----------
+    address : str or None
+        Of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for this machine alone.
+
+    Raises
+    ------
+    UsageError
+        If no scheduler answers there, or Dask is not installed.
+
+    """
+    global _client
+    if address is None:
+        yield
+        return
+    if not ADDRESS.fullmatch(address):
+        raise UsageError(f'--cluster {address}: no address of a scheduler', remedy='give one such '
+                         'as tcp://10.0.0.1:8786')
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UsageError('--cluster needs the package distributed', remedy='install '
+                         'tudor_dynamics[cluster], here and on all machines') from None
+    try:
+        client = Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as err:
+        raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
+                         'with `dask scheduler`, and give the address that it prints') from None
+    _client = client
+    try:
+        if not threads():
+            warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
+                          TudorWarning, stacklevel=3)
+        yield
+    finally:
+        _client = None
+        client.close()
+
+
+def active() -> bool:
+    """Say whether pieces of work go to a cluster."""
+    return _client is not None
+
+
+def threads() -> int:
+    """Give the number of pieces that the cluster does at a time, now."""
+    return sum(_client.nthreads().values())
+
+
+def in_cluster(
+    work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
+    progress: Callable[[int], None],
+) -> list[Result]:
+    """
+    Do pieces of work on the cluster.
+
+    Parameters
+    ----------
+    work : callable
+        Does one piece, and may tell how many steps it has done; a function of a module.
+    pieces : sequence
+        What is to be done; goes to the workers as bytes.
+    progress : callable
+        Told the number of steps done so far, all pieces together, as pieces are done.
+
+    Returns
+    -------
+    list
+        Results, in the order of the pieces.
+
+    Raises
+    ------
+    ProcessError
+        If the scheduler has gone, a worker has other versions, or a piece ended several workers.
+
+    """
+    from distributed import as_completed, KilledWorker
+    known, steps = versions(), 0
+    futures = [_client.submit(_piece, work, piece, known, pure=False) for piece in pieces]
+    try:
+        for future in as_completed(futures, loop=_client.loop):
+            steps += future.result()[1]
+            progress(steps)
+        return [future.result()[0] for future in futures]
+    except KilledWorker:
+        raise ProcessError('a piece of work ended several workers, one after the other',
+                           remedy='look whether their memory is enough') from None
+    except (CancelledError, OSError) as err:
+        raise ProcessError(f'the cluster has gone ({err})', remedy='start it and the command '
+                           'again') from None
+    finally:
+        _client.cancel([future for future in futures if not future.done()])
+
+
+@lru_cache
+def versions() -> dict[str, str]:
+    """Give the versions that results depend on: of the package, by its sources, and of others."""
+    rooms = tuple(sorted(folder.name for folder in PACKAGE.iterdir()
+                         if (folder / '__init__.py').exists()))
+    return {'tudor_dynamics': source_digest(rooms), **{name: version(name) for name in BEHIND}}
+
+
+def _piece(
+    work: Callable[[Piece, Count], Result], piece: Piece, known: dict[str, str],
+) -> tuple[Result, int]:
+    own = versions()
+    other = [f'{name} {own[name]}, not {value}' for name, value in known.items()
+             if own[name] != value]
+    if other:
+        raise ProcessError(f'a worker has {", ".join(other)}', remedy='install the same versions '
+                           'on all machines, and start the workers again')
+    steps: list[int] = []
+    return work(piece, steps.append), sum(steps)
