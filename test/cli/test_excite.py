@@ -61,6 +61,8 @@ def test_plan_record_fit(
     assert main(['fit', str(bag), '--arm', arm, '--plan', str(tmp_path / 'plan'), '--out',
                  str(tmp_path / 'model'), '--force', '--json']) == 0
     found = json.loads(capsys.readouterr().out)['plan']
+    page = (tmp_path / 'model' / 'report.html').read_text()
+    assert 'id="planned"' in page and 'Reached over promised' in page
     assert found['runs'] == pytest.approx(1.0, abs=0.05) and found['noise_stated']
     assert found['median_over_by_noise'] == pytest.approx(1.0, abs=0.3)
     assert {item['output'] for item in found['parameters']} == {'effort', 'strain'}

@@ -209,7 +209,7 @@ def effort_limits(arm: Arm) -> FloatArray:
                 1.0 if joint.effort.unit == 'A' else motor.joint_torque_constant)
         if arm.urdf is not None and (joint.effort.unit != 'A' or constant is not None):
             inner = arm.full_model.joints[arm.full_model.getJointId(joint.name)]
-            described = float(arm.full_model.upperEffortLimit[inner.idx_v])
+            described = float(arm.full_model.effortLimit[inner.idx_v])
             if 0.0 < described < UNLIMITED:
                 largest[i] = min(largest[i], described / (constant or 1.0))
     return largest

@@ -22,6 +22,7 @@ out, nor hulls that overlap wherever the arm stands. What surrounds the arm is n
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -228,8 +229,9 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
                        remedy='correct the <collision> elements') from None
     for item in geometry.geometryObjects:
         if hasattr(item.geometry, 'buildConvexHull'):
-            item.geometry.buildConvexHull(True, 'Qt')
-            item.geometry = item.geometry.convex
+            with suppress(RuntimeError, ValueError):  # flat ones stay what they are
+                item.geometry.buildConvexHull(True, 'Qt')
+                item.geometry = item.geometry.convex
     locked = [arm.full_model.getJointId(name) for name in arm.held_joints]
     if not locked:
         return geometry
@@ -240,13 +242,13 @@ def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.Geom
 
 
 def _mesh(name: str, folders: tuple[Path, ...]) -> Path | None:
-    """Find a mesh of bounded size; None where it is not there."""
-    plain = name.removeprefix('package://').removeprefix('file://')
+    """Find a mesh of bounded size, by the longest end of its path that is there; or None."""
+    parts = Path(name.removeprefix('package://').removeprefix('file://')).parts
     shared = [Path(part) / 'share' for part in os.environ.get(
         'AMENT_PREFIX_PATH', '').split(os.pathsep) if part]
-    inner = Path(plain).parts[1:] if name.startswith('package://') else ()
-    for folder in (*folders, *shared):
-        for candidate in (folder / plain, folder.joinpath(*inner) if inner else folder / plain):
+    for first in range(len(parts)):
+        for folder in (*folders, *shared):
+            candidate = folder.joinpath(*parts[first:])
             if (candidate.suffix.lower() in MESHES and candidate.is_file()
                     and candidate.stat().st_size <= MAX_MESH_BYTES):
                 return candidate.resolve()

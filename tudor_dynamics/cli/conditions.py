@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tudor_dynamics.cli.console import new_table, print_table
-from tudor_dynamics.identification.excitation_report import ExcitationReport
+from tudor_dynamics.excitation.conditions import ExcitationReport
 
 
 def condition_values(report: ExcitationReport) -> dict[str, Any]:

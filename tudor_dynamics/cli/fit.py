@@ -234,7 +234,7 @@ def run(args: argparse.Namespace) -> int:
         clock.lap('collision thresholds')
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,
-                    extra={'report.html': report_bytes(result, assessment)})
+                    extra={'report.html': report_bytes(result, assessment, planned=comparison)})
     clock.lap('save and report')
     report = out / 'report.html'
     levels = [item.verdict.level for item in headline(result.fitted)]

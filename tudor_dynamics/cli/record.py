@@ -31,9 +31,9 @@ from tudor_dynamics.cli.console import finite, new_table, print_json, print_tabl
 from tudor_dynamics.cli.running import add_running
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.excitation.conditions import best_seed, excitation_report
 from tudor_dynamics.excitation.plan_files import read_motion
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
 from tudor_dynamics.simulation.loop.campaign import (
     played_motion, record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds,
     StimulusResult, StimulusSpec)

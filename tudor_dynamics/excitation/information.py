@@ -142,8 +142,20 @@ class Information:
             ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
 
         """
-        return [matrix for regressor, groups in self._parts
-                for matrix in _matrices(regressor.rows(motion), groups)]
+        return [_square(rows) for rows in self.rows(motion)]
+
+    def rows(self, motion: FloatArray) -> list[FloatArray]:
+        """
+        Give the rows of each group in units of its noise, (n_samples, n_channels, n_parameters).
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        """
+        found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
+        return [group.rows(rows) for rows, groups in found for group in groups]
 
     def cost(
         self, motion: FloatArray, criterion: Criterion = mean_error,
@@ -167,9 +179,9 @@ class Information:
 
         """
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
-        matrices = [_matrices(rows_, groups) for rows_, (_, groups) in zip(
-            rows, self._parts, strict=True)]
-        cost, slopes = criterion([covariance_of(item) for part in matrices for item in part])
+        cost, slopes = criterion([
+            covariance_of(_square(group.rows(rows_)))
+            for rows_, (_, groups) in zip(rows, self._parts, strict=True) for group in groups])
         slope = np.zeros_like(motion)
         place = 0
         for rows_, (regressor, groups) in zip(rows, self._parts, strict=True):
@@ -186,12 +198,9 @@ class Information:
         return cost, slope
 
 
-def _matrices(rows: FloatArray, groups: Sequence[_Group]) -> list[FloatArray]:
-    found = []
-    for group in groups:
-        flat = group.rows(rows).reshape(-1, len(group.kept))
-        found.append(flat.T @ flat)
-    return found
+def _square(rows: FloatArray) -> FloatArray:
+    flat = rows.reshape(-1, rows.shape[2])
+    return flat.T @ flat
 
 
 def covariance_of(information: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ import jinja2
 
 from tudor_dynamics import __version__
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.planned import Comparison
 from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.models.kinds import KINDS
@@ -124,6 +125,7 @@ class OutputSection:
 
 def report_bytes(
     result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
+    planned: Comparison | None = None,
 ) -> bytes:
     """
     Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
@@ -136,13 +138,16 @@ def report_bytes(
         What it is worth, where that was found already.
     date : str, optional
         Date on the page; today by default.
+    planned : Comparison, optional
+        What the plan of the recordings promised, where there was one.
 
     """
-    return render(result, assessment, date=date).encode('utf-8', errors='replace')
+    return render(result, assessment, date=date, planned=planned).encode('utf-8', errors='replace')
 
 
 def render(
     result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
+    planned: Comparison | None = None,
 ) -> str:
     """
     Render the report of a fit.
@@ -155,6 +160,8 @@ def render(
         What it is worth, where that was found already.
     date : str, optional
         Date to stand in the head; without it the same fit gives the same page.
+    planned : Comparison, optional
+        What the plan of the recordings promised, where there was one.
 
     Returns
     -------
@@ -169,7 +176,7 @@ def render(
     elastic, ringing = elastic_section(result), _ringing(result)
     parts = [replace(section, html=environment.get_template(
         f'{section.template}.html.j2').render(section.context))
-        for section in sections(result, assessment, outputs, elastic, bool(ringing))]
+        for section in sections(result, assessment, outputs, elastic, bool(ringing), planned)]
     return environment.get_template('page.html.j2').render(
         arm=result.arm.name, date=date, version=__version__, sections=parts, outputs=outputs,
         overall=report_tables.overall(result.fitted, assessment.detects), ringing=ringing,
@@ -178,7 +185,7 @@ def render(
 
 def sections(
     result: FitResult, assessment: Assessment, outputs: Sequence[OutputSection],
-    elastic: ElasticSection | None, ringing: bool,
+    elastic: ElasticSection | None, ringing: bool, planned: Comparison | None = None,
 ) -> list[PageSection]:
     """
     List the sections of the page, each with all that it shows.
@@ -195,6 +202,8 @@ def sections(
         What is shown of the elastic arm, if it was identified.
     ringing : bool
         Whether a vibration stands out.
+    planned : Comparison, optional
+        What a plan promised.
 
     Returns
     -------
@@ -222,6 +231,9 @@ def sections(
     before = before_after(result)
     if before is not None:
         found.append(PageSection('before', 'Before and after', 'before', {'before': before}))
+    if planned is not None:
+        found.append(PageSection('planned', 'What was planned', 'planned', {
+            'comparison': planned, 'ratios': planned.ratios()}))
     if elastic is not None:
         found.append(PageSection('elastic', 'Elastic arm', 'elastic', {
             'elastic': elastic, 'joints': result.arm.active_joints}))

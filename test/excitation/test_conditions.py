@@ -23,7 +23,7 @@ import pytest
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.identification.excitation_report import best_seed, excitation_report
+from tudor_dynamics.excitation.conditions import best_seed, excitation_report
 from tudor_dynamics.signals.excitation import aprbs_motion
 from tudor_dynamics.signals.motion_profile import Reference
 

@@ -1,0 +1,373 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Measure what planned excitation is worth, against random motion and against known truth.
+
+criteria: what the search makes small, compared on one arm. gain: standard errors of random motions
+over planned ones, same length and limits, with the most that any motion within these limits could
+gain. promises: standard errors expected, over those of fits and over the true errors of parameters
+of simulated recordings with white noise; and through the closed loop of the reference arm, where
+noise is what an earlier fit left. truth: full parameters of a seven-joint arm from noisy
+recordings, body by body.
+
+    python bench/excitation.py [criteria gain promises truth]
+"""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import redirect_stdout
+import io
+import json
+import os
+from pathlib import Path
+import tempfile
+import time
+
+for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
+    os.environ.setdefault(_name, '1')  # before numpy loads
+
+from identify_seven_joints import ROWS  # noqa: E402
+import numpy as np  # noqa: E402
+import pinocchio as pin  # noqa: E402
+
+from tudor_dynamics.arm import arm_from_dict, load_arm  # noqa: E402
+from tudor_dynamics.cli.main import main as tudor  # noqa: E402
+from tudor_dynamics.excitation.expected import played  # noqa: E402
+from tudor_dynamics.excitation.information import covariance_of, mean_error  # noqa: E402
+from tudor_dynamics.excitation.plan import (  # noqa: E402
+    bounds_of, information_of, make_plan, target_of_arm)
+from tudor_dynamics.excitation.search import best_series, Order  # noqa: E402
+from tudor_dynamics.models import AnalyticalModel, EffortRegressor  # noqa: E402
+from tudor_dynamics.models.base_parameters import base_sets, random_inputs  # noqa: E402
+from tudor_dynamics.models.consistent.full import full_parameters_of  # noqa: E402
+from tudor_dynamics.models.training import TrainingBlock  # noqa: E402
+from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion  # noqa: E402
+from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
+
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
+SECONDS, DT, EVERY = 60.0, 0.01, 5
+RANDOM, STATES = 4, 40_000
+SEVEN = [(2.8, 2.1), (1.7, 2.1), (2.8, 2.1), (1.4, 2.1), (2.8, 2.6), (1.8, 2.6), (2.8, 2.6)]
+"""Largest angle and speed of each joint [rad, rad/s]: those of arms of this size."""
+UR10 = (2.09, 2.09, 3.14, 3.14, 3.14, 3.14)
+MASSES = (3.6, 3.3, 2.9, 2.6, 2.2, 1.5, 0.9)
+
+
+def seven_joints():
+    """Describe the arm of identify_seven_joints.py with limits."""
+    joints = [{'name': f'joint{i}', 'friction': ['viscous', 'coulomb', 'offset'], 'limits': {
+        'lower': -angle, 'upper': angle, 'velocity': speed, 'acceleration': 15.0}}
+        for i, (angle, speed) in enumerate(SEVEN, start=1)]
+    return arm_from_dict({'name': 'seven joints', 'kinematics': {'dh': ROWS}, 'joints': joints},
+                         base=Path('.'), source='bench')
+
+
+def six_joints():
+    """Describe a UR10 by its D-H rows, with the speeds of its data sheet."""
+    rows = [list(row) for row in load_arm(CONFIG / 'ur10.yaml').spec.kinematics.dh]
+    joints = [{'name': f'joint{i}', 'limits': {
+        'lower': -2.8, 'upper': 2.8, 'velocity': speed, 'acceleration': 9.0}}
+        for i, speed in enumerate(UR10, start=1)]
+    return arm_from_dict({'name': 'UR10', 'kinematics': {'dh': rows}, 'joints': joints},
+                         base=Path('.'), source='bench')
+
+
+def arms():
+    """Give the arm that choices were made on, then the others."""
+    return load_arm(CONFIG / 'tudor.yaml'), seven_joints(), six_joints()
+
+
+def wanted(arm, noise=1.0):
+    """Say what is to be identified, in the same noise of all channels of an output."""
+    size = {'effort': np.full(len(arm.joints), noise)}
+    return target_of_arm(arm, {**size, 'strain': np.ones(len(arm.gauges))}
+                         if arm.gauges else size)
+
+
+def errors(information, motion):
+    """Standard errors of all parameters."""
+    return np.concatenate([np.sqrt(np.diag(covariance_of(item)))
+                           for item in information.matrices(motion)])
+
+
+def determinant(covariances):
+    """Make the volume of the ellipsoids of all errors small."""
+    count = sum(len(item) for item in covariances)
+    return (sum(np.linalg.slogdet(item)[1] for item in covariances) / (2.0 * count),
+            [-0.5 / count * item for item in covariances])
+
+
+def condition(covariances):
+    """Make the condition numbers of scaled columns small."""
+    cost, slopes = 0.0, []
+    for covariance in covariances:
+        information = np.linalg.inv(covariance)
+        size = np.sqrt(np.diag(information))
+        values, vectors = np.linalg.eigh(information / np.outer(size, size))
+        cost += 0.5 * np.log(values[-1] / values[0]) / len(covariances)
+        inner = 0.5 / len(covariances) * (
+            np.outer(vectors[:, -1], vectors[:, -1]) / values[-1]
+            - np.outer(vectors[:, 0], vectors[:, 0]) / values[0])
+        scaled = information / np.outer(size, size)
+        slopes.append(inner / np.outer(size, size)
+                      - np.diag(np.sum(inner * scaled, axis=1) / size**2))
+    return cost, slopes
+
+
+def criteria():
+    """Compare what the search may make small, by what comes out for all errors."""
+    for arm in arms()[:2]:
+        target = wanted(arm)
+        information, bounds = information_of(target), bounds_of(target)
+        for name, criterion in (('mean logarithm of errors', mean_error),
+                                ('determinant', determinant), ('condition', condition)):
+            begun = time.process_time()
+            motion = best_series(information, bounds, Order(SECONDS, 1.0, DT, 60, 0),
+                                 criterion=criterion).motion[::EVERY]
+            found, covariances = errors(information, motion), [
+                covariance_of(item) for item in information.matrices(motion)]
+            print(f'{arm.name:14} {name:26} geometric mean {np.exp(np.mean(np.log(found))):.4f} '
+                  f'largest {found.max():.3f} condition {np.exp(condition(covariances)[0]):6.1f} '
+                  f'{time.process_time() - begun:5.1f} s CPU', flush=True)
+
+
+def random_motions(arm, bounds):
+    """Draw random motions of three kinds, which keep to the same limits."""
+    for name, make in (
+            ('Fourier, 0.5 Hz', lambda seed: fourier_motion(
+                bounds.range, bounds.limits, SECONDS, seed, DT)),
+            ('Fourier, 1 Hz', lambda seed: fourier_motion(
+                bounds.range, bounds.limits, SECONDS, seed, DT, harmonics=10)),
+            ('APRBS', lambda seed: aprbs_motion(arm, SECONDS, seed, DT))):
+        yield name, [make(seed).motion[::EVERY] for seed in range(RANDOM)]
+
+
+def floors(information, bounds, motion):
+    """
+    Give errors that no motion of this length within the limits can fall below.
+
+    For any u, (u_i)^2 <= var_i * n * max (y u)^2 over all states y (Cauchy and Schwarz); the
+    largest over random states, many of them at the limits of speed and acceleration.
+    """
+    generator = np.random.default_rng(0)
+    n = len(bounds.range.lower)
+
+    def extreme(limit):
+        kind = generator.random((STATES, n))
+        anywhere = generator.uniform(-1.0, 1.0, (STATES, n))
+        return limit * np.where(kind < 0.5, np.sign(anywhere), np.where(
+            kind < 0.65, 0.05 * anywhere, anywhere))
+    states = np.hstack([generator.uniform(bounds.range.lower, bounds.range.upper, (STATES, n)),
+                        extreme(bounds.limits.velocity), extreme(bounds.limits.acceleration)])
+    covariances = [covariance_of(item) for item in information.matrices(motion)]
+    largest = [np.zeros((len(item), 2)) for item in covariances]
+    for first in range(0, STATES, 2000):
+        for part, covariance, rows in zip(largest, covariances, information.rows(
+                states[first:first + 2000]), strict=True):
+            for k, ways in enumerate((np.eye(len(covariance)), covariance)):
+                part[:, k] = np.maximum(part[:, k], np.sum((rows @ ways)**2, axis=1).max(axis=0))
+    return np.concatenate([np.sqrt(np.max(np.column_stack([
+        np.ones(len(item)), np.diag(item)])**2 / (len(motion) * part), axis=1))
+        for item, part in zip(covariances, largest, strict=True)])
+
+
+def gain():
+    """Compare planned and random motions."""
+    for arm in arms():
+        target = wanted(arm)
+        information, bounds = information_of(target), bounds_of(target)
+        planned = [best_series(information, bounds, Order(SECONDS, 1.0, DT, 60, seed)).motion[
+            ::EVERY] for seed in range(2)]
+        own = [errors(information, motion) for motion in planned]
+        floor = floors(information, bounds, planned[0])
+        for name, motions in random_motions(arm, bounds):
+            others = [errors(information, motion) for motion in motions]
+            ratios = np.array([other / one for one in own for other in others])
+            most = np.array([other / floor for other in others])
+            medians, worst = np.median(ratios, axis=1), ratios.min(axis=1)
+            open_ = most >= 3.0
+            reached = np.mean([np.mean((other / one)[can] >= 3.0) for one in own
+                               for other, can in zip(others, open_, strict=True) if can.any()])
+            print(f'{arm.name:14} {name:16} median {medians.min():.2f} to {medians.max():.2f}, '
+                  f'worst parameter {worst.min():.2f} to {worst.max():.2f}; 3 x can be had for at '
+                  f'most {100 * open_.mean():.0f} % of the parameters, of which '
+                  f'{100 * reached:.0f} % have it', flush=True)
+
+
+def recorded(arm, target, trajectory, parameters, noise, seed):
+    """Give a fit of a simulated recording of exact motion, with white noise on the efforts."""
+    exact = target.models['effort'].regressor.outputs(
+        np.hstack([trajectory.q, trajectory.dq, trajectory.ddq]), parameters)
+    recording = played(trajectory, arm)
+    recording.effort[:] = exact + np.random.default_rng([seed, 7]).normal(0.0, noise, exact.shape)
+    stretches = prepare(recording, target.preprocessing)
+    model = AnalyticalModel(target.models['effort'].regressor, len(arm.joints))
+    return model.fit_blocks(lambda: [
+        TrainingBlock(block.motion, block.effort, block.decimation)
+        for stretch in stretches for block in stretch.blocks()])
+
+
+def promises():
+    """Compare errors that a plan expects with those of fits, and with true ones."""
+    noise = 0.1
+    for arm in arms()[1:]:
+        target = wanted(arm, noise)
+        plan = make_plan(target, Order(SECONDS, 1.0, DT, 30, 0))
+        expected = np.array([item.value for item in plan.expected])
+        regressor = target.models['effort'].regressor
+        [base] = base_sets(regressor, len(arm.joints))
+        truth = np.tile(np.random.default_rng(3).uniform(0.1, 1.0, len(regressor.columns)),
+                        (len(arm.joints), 1))
+        rows = regressor.rows(random_inputs(regressor, len(arm.joints), 200, 5))
+        exact = np.linalg.lstsq(rows[:, :, base.kept].reshape(-1, len(base.kept)), (
+            rows @ truth[0]).ravel(), rcond=None)[0]
+        reached, off = [], []
+        for seed in range(8):
+            [group] = recorded(arm, target, plan.trajectory, truth, noise, seed).groups_
+            reached.append(group.estimate.standard_errors / expected)
+            off.append((group.estimate.parameters - exact) / expected)
+        ratio = np.array(reached)
+        print(f'{arm.name:14} white noise: reached / expected {ratio.min():.2f} to '
+              f'{ratio.max():.2f}; true errors / expected {np.sqrt(np.mean(np.square(off))):.2f} '
+              f'(rms over {ratio.size} parameters)', flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        closed_loop(Path(folder))
+
+
+def command(*words):
+    """Run a command of the package and give what it prints as JSON."""
+    said = io.StringIO()
+    with redirect_stdout(said):
+        code = tudor([*map(str, words)])
+    assert code in (0, 1), words
+    return json.loads(said.getvalue()) if '--json' in words else None
+
+
+def closed_loop(folder):
+    """Let the reference arm record at random, plan with what that fit left, record, fit."""
+    arm = CONFIG / 'tudor.yaml'
+    for seed in (1, 2):
+        here = folder / str(seed)
+        command('record', '--arm', arm, '--stimuli', 1, '--jobs', 1, '--seed', seed, '--out',
+                here / 'random')
+        command('fit', here / 'random' / 'stimulus_01', '--arm', arm, '--out', here / 'first',
+                '--force')
+        command('excite', arm, '--model', here / 'first', '--seed', seed, '--out', here / 'plan')
+        command('record', '--arm', arm, '--trajectory', here / 'plan', '--stimuli', 1, '--jobs', 1,
+                '--seed', seed + 10, '--out', here / 'planned')
+        found = command('fit', here / 'planned' / 'stimulus_01', '--arm', arm, '--plan',
+                        here / 'plan', '--out', here / 'second', '--force', '--json')['plan']
+        print(f'tudor, closed loop, seed {seed}: reached / expected by the residuals of a random '
+              f'bag: median {found["median_over_expected"]:.2f}, '
+              f'{100 * found["within_30_percent_of_expected"]:.0f} % within 30 %; by its own '
+              f'residuals: median {found["median_over_by_noise"]:.2f}, '
+              f'{100 * found["within_30_percent_of_by_noise"]:.0f} % within 30 %', flush=True)
+
+
+def described_arm(folder, *, seed, last='revolute'):
+    """
+    Write a URDF of seven links whose bodies are off, and give the arm with the true bodies.
+
+    Masses are off by factors of e^0.25 (standard deviation), centres by 2 cm, moments by e^0.2.
+    """
+    generator = np.random.default_rng(seed)
+    places = [(0, 0, 0.33), (0, 0, 0), (0, -0.32, 0), (0.08, 0, 0), (-0.08, 0.38, 0), (0, 0, 0),
+              (0.09, 0, 0)]
+    turns = [0, -1, 1, 1, -1, 1, 1]
+    links, joints, truth = ['<link name="base"/>'], [], []
+    for i, (place, turn, mass) in enumerate(zip(places, turns, MASSES, strict=True), start=1):
+        centre = generator.uniform(-0.06, 0.06, 3)
+        radii = generator.uniform(0.04, 0.09, 3)
+        body = pin.Inertia(mass, centre, mass * np.diag(
+            [radii[1]**2 + radii[2]**2, radii[0]**2 + radii[2]**2, radii[0]**2 + radii[1]**2]))
+        truth.append(body.toDynamicParameters())
+        said = mass * np.exp(generator.normal(0.0, 0.25))
+        wrong = body.inertia * said / mass * np.exp(generator.normal(0.0, 0.2))
+        spot = centre + generator.normal(0.0, 0.02, 3)
+        links.append(
+            f'<link name="link{i}"><inertial><origin xyz="{" ".join(map(str, spot))}"/><mass '
+            f'value="{said}"/><inertia ixx="{wrong[0, 0]}" iyy="{wrong[1, 1]}" '
+            f'izz="{wrong[2, 2]}" ixy="0" ixz="0" iyz="0"/></inertial></link>')
+        slides = last == 'prismatic' and i == 7
+        angle, speed = (0.15, 0.5) if slides else SEVEN[i - 1]
+        joints.append(
+            f'<joint name="joint{i}" type="{"prismatic" if slides else "revolute"}"><parent '
+            f'link="{f"link{i - 1}" if i > 1 else "base"}"/><child link="link{i}"/><origin '
+            f'xyz="{" ".join(map(str, place))}" rpy="{turn * np.pi / 2} 0 0"/><axis '
+            f'xyz="0 0 1"/><limit lower="{-angle}" upper="{angle}" velocity="{speed}" '
+            'effort="200"/></joint>')
+    (folder / 'arm.urdf').write_text(f'<robot name="a">{"".join(links + joints)}</robot>')
+    return arm_from_dict({
+        'name': 'seven bodies', 'kinematics': {'urdf': 'arm.urdf'}, 'joints': [
+            {'name': f'joint{i}', 'effort': {'unit': 'N' if last == 'prismatic' and i == 7
+                                             else 'N m'},
+             'limits': {'acceleration': 15.0}} for i in range(1, 8)]},
+        base=folder, source=str(folder / 'arm.yaml')), np.array(truth)
+
+
+def separable(regressor, bodies):
+    """Say which masses are fixed by efforts alone: unit vectors within the span of the rows."""
+    rows = regressor.rows(random_inputs(regressor, bodies, 200, 1)).reshape(
+        -1, len(regressor.columns))
+    _, sizes, ways = np.linalg.svd(rows, full_matrices=False)
+    ways = ways[sizes > 1e-9 * sizes[0]]
+    return [bool(np.linalg.norm(ways[:, 10 * i]) > 1.0 - 1e-9) for i in range(bodies)]
+
+
+def truth():
+    """Find the bodies of a seven-joint arm from planned motion with noise."""
+    noise = 0.1
+    for last in ('revolute', 'prismatic'):
+        for seed in range(4):
+            with tempfile.TemporaryDirectory() as folder:
+                arm, bodies = described_arm(Path(folder), seed=seed, last=last)
+                target = wanted(arm, noise)
+                plan = make_plan(target, Order(SECONDS, 1.0, DT, 20, seed))
+                regressor = EffortRegressor(arm)
+                drives = np.abs(np.random.default_rng(seed).normal(
+                    0.3, 0.1, len(regressor.columns) - 70))
+                parameters = np.tile(np.concatenate([bodies.ravel(), drives]), (7, 1))
+                model = recorded(arm, target, plan.trajectory, parameters, noise, seed)
+                begun = time.process_time()
+                full = full_parameters_of(arm, model)
+            found, sigma = full.solution.bodies[:, 0], full.solution.body_errors[:, 0]
+            sources = full.sources()[:70:10]
+            off = (found - bodies[:, 0]) / sigma
+            before = np.array([float(item.mass) for item in list(arm.model.inertias)[1:]])
+            alone = separable(regressor, 7)
+            print(f'{last} last joint, seed {seed}: separable '
+                  f'{[i + 1 for i in range(7) if alone[i]] or "none"}, by data '
+                  f'{[i + 1 for i in range(7) if sources[i] == "data"] or "none"}; masses off by '
+                  f'{np.abs(off).max():.2f} standard errors at most ('
+                  + ', '.join(f'{value:.2f}' for value in np.abs(off))
+                  + f'), rms {100 * np.sqrt(np.mean((found / bodies[:, 0] - 1)**2)):.1f} %, '
+                  f'described {100 * np.sqrt(np.mean((before / bodies[:, 0] - 1)**2)):.1f} %; '
+                  f'{time.process_time() - begun:.1f} s', flush=True)
+
+
+PARTS = {'criteria': criteria, 'gain': gain, 'promises': promises, 'truth': truth}
+
+
+def main():
+    """Run the parts that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)}')
+    for part in parser.parse_args().parts or PARTS:
+        PARTS[part]()
+
+
+if __name__ == '__main__':
+    main()
