@@ -163,10 +163,10 @@ def test_slope_of_penalties(tmp_path):
     motion = np.random.default_rng(0).uniform(-2.0, 2.0, (20, 6))
     motion[:, 1] += 1.5
     way = np.random.default_rng(1).normal(size=motion.shape)
-    cost, slope = bounds.penalty(motion)
-    change = (bounds.penalty(motion + 1e-5 * way)[0]
-              - bounds.penalty(motion - 1e-5 * way)[0]) / 2e-5
-    assert cost > 0.0 and np.sum(slope * way) == pytest.approx(change, rel=0.02)
+    for penalty in (bounds.penalty, bounds.coupled_penalty):
+        cost, slope = penalty(motion)
+        change = (penalty(motion + 1e-5 * way)[0] - penalty(motion - 1e-5 * way)[0]) / 2e-5
+        assert cost > 0.0 and np.sum(slope * way) == pytest.approx(change, rel=0.02)
 
 
 def test_too_short():

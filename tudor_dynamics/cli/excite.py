@@ -32,7 +32,8 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.excitation.bounds import CLEARANCE
 from tudor_dynamics.excitation.expected import ExpectedError
 from tudor_dynamics.excitation.plan import (
-    bounds_of, KINDS, make_plan, Plan, plan_of, Target, target_of_arm, target_of_model)
+    bounds_of, default_highest, KINDS, make_plan, Plan, plan_of, Target, target_of_arm,
+    target_of_model)
 from tudor_dynamics.excitation.plan_files import PICTURE, plan_head, write_plan
 from tudor_dynamics.excitation.search import Order, STAGES
 from tudor_dynamics.files import whole
@@ -41,7 +42,6 @@ from tudor_dynamics.models.units import output_units
 from tudor_dynamics.report.planned_motion import write_motion_figure
 from tudor_dynamics.signals.excitation import fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits
-from tudor_dynamics.simulation.plant.modes import modes
 from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\
@@ -77,7 +77,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--rate', type=float, default=100.0, metavar='HZ',
                         help='of the points, and of the recording to be (default: 100)')
     parser.add_argument('--highest', type=float, metavar='HZ',
-                        help='largest frequency of the Fourier series (default: 1, and at most a '
+                        help='largest frequency of the Fourier series (default: 2, and at most a '
                              'third of the first eigenfrequency of links that bend)')
     noise = parser.add_argument_group('noise')
     noise.add_argument('--noise', type=float, metavar='SIZE',
@@ -138,14 +138,6 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
     return size if arm.gauges else {'effort': size['effort']}
 
 
-def _highest(args: argparse.Namespace, arm: Arm) -> float:
-    if args.highest is not None:
-        return float(args.highest)
-    if any(link.flexible is not None for link in arm.spec.links):
-        return min(1.0, float(modes(arm, 1).frequency[0]) / 3.0)
-    return 1.0
-
-
 class _Bar:
     """Progress on standard error while a terminal watches, and the end of the time."""
 
@@ -182,7 +174,8 @@ def run(args: argparse.Namespace) -> int:
     links = SelfCollision(arm, tuple(map(Path, args.meshes)),
                           None if args.srdf is None else Path(args.srdf))
     steps = args.steps or (60 if args.kind == 'fourier' else 600)
-    order = Order(args.seconds, _highest(args, arm), 1.0 / args.rate, steps, args.seed)
+    order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, steps,
+                  args.seed)
     begun = time.perf_counter()
     with _Bar(steps * (len(STAGES) if args.kind == 'fourier' else 1), args.budget) as bar:
         plan = make_plan(target, order, kind=args.kind, links=links, report=bar.step)

@@ -168,7 +168,7 @@ class Bounds:
 
     def penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
         """
-        Punish what is beyond a limit.
+        Punish positions, speeds and accelerations beyond their limits.
 
         Parameters
         ----------
@@ -187,7 +187,27 @@ class Bounds:
         beyond = np.maximum(np.abs(ratio) - 1.0, 0.0)
         count = beyond.shape[0] * len(self.range.lower)
         cost = float(np.sum(beyond**2)) / count
-        slope = 2.0 / count * beyond * np.sign(ratio) / self._size
+        return cost, 2.0 / count * beyond * np.sign(ratio) / self._size
+
+    def coupled_penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
+        """
+        Punish efforts beyond their limits, and links that come too near; as `penalty` does.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        float
+            Mean square, in units of the limits and of the clearance.
+        ndarray of shape (n_samples, 3 n_joints)
+            Its slope by the motion.
+
+        """
+        cost, slope = 0.0, np.zeros_like(motion)
+        count = len(motion) * len(self.range.lower)
         if self.efforts is not None:
             here = self.efforts.ratio(motion)
             beyond = np.maximum(np.abs(here) - 1.0, 0.0)

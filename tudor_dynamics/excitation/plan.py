@@ -36,9 +36,12 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import plain_regressor
 from tudor_dynamics.signals.excitation import joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference
+from tudor_dynamics.simulation.plant.modes import modes
 from tudor_dynamics.typing import FloatArray
 
 KINDS = ('fourier', 'aprbs')
+HIGHEST = 2.0
+"""Largest frequency of a series where links do not bend [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +159,21 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
     effort = found.get('effort')
     return Target(arm.with_joints(friction), found, bundle.preprocessing,
                   Noise(noise, residual=True), None if effort is None else effort.coefficients())
+
+
+def default_highest(arm: Arm) -> float:
+    """
+    Choose the largest frequency of a series: below what makes links swing [Hz].
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm that moves; of links that bend, a third of the first eigenfrequency is the most.
+
+    """
+    if any(link.flexible is not None for link in arm.spec.links):
+        return min(HIGHEST, float(modes(arm, 1).frequency[0]) / 3.0)
+    return HIGHEST
 
 
 def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:

@@ -41,8 +41,12 @@ from tudor_dynamics.typing import FloatArray
 
 STAGES = (10.0, 1e3, 1e4)
 """Weights of the penalties, one after the other."""
-SAMPLES = 10.0
-"""Samples for each period of the largest frequency, while it is searched."""
+SAMPLES, CLOSE_SAMPLES = 4.0, 20.0
+"""Samples for each period of the largest frequency, while it is searched: of what the motion
+shows, which is cheaper where they are few, and of its limits, which are passed between them
+otherwise."""
+LEAST_RATE = 5.0
+"""Samples a second at least [Hz]."""
 POSES = 100
 """Random poses from which the one with the most room between links is where a search begins."""
 HALVINGS = 12
@@ -113,8 +117,9 @@ def best_series(
         If there is no such motion.
 
     """
-    basis = series(bounds.range, bounds.limits, order.seconds, order.highest,
-                   1.0 / (SAMPLES * order.highest))
+    basis, close = (series(bounds.range, bounds.limits, order.seconds, order.highest,
+                           1.0 / max(samples * order.highest, LEAST_RATE))
+                    for samples in (SAMPLES, CLOSE_SAMPLES))
     shape = basis.sizes.shape
     generator = np.random.default_rng(order.seed)
     x = generator.normal(size=shape) / np.sqrt(shape[0])
@@ -129,11 +134,14 @@ def best_series(
 
     for weight in STAGES:
         def cost(flat: FloatArray, weight: float = weight) -> tuple[float, FloatArray]:
-            motion = basis.motion(flat.reshape(shape))
+            own = flat.reshape(shape)
+            motion = basis.motion(own)
             value, slope = information.cost(motion, criterion)
-            beyond, its_slope = bounds.penalty(motion)
-            return (value + weight * beyond,
-                    basis.slope(slope + weight * its_slope).ravel())
+            coupled, coupled_slope = bounds.coupled_penalty(motion)
+            beyond, beyond_slope = bounds.penalty(close.motion(own))
+            return (value + weight * (coupled + beyond),
+                    (basis.slope(slope + weight * coupled_slope)
+                     + close.slope(weight * beyond_slope)).ravel())
 
         x = optimize.minimize(
             cost, x.ravel(), jac=True, method='L-BFGS-B', callback=step,
