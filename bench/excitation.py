@@ -99,7 +99,7 @@ def wanted(arm, noise=1.0):
 
 
 def errors(information, motion):
-    """Standard errors of all parameters."""
+    """Give the standard errors of all parameters."""
     return np.concatenate([np.sqrt(np.diag(covariance_of(item)))
                            for item in information.matrices(motion)])
 
