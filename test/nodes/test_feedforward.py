@@ -19,6 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from elastic_making import blade_arm
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
@@ -31,6 +32,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.feedforward.feedforward import Feedforward
 from tudor_dynamics.models import EffortRegressor
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.nodes.common.base import latched
@@ -130,6 +132,30 @@ def test_what_cannot_be_used_is_said_and_a_stop_goes_through(world: World, model
     output.publish(message(Q))
     assert world.spin(lambda: len(heard) == 2)
     assert world.status('feedforward', lambda s: s.level == b'\0').message == 'running'
+
+
+def test_motors_are_led(world: World, tmp_path: Path) -> None:
+    """Positions are those of the motors, with the velocities and accelerations of their path."""
+    arm = blade_arm()
+    effort = ElasticModel(arm, 'effort')
+    effort.coefficients_ = tuple(np.array([0.1, 0.05, 0.2, 0.1, 0.0]) for _ in range(2))
+    effort.standard_errors_ = effort.coefficients_
+    effort.noise_ = np.ones(2)
+    whole = ModelBundle(arm, PreprocessingSpec(), {'effort': {'elastic': effort}})
+    save_bundle(whole, tmp_path / 'elastic')
+    world.add(FeedforwardNode, model=str(tmp_path / 'elastic'), kind='elastic', positions='motor')
+    heard = world.listen('trajectory_with_effort', JointTrajectory)
+    output = world.output('wanted_trajectory', JointTrajectory)
+    world.meet('wanted_trajectory')
+    output.publish(message(Q))
+    assert world.spin(lambda: len(heard) == 1)
+    expected = Feedforward(whole, kind='elastic', positions='motor').along(
+        Trajectory(JOINTS, T, Q))
+    for field, name in (('positions', 'q'), ('velocities', 'dq'), ('accelerations', 'ddq'),
+                        ('effort', 'effort')):
+        values = np.array([getattr(point, field) for point in heard[0].points])
+        assert values == pytest.approx(getattr(expected, name), abs=1e-9)
+    assert np.abs(np.array([point.positions for point in heard[0].points]) - Q).max() > 0.02
 
 
 def test_a_model_that_cannot_do_it_says_so(world: World, model: Path) -> None:

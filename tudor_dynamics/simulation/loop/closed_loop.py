@@ -316,15 +316,15 @@ class ClosedLoop:
 
         """
         joints, gauges = len(self._joints), len(self.arm.gauges)
-        q_ref, dq_ref, ahead = (
-            np.ascontiguousarray(item, dtype=float)
-            for item in (q_ref, dq_ref, np.zeros(np.shape(q_ref)) if ahead is None else ahead))
+        given = [np.asarray(item, dtype=float) for item in (
+            q_ref, dq_ref, np.zeros(np.shape(q_ref)) if ahead is None else ahead)]
         steps = len(q_ref)
-        if not q_ref.shape == dq_ref.shape == ahead.shape == (steps, joints):
-            msg = (f'references have shapes {q_ref.shape}, {dq_ref.shape} and {ahead.shape}; '
+        if any(item.shape != (steps, joints) for item in given):
+            msg = (f'references have shapes {", ".join(str(item.shape) for item in given)}; '
                    f'expected ({steps}, {joints}) for the joints {list(self.arm.active_joints)}')
             raise SimulationError(msg)
-        if not np.isfinite([q_ref, dq_ref, ahead]).all():
+        wanted = np.stack(given)
+        if not np.isfinite(wanted).all():
             msg = f'{self.arm.name}: a reference is not finite; check the motion'
             raise SimulationError(msg)
         begun = self._done
@@ -332,8 +332,8 @@ class ClosedLoop:
         out = np.empty((rows, 6 * joints + gauges))
         noise = self._random.standard_normal((steps, joints + gauges))
         count, status, self._acting = run_loop(
-            self._plant, self._sensors, self._control, q_ref, dq_ref, ahead, noise, begun,
-            self.dt, every, self._acting, self._loaded, out)
+            self._plant, self._sensors, self._control, wanted, noise, begun, self.dt, every,
+            self._acting, self._loaded, out)
         self._done += count
         self.plant.taken(self._done, status)
         first = -(-begun // every)

@@ -173,8 +173,8 @@ def advance(
 @compiled
 def run_loop(
     plant: DrivenPlant, sensors: SensorTables, tables: ControlTables,
-    q_ref: NDArray, dq_ref: NDArray, ahead: NDArray, noise: NDArray, done: int, dt: float,
-    every: int, acting: bool, loaded: bool, out: NDArray,
+    wanted: NDArray, noise: NDArray, done: int, dt: float, every: int,
+    acting: bool, loaded: bool, out: NDArray,
 ) -> tuple[int, int, bool]:
     """
     Run as many steps as there are references.
@@ -183,10 +183,9 @@ def run_loop(
     ----------
     plant, sensors, tables : named tuples
         The arm, advanced in place.
-    q_ref, dq_ref : ndarray of shape (n_steps, n_joints)
-        Reference at the start of each step.
-    ahead : ndarray of shape (n_steps, n_joints)
-        Current fed forward in each step [A].
+    wanted : ndarray of shape (3, n_steps, n_joints)
+        Position and speed of the reference at the start of each step [rad, rad/s], and the
+        current that is fed forward in it [A].
     noise : ndarray of shape (n_steps, n_joints + n_gauges)
         Normal random numbers.
     done : int
@@ -209,6 +208,7 @@ def run_loop(
     plant, sensors, tables = unowned((plant, sensors, tables))
     joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]
     record = 0
+    q_ref, dq_ref, ahead = wanted[0], wanted[1], wanted[2]
     for k in range(q_ref.shape[0]):
         sense(plant, sensors, noise[k], (done + k) * dt, dt, acting)
         if (done + k) % every == 0:
