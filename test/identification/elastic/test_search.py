@@ -161,13 +161,14 @@ def test_jacobian_is_that_of_the_residual() -> None:
     x = np.log([TRUTH[name] for name in names])
     problem = Problem(ARM, [Record(q, even(len(q), RATE), strain, payload=0.25)], names, fixed, x,
                       np.full(4, 0.5), inner=2.5e-3)
-    assert np.abs(problem.residual(x)).max() < 1e-6
+    assert np.abs(problem.residuals([x])[0]).max() < 1e-6
     jacobian = problem.jacobian(x)
     for i in range(len(names)):
         moved = [x.copy(), x.copy()]
         moved[0][i] += 1e-3
         moved[1][i] -= 1e-3
-        column = (problem.residual(moved[0]) - problem.residual(moved[1])) / 2e-3
+        up, down = problem.residuals(moved)
+        column = (up - down) / 2e-3
         assert np.linalg.norm(jacobian[:, i] - column) < 0.02 * np.linalg.norm(column), names[i]
 
 

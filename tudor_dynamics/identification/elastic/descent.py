@@ -20,9 +20,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import optimize
 
 from tudor_dynamics.identification.elastic.coordinates import Straight
+from tudor_dynamics.identification.elastic.ladder import minimised
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.result import reweight
 from tudor_dynamics.models.elastic.parameters import kind_of
@@ -99,12 +99,11 @@ def improve(
         problem.center + sign * FARTHEST * problem.width, low, high)), sign * free])
         for sign in (-1.0, 1.0)], axis=0)
     begin = np.clip(np.concatenate([straight.of(start[:n]), start[n:]]), *bounds)
-    found = optimize.least_squares(
-        lambda u: problem.residual(of(u)), begin,
-        lambda u: problem.jacobian(of(u)) * slope(u), method='trf', bounds=bounds,
-        x_scale=np.concatenate([problem.width, np.full(len(free), GAIN)]),
-        ftol=enough, xtol=0.1 * enough, gtol=1e-12, max_nfev=evaluations)
-    return of(found.x)
+    return of(minimised(
+        lambda several: problem.residuals([of(u) for u in several]),
+        lambda u: problem.jacobian(of(u)) * slope(u), begin, (bounds[0], bounds[1]),
+        np.concatenate([problem.width, np.full(len(free), GAIN)]), steps=evaluations,
+        enough=enough))
 
 
 def descend(

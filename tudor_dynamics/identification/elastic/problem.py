@@ -26,7 +26,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import os
-import queue
 
 import numpy as np
 
@@ -34,8 +33,10 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.identification.elastic.explained import fit_percent, robust_scale
 from tudor_dynamics.identification.elastic.record import Record
-from tudor_dynamics.models.elastic.arm import INNER_STEP
+from tudor_dynamics.lanes import LANES
+from tudor_dynamics.models.elastic.arm import INNER_STEP, NO_GAINS
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
+from tudor_dynamics.models.elastic.several import follow_together
 from tudor_dynamics.parallel import in_threads
 from tudor_dynamics.typing import FloatArray
 
@@ -88,20 +89,25 @@ class Problem:
         self.inner = inner
         self.runs = 0
         self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
-        self._arms: queue.SimpleQueue[CorrectedArm] = queue.SimpleQueue()
-        for _ in range(self._threads + 1):
-            self._arms.put(CorrectedArm(arm))
-        self._last: tuple[FloatArray, FloatArray | None] | None = None
+        self._idle: list[list[CorrectedArm]] = []
+        self._last: list[tuple[FloatArray, FloatArray | None]] = []
         self._towards: list[tuple[FloatArray, FloatArray]] | None = None
         self._gains: FloatArray | None = None
 
     @contextmanager
-    def _borrowed(self) -> Iterator[CorrectedArm]:
-        arm = self._arms.get()
+    def _borrowed(self, count: int = 1) -> Iterator[list[CorrectedArm]]:
+        """Lend arms that nobody else has; what there is not yet is built."""
         try:
-            yield arm
+            arms = self._idle.pop()
+        except IndexError:
+            arms = []
+        arms += [CorrectedArm(self.arm) for _ in range(count - len(arms))]
+        for arm in arms:
+            arm.inner = self.inner
+        try:
+            yield arms[:count]
         finally:
-            self._arms.put(arm)
+            self._idle.append(arms)
 
     @property
     def unknowns(self) -> int:
@@ -136,33 +142,58 @@ class Problem:
             Moments at the samples that count [N m]; None where they cannot be simulated.
 
         """
-        if self._last is not None and np.array_equal(self._last[0], x):
-            return self._last[1]
-        result = self._simulate(x)
-        self._last = x.copy(), result
-        return result
+        for known, result in self._last:
+            if np.array_equal(known, x):
+                return result
+        return self._kept([x])[0]
 
-    def _simulate(self, x: FloatArray) -> FloatArray | None:
-        self.runs += 1
-        n = len(self.names)
-        values = {**self.fixed, **dict(zip(self.names, np.exp(x[:n]).tolist(), strict=True))}
-        parts = []
-        with self._borrowed() as driven:
-            driven.inner = self.inner
-            for k, record in enumerate(self.records):
-                try:
-                    driven.set_parameters(record.with_payload(values))
-                    driven.begin(record.before)
-                    if self._towards is None:
-                        response = driven.follow(record.q, record.times)
-                    else:
-                        measured, gains = self._towards[k]
-                        response = driven.follow_towards(
-                            record.q, record.times, measured / np.exp(x[n:]), gains)
-                except SimulationError:
-                    return None
-                parts.append(response.moment[record.skip:])
-        return np.vstack(parts)
+    def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
+        """Simulate, and remember it: one of them is asked for again."""
+        found = self._simulate(several)
+        self._last = [(x.copy(), one) for x, one in zip(several, found, strict=True)]
+        return found
+
+    def _simulate(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
+        """Do what ``moments`` does for several vectors, as many at once as there are lanes."""
+        self.runs += len(several)
+        together = in_threads(self._simulate_together, [
+            several[first:first + LANES] for first in range(0, len(several), LANES)],
+            self._threads)
+        return [one for some in together for one in some]
+
+    def _simulate_together(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
+        with self._borrowed(len(several)) as arms:
+            parts = [self._follow(k, arms, several) for k in range(len(self.records))]
+        return [None if any(one is None for one in part)
+                else np.vstack([one for one in part if one is not None])
+                for part in zip(*parts, strict=True)]
+
+    def _follow(
+        self, k: int, arms: Sequence[CorrectedArm], several: Sequence[FloatArray],
+    ) -> list[FloatArray | None]:
+        """Simulate one record, with an arm for each vector."""
+        record, n = self.records[k], len(self.names)
+        moments: list[FloatArray | None] = [None] * len(arms)
+        ready = []
+        for i, x in enumerate(several):
+            try:
+                arms[i].set_parameters(record.with_payload(self._values(x)))
+                arms[i].begin(record.before)
+            except SimulationError:
+                continue
+            ready.append(i)
+        measured, gains = None, NO_GAINS
+        if self._towards is not None:
+            shown, gains = self._towards[k]
+            measured = [shown / np.exp(several[i][n:]) for i in ready]
+        found = follow_together(
+            [arms[i] for i in ready], record.q, record.times, measured, gains) if ready else []
+        for i, moment in zip(ready, found, strict=True):
+            moments[i] = None if moment is None else moment[record.skip:]
+        return moments
+
+    def _values(self, x: FloatArray) -> dict[str, float]:
+        return {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=False))}
 
     def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
         """
@@ -195,19 +226,17 @@ class Problem:
         else:
             self._towards = None
         self._gains = None if gauges is None or self._towards is None else gauges[:, 0]
-        self._last = None
+        self._last = []
         return self.extended(x)
 
     def _observe(
         self, x: FloatArray, gauges: FloatArray, deviation: FloatArray, bandwidth: float,
     ) -> list[tuple[FloatArray, FloatArray]] | None:
         """Give measured moments and an observer's gains along each record, if it can be done."""
-        values = {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=False))}
         found = []
-        with self._borrowed() as driven:
-            driven.inner = self.inner
+        with self._borrowed() as (driven,):
             for record in self.records:
-                driven.set_parameters(record.with_payload(values))
+                driven.set_parameters(record.with_payload(self._values(x)))
                 measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(
@@ -269,28 +298,31 @@ class Problem:
             Vectors, see ``moments``.
 
         """
-        def fit(x: FloatArray) -> float:
-            moments = self._simulate(x)
-            return -np.inf if moments is None else fit_percent(
-                self.errors(moments, x), self.strain)
+        return [-np.inf if moments is None else fit_percent(self.errors(moments, x), self.strain)
+                for x, moments in zip(several, self._simulate(several), strict=True)]
 
-        return in_threads(fit, several, self._threads)
-
-    def residual(self, x: FloatArray) -> FloatArray:
+    def residuals(self, several: Sequence[FloatArray]) -> list[FloatArray]:
         """
         Give the weighted errors, and how far the parameters are from their prior.
 
         Parameters
         ----------
-        x : ndarray of shape (unknowns,)
+        several : sequence of ndarray of shape (unknowns,)
             Logarithms of the parameters, and of the gains while drawn.
 
+        Returns
+        -------
+        list of ndarray of shape (n_samples * n_gauges + n_names,)
+            Of each vector.
+
         """
-        moments = self.moments(x)
-        prior = (x[:len(self.names)] - self.center) / self.width
-        if moments is None:
-            return np.concatenate([np.full(self.strain.size, HOPELESS), prior])
-        return np.concatenate([(self.errors(moments, x) * self.weights).ravel(), prior])
+        result = []
+        for x, moments in zip(several, self._kept(several), strict=True):
+            errors = (np.full(self.strain.size, HOPELESS) if moments is None
+                      else (self.errors(moments, x) * self.weights).ravel())
+            result.append(np.concatenate([
+                errors, (x[:len(self.names)] - self.center) / self.width]))
+        return result
 
     def slopes(self, x: FloatArray) -> FloatArray:
         """
@@ -311,17 +343,13 @@ class Problem:
         if here is None:
             return np.zeros((len(x), *self.strain.shape))
 
-        def one(i: int) -> FloatArray:
-            moved = x.copy()
-            moved[i] += STEP
-            there = self._simulate(moved)
-            return np.zeros_like(here) if there is None else (there - here) / STEP
-
-        return np.array(in_threads(one, range(len(x)), self._threads))
+        return np.array([
+            np.zeros_like(here) if there is None else (there - here) / STEP
+            for there in self._simulate(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """
-        Differentiate ``residual``; what a gain or an offset can take up is left out.
+        Differentiate ``residuals``; what a gain or an offset can take up is left out.
 
         Parameters
         ----------

@@ -43,7 +43,7 @@ ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
 FIRST = (SearchPhase(2.0, COARSE, 10, 1e-3), SearchPhase(1.0, COARSE, 10, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
-LAST = (*[SearchPhase(0.7, INNER_STEP, 7, 1e-5)] * 2, SearchPhase(0.0, INNER_STEP, 8, 1e-5))
+LAST = (*[SearchPhase(0.7, INNER_STEP, 7, 1e-4)] * 2, SearchPhase(0.0, INNER_STEP, 8, 1e-4))
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 Last, as the model will be used, nothing draws."""
 

@@ -178,11 +178,39 @@ class DrivenArm:
             If no equilibrium is found where it begins, or the state grows without bounds.
 
         """
-        return self._follow(q, dt, np.zeros((len(q), 0)), NO_GAINS)
+        return self.late(self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS), dt)
 
-    def _follow(
+    def late(self, response: Response, dt: FloatArray) -> Response:
+        """
+        Let the readings lag, as behind the low-pass of an amplifier; goes on from call to call.
+
+        Parameters
+        ----------
+        response : Response
+            What gauges and gears feel.
+        dt : ndarray of shape (n_samples,)
+            Time since the sample before [s].
+
+        """
+        return Response(self._behind(response.moment, dt), response.torque)
+
+    def prompt(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
     ) -> Response:
+        """
+        Follow motion with readings that do not lag, drawn towards measured moments.
+
+        Parameters
+        ----------
+        q, dt, measured, gains
+            As in ``kernel.follow``.
+
+        Raises
+        ------
+        SimulationError
+            As in ``follow``.
+
+        """
         n = len(q)
         moment = np.zeros((n, len(self.gauges.body)))
         torque = np.zeros((n, len(self.arm.active_joints)))
@@ -195,10 +223,9 @@ class DrivenArm:
                       if dt[done] <= 0.0 else f'diverges after {done} of {n} samples')
                    + '; its parameters are impossible for this motion')
             raise SimulationError(msg)
-        return Response(self._behind(moment, dt), torque)
+        return Response(moment, torque)
 
     def _behind(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
-        """Let the readings lag, as behind the low-pass of an amplifier."""
         lag = self._physics.lag
         if lag <= 0.0 or not len(moment):
             return moment

@@ -27,6 +27,7 @@ import numpy as np
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response, SAMPLE
+from tudor_dynamics.models.elastic.gains import observe
 from tudor_dynamics.typing import FloatArray
 
 
@@ -66,7 +67,7 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
-        measured, lag, self._physics.lag = self._ahead(dt, measured), self._physics.lag, 0.0
+        measured, lag, self._physics.lag = self.ahead(dt, measured), self._physics.lag, 0.0
         try:
             return self._gains_along(q, dt, measured, deviation, bandwidth, before)
         finally:
@@ -79,22 +80,15 @@ class CorrectedArm(DrivenArm):
         self.follow(q[:1], np.zeros(1))
         self.start_observer(deviation, bandwidth)
         self.begin(before)
-        m, count = self.size, len(q)
-        gains = np.zeros((count, 3, m, measured.shape[1]))
-        for k in range(count):
-            if dt[k] <= 0.0:
-                self.forget()
-            moment = self.follow(q[k:k + 1], dt[k:k + 1]).moment[0]
-            step = float(dt[k]) if dt[k] > 0.0 else SAMPLE
-            if not self.correct(measured[k] - moment, step):
-                msg = f'{self.arm.name}: the elastic model cannot be linearised along this motion'
-                raise SimulationError(msg)
-            mass, damping, stiffness = self._small
-            gain = self._covariance[:2 * m, :m] @ self._shown.T / (
-                self._deviation**2 * (SAMPLE / step))
-            gains[k, 0], gains[k, 1] = gain[:m], gain[m:]
-            gains[k, 2] = -np.linalg.solve(mass, stiffness @ gain[:m] + damping @ gain[m:])
-        self.forget()
+        gains = np.zeros((len(q), 3, self.size, measured.shape[1]))
+        done = observe(
+            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
+            np.ascontiguousarray(measured), self._deviation**2 * SAMPLE, self._noise, SAMPLE,
+            self.mechanism.tip, self._seen, gains, *self.arrays)
+        if done < len(q):
+            msg = (f'{self.arm.name}: the elastic model diverges after {done} of {len(q)} '
+                   'samples, or cannot be linearised there')
+            raise SimulationError(msg)
         return gains
 
     def begin(self, before: FloatArray | None) -> None:
@@ -132,10 +126,20 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
-        return self._follow(q, dt, self._ahead(dt, measured), gains)
+        return self.late(self.prompt(q, dt, self.ahead(dt, measured), gains), dt)
 
-    def _ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
-        """Give what will be read a lag later: what draws the arm was there before it is read."""
+    def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
+        """
+        Give what will be read a lag later: what draws the arm was there before it is read.
+
+        Parameters
+        ----------
+        dt : ndarray of shape (n_samples,)
+            Time since the sample before [s].
+        measured : ndarray of shape (n_samples, n_gauges)
+            Moments that the gauges show [N m].
+
+        """
         lag = self._physics.lag
         if lag <= 0.0:
             return measured

@@ -29,6 +29,7 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.lanes import in_lanes
 from tudor_dynamics.models.elastic.gear import gear, Gears
 from tudor_dynamics.models.elastic.shortening import shorten_mass
 from tudor_dynamics.models.elastic.statics import (
@@ -112,11 +113,16 @@ class Driven(NamedTuple):
 
 
 @compiled
-def driven_of(arrays: tuple[NDArray, ...]) -> Driven:
+def tables_of(bare: tuple[NDArray, ...]) -> Driven:
     """Put the arrays of an arm into their tables; tuples of tuples are slow to hand over."""
-    bare = unowned(arrays)
     return Driven(Equations(*bare[:5]), Gears(*bare[5:9]), Drives(*bare[9:11]),
                   Chain(*bare[11:18]), Composite(*bare[18:21]), Gauges(*bare[21:26]))
+
+
+@compiled
+def driven_of(arrays: tuple[NDArray, ...]) -> Driven:
+    """Give the tables of an arm from arrays that Python holds."""
+    return tables_of(unowned(arrays))
 
 
 @compiled
@@ -265,6 +271,17 @@ def apply_gains(equations: Equations, gains: NDArray, unexpected: float, gauge: 
 
 
 @compiled
+def look(
+    driven: Driven, loaded: bool, k: int, measured: NDArray, gains: NDArray, moment: NDArray,
+    torque: NDArray,
+) -> None:
+    """Read gauges and gears at sample k, and correct the state behind it; see ``follow``."""
+    sense(driven, loaded, moment[k], torque[k])
+    for g in range(measured.shape[1]):
+        apply_gains(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
+
+
+@compiled
 def follow(
     q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
     moment: NDArray, torque: NDArray, *arrays: NDArray,
@@ -307,7 +324,35 @@ def follow(
             good = move(driven, q[k], dt[k], inner, loaded)
         if not good:
             return k
-        sense(driven, loaded, moment[k], torque[k])
-        for g in range(measured.shape[1]):
-            apply_gains(driven.equations, gains[k], measured[k, g] - moment[k, g], g)
+        look(driven, loaded, k, measured, gains, moment, torque)
+    return q.shape[0]
+
+
+@compiled
+def follow_several(
+    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
+    moment: NDArray, torque: NDArray, *arrays: NDArray,
+) -> int:
+    """
+    Follow a stretch of samples with several arms side by side, which have begun before it.
+
+    Parameters
+    ----------
+    q, dt, inner, loaded, gains
+        As in ``follow``, the same for all; no time is 0.
+    measured, moment, torque, *arrays
+        As in ``follow``, their last axis the arms.
+
+    Returns
+    -------
+    int
+        Samples done; fewer than given where the state of one is no longer finite.
+
+    """
+    shown, read, passed = in_lanes((measured, moment, torque))
+    driven = tables_of(in_lanes(arrays))
+    for k in range(q.shape[0]):
+        if not move(driven, q[k], dt[k], inner, loaded):
+            return k
+        look(driven, loaded, k, shown, gains, read, passed)
     return q.shape[0]

@@ -35,7 +35,7 @@ LOADS = 9  # force (3), moment (3), rates of twist and of the curvatures about y
 @compiled
 def shape(xi: float, length: float) -> tuple[float, float, float, float]:
     """Give the cubic functions of an element at xi in 0..1."""
-    return (1.0 - xi * xi * (3.0 - 2.0 * xi), length * xi * (1.0 - xi) ** 2,
+    return (1.0 - xi * xi * (3.0 - 2.0 * xi), length * xi * (1.0 - xi) * (1.0 - xi),
             xi * xi * (3.0 - 2.0 * xi), length * xi * xi * (xi - 1.0))
 
 
