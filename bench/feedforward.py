@@ -28,7 +28,10 @@ Each without the wanted speed, with it, with efforts as well, and with the motor
 motor). Errors are root mean squares over all motions: of the encoders from what each joint was
 asked for, and of the tip from where it is on a rigid arm. Trajectories have 100 points a second.
 
-    python bench/feedforward.py [--work DIR]
+    python bench/feedforward.py [--work DIR] [--other]
+
+With --other the arm is another one: gears that lose a third as much of what they carry, 0.6 times
+as stiff and with half the play, blades a quarter thicker, an elbow half as heavy.
 """
 
 from __future__ import annotations
@@ -54,6 +57,7 @@ from tudor_dynamics.simulation.loop.campaign import (
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.signals import with_payload
 from tudor_dynamics.simulation.plant.outputs import Probe
+import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config' / 'tudor.yaml'
 TRAINING = (0.0, 0.4)
@@ -74,7 +78,25 @@ class Followed:
     record: object
 
 
-def fitted(work: Path) -> td.ModelBundle:
+def other_arm(work: Path) -> Path:
+    """Describe another arm, see above."""
+    spec = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))
+    spec['kinematics']['urdf'] = str(CONFIG.parent / spec['kinematics']['urdf'])
+    for motor in spec['motors']:
+        motor['backlash'] *= 0.5
+        for key, factor in (('load_friction', 1 / 3), ('stiffness', 0.6)):
+            if key in motor:
+                motor[key] *= factor
+    for link in spec['links'][1:]:
+        link['flexible']['section']['height'] *= 1.25
+        for part in link['flexible'].get('lumped', []):
+            part['mass'] *= 0.5
+    path = work / 'other.yaml'
+    path.write_text(yaml.safe_dump(spec), encoding='utf-8')
+    return path
+
+
+def fitted(work: Path, config: Path) -> td.ModelBundle:
     """Record and fit; a model that is there is used again."""
     if (work / 'model').exists():
         return td.load_bundle(work / 'model')
@@ -84,8 +106,8 @@ def fitted(work: Path) -> td.ModelBundle:
             specs.append(StimulusSpec(payload, 40.0, RATE, 1.0, 'aprbs',
                                       *stimulus_seeds(3, number)))
             paths.append(work / f'{payload:g}_{number}')
-    record_stimuli(CONFIG, specs, paths, 2)
-    arm = td.load_arm(CONFIG)
+    record_stimuli(config, specs, paths, 2)
+    arm = td.load_arm(config)
     begun = time.perf_counter()
     bundle = td.fit([str(path) for path in paths], arm)
     short = [f'{paths[number]}@0-50%' for number in (0, 2)]
@@ -160,9 +182,8 @@ def rms(parts: list[np.ndarray], scale: float = 1e3) -> np.ndarray:
     return scale * np.sqrt(np.mean(np.square(np.concatenate(parts)), axis=0))
 
 
-def closed_loop(bundle: td.ModelBundle) -> None:
+def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
     """Follow all motions in all ways, and print tables."""
-    arm = td.load_arm(CONFIG)
     found: dict[tuple[str, str], list[Followed]] = {}
     efforts = []
     for kind, seed, payload in MOTIONS:
@@ -243,10 +264,13 @@ def main() -> None:
     """Record, fit, follow, print."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').strip().split('\n\n')[0])
     parser.add_argument('--work', type=Path, help='directory that keeps recordings and model')
+    parser.add_argument('--other', action='store_true', help='another arm')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        bundle = fitted(args.work or Path(scratch))
-        closed_loop(bundle)
+        work = args.work or Path(scratch)
+        config = other_arm(work) if args.other else CONFIG
+        bundle = fitted(work, config)
+        closed_loop(bundle, td.load_arm(config))
         speed(bundle)
 
 

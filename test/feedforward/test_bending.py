@@ -22,7 +22,7 @@ import pytest
 from sample_arms import LENGTH_1, LENGTH_2, multisine
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.errors import SignalError, SimulationError
 from tudor_dynamics.feedforward.bending import BentArm
 from tudor_dynamics.feedforward.feedforward import Feedforward
 from tudor_dynamics.models.bundle import ModelBundle
@@ -124,6 +124,20 @@ def test_a_led_motion_keeps_the_tip_on_its_path() -> None:
     assert found.ddq is not None
     assert found.effort == pytest.approx(0.1 * bent.torque + 0.05 * found.ddq, abs=1e-6)
     assert not found.ddq[[0, -1]].any()
+
+
+def test_motors_are_not_led_beyond_their_limits() -> None:
+    """A path at the limit is refused where bending needs more, with the joint and the point."""
+    arm = blade_arm(joints=[{'name': 'j1', 'limits': {'lower': -0.1, 'upper': 1.25}},
+                            {'name': 'j2'}])
+    effort = ElasticModel(arm, 'effort')
+    effort.coefficients_ = tuple(np.zeros(5) for _ in range(2))
+    ahead = Feedforward(ModelBundle(arm, PreprocessingSpec(), {'effort': {'elastic': effort}}),
+                        kind='elastic', positions='motor')
+    q = np.array([[0.5, 0.1], [1.24, 0.1]])
+    assert ahead.along(Trajectory(('j1', 'j2'), np.array([0.0, 1.0]), q * 0.9)).ddq is not None
+    with pytest.raises(SignalError, match='the motor of j1 would have to be at 1.[23]'):
+        ahead.along(Trajectory(('j1', 'j2'), np.array([0.0, 1.0]), q))
 
 
 def test_payload_bends_more() -> None:

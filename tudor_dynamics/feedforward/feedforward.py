@@ -29,6 +29,7 @@ from typing import Literal
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
 from tudor_dynamics.feedforward.bending import BentArm
@@ -99,6 +100,7 @@ class Feedforward:
         self._of_all = efforts[kind]
         self._bent: BentArm | None = None
         self._leads = positions == 'motor'
+        self._limits = hard_limits(arm)
         if self._leads or kind == 'elastic':
             self._bent = BentArm(arm, _physical(bundle))
         known = self._of_all.payload_range
@@ -128,9 +130,8 @@ class Feedforward:
         Raises
         ------
         ModelError
-            If the model is of one payload, and nothing tells what a kilogram more is worth.
-        FitError
-            If it is no mass.
+            If it is no mass, or the model is of one payload and nothing tells what a kilogram
+            more is worth.
 
         """
         more = payload - self._known
@@ -198,7 +199,8 @@ class Feedforward:
         Raises
         ------
         SignalError
-            If joints are missing or unknown, or a held one moves.
+            If joints are missing or unknown, a held one moves, or a motor would have to be led
+            beyond its limits.
         SimulationError
             If links are too weak for the load.
 
@@ -211,6 +213,7 @@ class Feedforward:
         assert self._bent is not None
         bent = self._bent.under(motion, reach=True)
         n = len(self.joints)
+        self._check_limits(bent.motor, motion[:, :n])
         further = bent.motor - motion[:, :n]
         rate, rise = _derivatives(trajectory.t, further, motion[:, n:2 * n])
         led = np.hstack([bent.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
@@ -221,6 +224,17 @@ class Feedforward:
                 (trajectory.q, trajectory.dq, trajectory.ddq, None),
                 (*np.split(led, 3, axis=1), effort), strict=True))
         return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
+
+    def _check_limits(self, motor: FloatArray, wanted: FloatArray) -> None:
+        """Refuse to lead a motor beyond a limit that the wanted motion keeps to."""
+        low, high = self._limits.lower, self._limits.upper
+        beyond = ((motor < low) | (motor > high)) & (wanted >= low) & (wanted <= high)
+        if beyond.any():
+            point, joint = np.argwhere(beyond)[0]
+            msg = (f'to put the links there, the motor of {self.joints[joint]} would have to be '
+                   f'at {motor[point, joint]:.4g} at point {point + 1}; its limits are '
+                   f'{low[joint]:g} and {high[joint]:g}')
+            raise SignalError(msg, remedy='keep the wanted motion further from them')
 
     def _check_held(self, trajectory: Trajectory) -> None:
         """Refuse joints that the model knows nothing of, and held ones that move."""
