@@ -52,6 +52,13 @@ def test_other_terms_go_into_the_two_as_far_as_they_can():
     assert np.allclose(simple.damping * speed + simple.friction, wanted, rtol=0.1)
 
 
+def test_friction_that_grows_with_the_load_counts_by_what_the_joint_carries():
+    joint = joint_of(friction=['viscous', 'coulomb', 'load'])
+    simple = simple_friction(joint, {'viscous': 2.0, 'coulomb': 0.5, 'load': 0.1}, 2.0, load=8.0)
+    assert (simple.damping, simple.friction) == pytest.approx((2.0, 0.5 + 0.8))
+    assert simple.left_out == ('load, but for its mean',)
+
+
 def test_friction_that_falls_with_the_speed_is_never_a_drive():
     simple = simple_friction(joint_of(), {'viscous': -0.2, 'coulomb': 1.0}, 2.0)
     assert simple.damping == 0.0

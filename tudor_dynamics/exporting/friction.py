@@ -22,12 +22,13 @@ import numpy as np
 from scipy import optimize
 
 from tudor_dynamics.arm.schema import JointSpec
-from tudor_dynamics.models.consistent.drives import NO_FRICTION
 from tudor_dynamics.models.consistent.full import FullParameters
 from tudor_dynamics.models.friction import friction_columns, friction_names
 
 SPEEDS = 20
 """Evenly over those of a joint, at which friction is compared, in each direction."""
+WITHOUT = {'offset': 'offset', 'load': 'load, but for its mean'}
+"""Terms that two numbers have no place for, and what is said of them."""
 CLOSE = 0.01
 """Part of friction by which two numbers may miss it without a word."""
 
@@ -53,7 +54,9 @@ class Simple:
     left_out: tuple[str, ...]
 
 
-def simple_friction(joint: JointSpec, terms: dict[str, float], speed: float) -> Simple:
+def simple_friction(
+    joint: JointSpec, terms: dict[str, float], speed: float, load: float = 0.0,
+) -> Simple:
     """
     Bring friction to the two numbers that URDF and MJCF have for it.
 
@@ -68,6 +71,8 @@ def simple_friction(joint: JointSpec, terms: dict[str, float], speed: float) -> 
         Values of the joint by term, as ``FullParameters.drives`` gives them.
     speed : float
         Largest speed that counts [rad/s or m/s].
+    load : float
+        What the joint carries on average, for friction that grows with it [N m or N].
 
     Returns
     -------
@@ -78,15 +83,15 @@ def simple_friction(joint: JointSpec, terms: dict[str, float], speed: float) -> 
     forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
     speeds = np.concatenate([-forward, forward])
     names = [name.partition('(')[0] for name in friction_names(joint)]
-    own = np.array([0.0 if name in NO_FRICTION else terms.get(name, 0.0) for name in names])
-    wanted = friction_columns(joint, speeds) @ own
+    own = np.array([0.0 if name == 'offset' else terms.get(name, 0.0) for name in names])
+    wanted = friction_columns(joint, speeds, np.full(len(speeds), load)) @ own
     pair = joint.model_copy(update={'friction': ('viscous', 'coulomb'), 'asymmetric': False})
     columns = friction_columns(pair, speeds)
     (damping, friction), _ = optimize.nnls(columns, wanted)
     size = float(np.linalg.norm(wanted))
     missed = float(np.linalg.norm(columns @ (damping, friction) - wanted))
     return Simple(float(damping), float(friction), (
-        *(name for name in NO_FRICTION if terms.get(name)),
+        *(words for name, words in WITHOUT.items() if terms.get(name)),
         *((f'{missed / size:.0%} of the rest',) if missed > CLOSE * size else ())))
 
 
@@ -100,8 +105,10 @@ def simple_frictions(full: FullParameters) -> dict[str, Simple]:
         What was identified, with the speeds that it was seen at.
 
     """
-    return {joint.name: simple_friction(joint, full.drives[joint.name], speed)
-            for joint, speed in zip(full.arm.joints, full.solution.speeds.tolist(), strict=True)}
+    solution, drives = full.solution, full.drives
+    return {joint.name: simple_friction(joint, drives[joint.name], speed, load)
+            for joint, speed, load in zip(full.arm.joints, solution.speeds.tolist(),
+                                          solution.loads.tolist(), strict=True)}
 
 
 def both_ways(terms: dict[str, float], term: str) -> tuple[float, float]:

@@ -61,6 +61,9 @@ class Solution:
     speeds : ndarray of shape (n_channels,)
         Largest speed of each joint over which its friction is known to take energy [rad/s or
         m/s].
+    loads : ndarray of shape (n_channels,)
+        Root mean square of what each joint carries, where friction grows with it; else 0 [N m or
+        N].
     relative_errors, free_errors : ndarray of shape (n_channels,)
         Relative error of each channel on the training data: of these parameters, and of base
         parameters that need not belong to any bodies.
@@ -76,6 +79,7 @@ class Solution:
     body_widths: FloatArray
     described: bool
     speeds: FloatArray
+    loads: FloatArray
     relative_errors: FloatArray
     free_errors: FloatArray
 
@@ -135,7 +139,9 @@ class Problem:
         self.parts.sort(key=lambda part: part[0])
         self.sizes = self._sizes()
         self.data = self._joined()
-        self.speeds = PEAK * _mean_speeds(model, products)
+        speeds = _mean_sizes(model, products, 'viscous')
+        self.speeds = PEAK * np.where(speeds > 0.0, speeds, 1.0 / PEAK)
+        self.loads = _mean_sizes(model, products, 'load')
         self.rows = energy_rows(arm, self.columns[self.first:], self.speeds)
         steps = self.rows * self.sizes
         self.steps = steps / np.maximum(np.abs(steps).max(axis=1, keepdims=True), 1e-300)
@@ -304,19 +310,20 @@ class Problem:
         drives = raised(full[self.first:], self.columns[self.first:], self.rows)
         return Solution(full[:self.first].reshape(-1, PARAMETERS), drives, np.exp(constants),
                         errors, self.sizes * deviation[self.first:end], relative, widths,
-                        self.prior.described, self.speeds, self._errors(x), self.free)
+                        self.prior.described, self.speeds, self.loads, self._errors(x),
+                        self.free)
 
 
-def _mean_speeds(
-    model: AnalyticalModel, products: Sequence[Sequence[Products]],
+def _mean_sizes(
+    model: AnalyticalModel, products: Sequence[Sequence[Products]], term: str,
 ) -> FloatArray:
-    """Give the root mean square of the speed of each joint, 1 where no viscous friction shows."""
+    """Give the root mean square of a friction term's columns by joint, 0 where there are none."""
     found = np.zeros(len(model.channels))
     for group, data in zip(model.groups_, products, strict=True):
         for channel, product in zip(group.base.channels, data, strict=True):
             factor, joint = product.factor(), model.channels[channel]
             for i, column in enumerate(group.base.kept.tolist()):
                 name = model.regressor.columns[column]
-                if name.startswith('viscous') and name.endswith(f'({joint})'):
+                if name.startswith(term) and name.endswith(f'({joint})'):
                     found[channel] += float(factor[:, i] @ factor[:, i]) / max(product.n, 1)
-    return np.where(found > 0.0, np.sqrt(found), 1.0)
+    return np.sqrt(found)
