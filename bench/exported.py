@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Exported files: do other programs read them without a word, and do they move as the arm did?
+Let other programs read exported files, and move by them as the arm did.
 
 The UR10 and the UR10e are fitted to the first 60 % of their recordings, with the URDF that their
 maker publishes, and exported. Pinocchio, MuJoCo, urdf_parser_py and yourdfpy, from PyPI in an

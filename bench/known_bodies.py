@@ -17,8 +17,8 @@ Bodies of a simulated seven-joint arm whose truth is known, found from noisy rec
 
 The arm is described by a URDF whose masses are 30 % and centres 3 cm off (standard deviations); it
 has rotors and friction, moves by Fourier series of six harmonics, and its efforts carry white
-noise. Shown is how many standard errors masses are off, and all parameters that the recordings fix;
-and the error on other motion of free base parameters and of bodies that can exist.
+noise. Shown is how many standard errors masses are off, and all parameters that the recordings
+fix; and the error on other motion of free base parameters and of bodies that can exist.
 
     python bench/known_bodies.py [--seeds 3]
 """
