@@ -23,8 +23,11 @@ import pytest
 from robot_making import (
     CONSTANTS, COULOMB, described_arm, efforts_of, fitted, JOINTS, motion_of, ROTOR, true_model,
     VISCOUS)
+import tudor_dynamics as td
 from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.identification.bag_choice import parse_choice
+from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.consistent.bodies import parameters_of, pseudo_inertia
 from tudor_dynamics.models.consistent.full import full_parameters, full_parameters_of
@@ -120,3 +123,25 @@ def test_a_better_description_does_not_move_what_the_data_fix(torque_arm, torque
         if source == 'data':
             assert other.solution.bodies.flat[i] == pytest.approx(
                 found.solution.bodies.flat[i], abs=found.solution.body_errors.flat[i])
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(('config', 'training', 'test'), [
+    ('ur10.yaml', 'ur10_exciting@0-60%', 'ur10_exciting@60-100%'),
+    ('emps.yaml', 'emps_estimation', 'emps_validation')])
+def test_real_arms_lose_at_most_a_tenth_of_a_point(root, shared_data, config, training, test):
+    """Unseen motion by base parameters, and by bodies that can exist with drives that take."""
+    bags = shared_data / 'bags'
+    bundle = td.fit([f'{bags}/{training}'], td.load_arm(root / 'config' / config),
+                    test=[f'{bags}/{test}'])
+    full = full_parameters(bundle)
+    data = load(parse_choice(f'{bags}/{test}'), bundle.arm, bundle.preprocessing, learn=True)
+    y = np.vstack([stretch.decimation(stretch.effort) for stretch in data.stretches])
+    errors = [np.linalg.norm(y - np.vstack([model.follow_kept(stretch)
+                                            for stretch in data.stretches])) / np.linalg.norm(y)
+              for model in (full.model, bundle.models['effort']['analytical'])]
+    assert errors[0] < errors[1] + 0.001
+    for body in full.bodies.values():
+        assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0.0
+    for terms in full.drives.values():
+        assert terms.get('Ia', 0.0) >= 0.0
