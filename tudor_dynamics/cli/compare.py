@@ -35,7 +35,8 @@ examples:
   tudor compare MODEL_BEFORE MODEL_AFTER run4
 
 A and B are bundles of tudor fit, or arm descriptions whose URDF has masses. A description has no
-friction and no torque constants: on a recording it is given those of the model beside it.
+friction and no torque constants: it is given those that suit its bodies best on the recordings of
+the model beside it.
 """
 
 
