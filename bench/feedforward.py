@@ -24,8 +24,8 @@ motions with other payloads, undamped, by two kinds of controllers:
   integrator, as is that controller's default;
 * speed: a drive that takes speeds, with integrators, and a current beside it.
 
-Each without the wanted speed, with it, with efforts as well, and with the motors led (positions:
-motor). Errors are root mean squares over all motions: of the encoders from what each joint was
+Each without the wanted speed, with it, with efforts as well, with friction kept at rest, and with
+the motors led (positions: motor). Errors are root mean squares over all motions: of the encoders from what each joint was
 asked for, and of the tip from where it is on a rigid arm. Trajectories have 100 points a second.
 
     python bench/feedforward.py [--work DIR] [--other]
@@ -66,7 +66,7 @@ MOTIONS = (('aprbs', 11, 0.1), ('aprbs', 12, 0.2), ('aprbs', 13, 0.3),
 """Kind, seed and payload [kg] of what is followed; nothing was chosen by them."""
 SECONDS, RATE = 30.0, 100.0
 LOOPS = ('torque', 'speed')
-AHEAD = ('position', 'speed', 'effort', 'led')
+AHEAD = ('position', 'speed', 'effort', 'kept', 'led')
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,8 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         wanted = rigid_tip(carrying, path.q)
         plain, led = (td.Feedforward(bundle, payload=payload, positions=positions).along(path)
                       for positions in ('wanted', 'motor'))
-        paths = {'position': path, 'speed': path, 'effort': plain, 'led': led}
+        kept = td.Feedforward(bundle, payload=payload, friction_at_rest='kept').along(path)
+        paths = {'position': path, 'speed': path, 'effort': plain, 'kept': kept, 'led': led}
         for which, loop in loops.items():
             for ahead in AHEAD:
                 run = follow(loop, paths[ahead], which, ahead, wanted)
@@ -217,14 +218,15 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         print(f'{which:16} {ahead:12} {np.round(joints, 2)!s:16} {np.linalg.norm(joints):8.2f}'
               f'{float(tip):20.2f}')
     for which, before, after in (
-            ('torque', 'speed', 'effort'), ('speed', 'speed', 'effort'),
+            ('torque', 'speed', 'effort'), ('torque', 'speed', 'kept'),
+            ('speed', 'speed', 'effort'),
             ('speed, filtered', 'speed', 'effort')):
         one, other = (rms([run.joints for run in found[which, name]])
                       for name in (before, after))
         each = [round(100 * (1 - float(np.linalg.norm(rms([b.joints]))
                                        / np.linalg.norm(rms([a.joints])))))
                 for a, b in zip(found[which, before], found[which, after], strict=True)]
-        print(f'{which}: efforts take off {np.round(100 * (1 - other / one), 1)} % of the errors '
+        print(f'{which}, {after}: efforts take off {np.round(100 * (1 - other / one), 1)} % of the errors '
               f'of the joints, {100 * (1 - np.linalg.norm(other) / np.linalg.norm(one)):.1f} % '
               f'of both; motion by motion {each} %')
     for which in LOOPS:

@@ -26,7 +26,9 @@ from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
 from tudor_dynamics.feedforward.feedforward import Feedforward
+from tudor_dynamics.feedforward.resting import kept_speeds
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.models.base import SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.signals.splines import states
@@ -73,6 +75,23 @@ def test_friction_goes_smoothly_through_zero() -> None:
     assert effort[200] == pytest.approx(0.0, abs=1e-9)
     assert effort[-1] == pytest.approx(-effort[0]) and effort[-1] > 0.2
     assert np.all(np.diff(effort) > 0.0) and np.abs(np.diff(effort)).max() < 0.02
+
+
+def test_friction_kept_at_rest() -> None:
+    """It is that of the last motion until the joint turns; without motion before there is none."""
+    found = kept_speeds(np.array([[0.0, 0.01], [0.3, 0.0], [0.01, 0.0], [0.0, 0.0], [-0.01, 0.0],
+                                  [-0.03, 0.0], [0.0, 0.0], [-0.4, 0.0]]), [0.02, 0.02])
+    assert np.array_equal(found[:, 0], [0.0, 0.3, SLIDING, SLIDING, SLIDING, -SLIDING, -SLIDING,
+                                        -0.4])
+    assert np.array_equal(found[:, 1], [0.01, *np.zeros(7)])
+    none, kept = (Feedforward(bundle(two_gauge_arm()), friction_at_rest=what).along(path()).effort
+                  for what in ('none', 'kept'))
+    assert none is not None and kept is not None
+    assert np.array_equal(kept[:-1], none[:-1])
+    last = np.array([[1.0, -0.5, SLIDING, -SLIDING, 0.0, 0.0]])
+    truth = true_outputs(two_gauge_arm(), last, 0.0)['effort'][0]
+    assert kept[-1] == pytest.approx(truth, rel=1e-6)
+    assert np.all((kept[-1] - none[-1]) * [1.0, -1.0] > 0.04)
 
 
 @pytest.mark.parametrize('payload', [0.0, 0.15, 0.4])

@@ -26,6 +26,7 @@ import numpy as np
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import TudorError, UsageError
 from tudor_dynamics.feedforward.feedforward import Feedforward, POSITIONS
+from tudor_dynamics.feedforward.resting import AT_REST
 from tudor_dynamics.feedforward.units import UNITS
 from tudor_dynamics.library.trajectory_files import (
     is_table, read_trajectories, Sent, write_trajectories)
@@ -65,6 +66,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--positions', choices=POSITIONS, default='wanted',
                         help='positions stay as wanted; or, of elastic arms, become those of the '
                              'motors that put the links there (%(default)s)')
+    parser.add_argument('--friction-at-rest', choices=AT_REST, default='none',
+                        help='none, or kept: that of the last motion (%(default)s)')
     parser.add_argument('--rate', type=float, metavar='HZ',
                         help='put points onto the splines, so many a second')
     parser.add_argument('--topic', default='', metavar='TOPIC',
@@ -83,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
                          remedy='choose another --out' + (', or add --overwrite'
                                                           if is_table(out) else ''))
     ahead = Feedforward(load_bundle(args.model), kind=args.kind, unit=args.unit,
-                        positions=args.positions, payload=args.payload)
+                        positions=args.positions, friction_at_rest=args.friction_at_rest,
+                        payload=args.payload)
     done = []
     for number, sent in enumerate(read_trajectories(source, args.topic), start=1):
         wanted = sent.trajectory if args.rate is None else denser(sent.trajectory, args.rate)

@@ -32,7 +32,8 @@ from scipy.interpolate import CubicSpline
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
-from tudor_dynamics.feedforward.bending import BentArm
+from tudor_dynamics.feedforward.bending import Bent, BentArm
+from tudor_dynamics.feedforward.resting import AtRest, kept_speeds
 from tudor_dynamics.feedforward.units import factors, Unit, unit_names
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
@@ -64,6 +65,9 @@ class Feedforward:
     positions : {'wanted', 'motor'}
         Whether a wanted motion is that of the motors, which is passed on; or that of the links,
         for which the motors are led further.
+    friction_at_rest : {'none', 'kept'}
+        What friction is at rest along a trajectory: none, so that the weight alone is held; or
+        that of the last motion, which real joints keep.
     payload : float, optional
         Mass at the tip [kg]; by default that of the training bags, or that of the elastic arm.
 
@@ -86,7 +90,8 @@ class Feedforward:
 
     def __init__(
         self, bundle: ModelBundle, *, kind: str = 'analytical', unit: Unit = 'model',
-        positions: Positions = 'wanted', payload: float | None = None,
+        positions: Positions = 'wanted', friction_at_rest: AtRest = 'none',
+        payload: float | None = None,
     ) -> None:
         arm, efforts = bundle.arm, bundle.models.get('effort', {})
         if kind not in efforts:
@@ -97,6 +102,8 @@ class Feedforward:
         self._held = {joint.name: joint.hold for joint in arm.spec.joints
                       if joint.name not in self.joints}
         self._factor = factors(arm, unit)
+        self._turning = np.array([joint.friction_velocity for joint in arm.joints])
+        self._keeps = friction_at_rest == 'kept'
         self._of_all = efforts[kind]
         self._bent: BentArm | None = None
         self._leads = positions == 'motor'
@@ -168,6 +175,10 @@ class Feedforward:
         if isinstance(self._model, ElasticModel):
             assert self._bent is not None
             return self._by_torque(self._bent.under(motion, reach=False).torque, motion)
+        return self._by_motion(motion)
+
+    def _by_motion(self, motion: FloatArray) -> FloatArray:
+        """Give the efforts of a model that has no memory."""
         found = self._model.predict(motion)
         more = self.payload - self._known
         if self._worth is not None and abs(more) > SAME:
@@ -209,7 +220,8 @@ class Feedforward:
         motion = states(trajectory.of(self.joints))
         places = [trajectory.joints.index(name) for name in self.joints]
         if not self._leads:
-            return replace(trajectory, effort=_put(trajectory, None, places, self.efforts(motion)))
+            effort = self._along(motion, None)
+            return replace(trajectory, effort=_put(trajectory, None, places, effort))
         assert self._bent is not None
         bent = self._bent.under(motion, reach=True)
         n = len(self.joints)
@@ -217,13 +229,24 @@ class Feedforward:
         further = bent.motor - motion[:, :n]
         rate, rise = _derivatives(trajectory.t, further, motion[:, n:2 * n])
         led = np.hstack([bent.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
-        effort = (self._by_torque(bent.torque, led) if isinstance(self._model, ElasticModel)
-                  else self.efforts(led))
+        effort = self._along(led, bent)
         q, dq, ddq, effort = (
             _put(trajectory, given, places, own) for given, own in zip(
                 (trajectory.q, trajectory.dq, trajectory.ddq, None),
                 (*np.split(led, 3, axis=1), effort), strict=True))
         return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
+
+    def _along(self, motion: FloatArray, bent: Bent | None) -> FloatArray:
+        """Give the efforts of motors one point after the other; bent links may be known already."""
+        n, felt = len(self.joints), motion
+        if self._keeps:
+            felt = motion.copy()
+            felt[:, n:2 * n] = kept_speeds(motion[:, n:2 * n], self._turning)
+        if not isinstance(self._model, ElasticModel):
+            return self._by_motion(felt)
+        assert self._bent is not None
+        torque = (bent or self._bent.under(motion, reach=False)).torque
+        return self._by_torque(torque, felt)
 
     def _check_limits(self, motor: FloatArray, wanted: FloatArray) -> None:
         """Refuse to lead a motor beyond a limit that the wanted motion keeps to."""

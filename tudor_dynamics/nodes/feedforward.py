@@ -70,6 +70,7 @@ class FeedforwardNode(ModelNode):
         ahead = Feedforward(
             whole, kind=self.value('kind'), unit=self.value('unit'),
             positions=self.value('positions'),
+            friction_at_rest=self.value('friction_at_rest'),
             payload=None if whole.payload_range is None else payload)
         rest = np.zeros((2, len(ahead.joints)))
         ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
 from tudor_dynamics.feedforward.feedforward import POSITIONS
+from tudor_dynamics.feedforward.resting import AT_REST
 from tudor_dynamics.feedforward.units import UNITS
 from tudor_dynamics.models.kinds import KINDS
 
@@ -158,7 +159,9 @@ AHEAD = (
     Param('unit', 'model', 'efforts as the model has them, as currents, or as torques at the '
           'joints', choices=UNITS),
     Param('positions', 'wanted', 'positions stay as wanted, or become those of the motors that '
-          'put the links of an elastic arm there', choices=POSITIONS))
+          'put the links of an elastic arm there', choices=POSITIONS),
+    Param('friction_at_rest', 'none', 'friction at rest along a trajectory: none, or kept, that of '
+          'the last motion', choices=AT_REST))
 PLAYER = (
     Param('bag', '', 'rosbag2 directory, .mcap or .db3'),
     Param('rate', 1.0, 'speed of the replay, 1 for real time', '', 1e-3, 1e3, dynamic=True),
