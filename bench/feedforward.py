@@ -25,8 +25,9 @@ motions with other payloads, undamped, by two kinds of controllers:
 * speed: a drive that takes speeds, with integrators, and a current beside it.
 
 Each without the wanted speed, with it, with efforts as well, with friction kept at rest, and with
-the motors led (positions: motor). Errors are root mean squares over all motions: of the encoders from what each joint was
-asked for, and of the tip from where it is on a rigid arm. Trajectories have 100 points a second.
+the motors led (positions: motor). Errors are root mean squares over all motions: of the encoders
+from what each joint was asked for, and of the tip from where it is on a rigid arm. Trajectories
+have 100 points a second.
 
     python bench/feedforward.py [--work DIR] [--other]
 
@@ -226,8 +227,8 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         each = [round(100 * (1 - float(np.linalg.norm(rms([b.joints]))
                                        / np.linalg.norm(rms([a.joints])))))
                 for a, b in zip(found[which, before], found[which, after], strict=True)]
-        print(f'{which}, {after}: efforts take off {np.round(100 * (1 - other / one), 1)} % of the errors '
-              f'of the joints, {100 * (1 - np.linalg.norm(other) / np.linalg.norm(one)):.1f} % '
+        print(f'{which}, {after}: efforts take off {np.round(100 * (1 - other / one), 1)} % of the '
+              f'errors of the joints, {100 * (1 - np.linalg.norm(other) / np.linalg.norm(one)):.1f} % '
               f'of both; motion by motion {each} %')
     for which in LOOPS:
         one, other = (float(rms([np.linalg.norm(run.tip, axis=1) for run in found[which, name]]))

@@ -237,7 +237,7 @@ class Feedforward:
         return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
 
     def _along(self, motion: FloatArray, bent: Bent | None) -> FloatArray:
-        """Give the efforts of motors one point after the other; bent links may be known already."""
+        """Give the efforts of motors point after point; bent links may be known already."""
         n, felt = len(self.joints), motion
         if self._keeps:
             felt = motion.copy()

@@ -160,8 +160,8 @@ AHEAD = (
           'joints', choices=UNITS),
     Param('positions', 'wanted', 'positions stay as wanted, or become those of the motors that '
           'put the links of an elastic arm there', choices=POSITIONS),
-    Param('friction_at_rest', 'none', 'friction at rest along a trajectory: none, or kept, that of '
-          'the last motion', choices=AT_REST))
+    Param('friction_at_rest', 'none', 'friction at rest along a trajectory: none, or kept, that '
+          'of the last motion', choices=AT_REST))
 PLAYER = (
     Param('bag', '', 'rosbag2 directory, .mcap or .db3'),
     Param('rate', 1.0, 'speed of the replay, 1 for real time', '', 1e-3, 1e3, dynamic=True),
