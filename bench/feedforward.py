@@ -227,9 +227,9 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
         each = [round(100 * (1 - float(np.linalg.norm(rms([b.joints]))
                                        / np.linalg.norm(rms([a.joints])))))
                 for a, b in zip(found[which, before], found[which, after], strict=True)]
-        print(f'{which}, {after}: efforts take off {np.round(100 * (1 - other / one), 1)} % of the '
-              f'errors of the joints, {100 * (1 - np.linalg.norm(other) / np.linalg.norm(one)):.1f} % '
-              f'of both; motion by motion {each} %')
+        both = 100 * (1 - np.linalg.norm(other) / np.linalg.norm(one))
+        print(f'{which}, {after}: efforts take off {np.round(100 * (1 - other / one), 1)} % of '
+              f'the errors of the joints, {both:.1f} % of both; motion by motion {each} %')
     for which in LOOPS:
         one, other = (float(rms([np.linalg.norm(run.tip, axis=1) for run in found[which, name]]))
                       for name in ('speed', 'led'))
