@@ -286,7 +286,11 @@ def main():
     """Run the parts that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('parts', nargs='*', metavar='PART', help=f'of {", ".join(PARTS)}')
-    for part in parser.parse_args().parts or PARTS:
+    parts = parser.parse_args().parts or PARTS
+    for part in parts:
+        if part not in PARTS:
+            parser.error(f'{part}: expected some of {", ".join(PARTS)}')
+    for part in parts:
         PARTS[part]()
 
 

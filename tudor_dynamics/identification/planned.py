@@ -16,17 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.arm import Arm
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.excitation.expected import expected_errors, Noise, played
 from tudor_dynamics.excitation.plan_files import PlanFolder
-from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.signals.preprocessing import prepare
@@ -135,7 +133,9 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     if not models:
         raise UsageError('no analytical model for one payload was fitted that a plan could be '
                          'compared with', place=plan.path, remedy='leave out --plan')
-    runs = _runs(result.training, arm, trajectory, result.preprocessing)
+    planned = sum(stretch.n_kept for stretch in prepare(
+        played(trajectory, arm), result.preprocessing))
+    runs = sum(facts.used for facts in result.learned) / planned
     found = {}
     for output, model in models.items():
         found[output] = np.zeros(len(model.channels))
@@ -157,10 +157,3 @@ def _ordered(plan: PlanFolder, arm: Arm) -> Trajectory:
         msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
         raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
     return plan.trajectory.of(arm.active_joints)
-
-
-def _runs(
-    training: Sequence[BagData], arm: Arm, trajectory: Trajectory, spec: PreprocessingSpec,
-) -> float:
-    planned = sum(stretch.n_kept for stretch in prepare(played(trajectory, arm), spec))
-    return sum(stretch.n_kept for bag in training for stretch in bag.stretches) / planned
