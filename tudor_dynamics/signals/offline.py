@@ -80,9 +80,35 @@ def zero_phase(
         return x if uniform else _interpolate(t, grid, x)
 
     smooth_q = smooth(q)
-    dq = np.gradient(smooth_q, dt, axis=0) if measured is None else smooth(measured)
-    ddq = np.gradient(dq, dt, axis=0)
+    dq = derivative(smooth_q, dt) if measured is None else smooth(measured)
+    ddq = derivative(dq, dt)
     return FilteredStates(back(smooth_q), back(dq), back(ddq))
+
+
+def derivative(x: FloatArray, dt: float) -> FloatArray:
+    """
+    Differentiate by central differences of fourth order.
+
+    Those of second order make all accelerations of a motion of 2 Hz at 100 Hz too small by 0.26 %,
+    and inertias too large by as much: several standard errors, where these are small. Here it is
+    0.001 %.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples, ...)
+        Values, evenly spaced in time; five or more.
+    dt : float
+        Sample time [s].
+
+    Returns
+    -------
+    ndarray of the same shape
+        Derivatives; of second order at the two samples of each end.
+
+    """
+    slope = np.gradient(x, dt, axis=0)
+    slope[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * dt)
+    return np.asarray(slope)
 
 
 def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
