@@ -31,10 +31,10 @@ from tudor_dynamics.identification.dataset import BagData, load, OUTPUTS
 from tudor_dynamics.identification.fit import FitResult, FitSettings
 from tudor_dynamics.identification.payloads import payload_range
 from tudor_dynamics.identification.streamed.fit import Streamed
-from tudor_dynamics.identification.streamed.kept import forget, Judged
-from tudor_dynamics.identification.streamed.passes import files_of, gather, judge, survey, Trial
-from tudor_dynamics.identification.streamed.sums import fold_of, FoldSums, light
-from tudor_dynamics.identification.streamed.task import Place, Sight, Task
+from tudor_dynamics.identification.streamed.kept import forget
+from tudor_dynamics.identification.streamed.passes import files_of, gather, judge, survey
+from tudor_dynamics.identification.streamed.sums import ErrorSums, fold_of, FoldSums, light
+from tudor_dynamics.identification.streamed.task import Place, Sight, Task, Trial
 from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
 from tudor_dynamics.models.analytical import AnalyticalModel
 
@@ -225,24 +225,26 @@ class _Many:
         for place in sums.parts:
             models[place], others[place] = sums.models(place)
         trials = _trials(task, known, test, models, others)
-        judged = judge(trials, self.streaming.jobs, self._count('judge'))
-        of_training, of_test = judged[:len(known)], judged[len(known):]
-        gone = [item for item in of_training if isinstance(item, Unused)]
-        if gone:
-            raise FitError(f'{gone[0]}, though it could be read before',
+        told = judge(trials, self.streaming.jobs, self._count('judge'))
+        lost = [item for item in told[:len(known)] if isinstance(item, Unused)]
+        if lost:
+            raise FitError(f'{lost[0]}, though it could be read before',
                            remedy='fit again, and leave the bags alone meanwhile')
-        self._leave_out([item for item in of_test if isinstance(item, Unused)])
-        forget(task.folder, files_of(trials))
-        on_training, on_test = ([item for item in some if isinstance(item, Judged)]
-                                for some in (of_training, of_test))
-        if test and not on_test:
+        judged = [item for item in told[len(known):] if not isinstance(item, Unused)]
+        self._leave_out([item for item in told[len(known):] if isinstance(item, Unused)])
+        if test and not judged:
             raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
+        errors = ErrorSums()
+        files = [trial.file(seen) for trial in trials for seen in trial.bags]
+        for file, item in zip(files, told, strict=True):
+            if not isinstance(item, Unused):
+                errors.add(file)
+        forget(task.folder, files_of(trials))
         folds = {str(item.choice): item.fold for item in known}
         return Streamed(
-            task, models, others, tuple(item for _, item in used),
-            tuple(item.facts for item in on_test), tuple(self.unused), on_test or on_training,
-            on_training, tuple(bag for bag in bags if str(bag.choice) in folds),
-            tuple(test_bags), folds)
+            task, models, others, tuple(item for _, item in used), tuple(judged),
+            tuple(self.unused), errors.unseen, errors.seen,
+            tuple(bag for bag in bags if str(bag.choice) in folds), tuple(test_bags), folds)
 
     def _told_apart(
         self, training: Sequence[Sight | Unused], test: Sequence[Sight | Unused],

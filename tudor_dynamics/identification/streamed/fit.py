@@ -18,17 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
-import operator
 
 from tudor_dynamics.identification.bag_facts import BagFacts, Unused
 from tudor_dynamics.identification.dataset import BagData, filtered
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.metrics import Score
+from tudor_dynamics.identification.metrics import Tally
 from tudor_dynamics.identification.noise import noise_floor
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.ringing import find_ringing
-from tudor_dynamics.identification.streamed.kept import Judged
 from tudor_dynamics.identification.streamed.task import Place, Task
 from tudor_dynamics.identification.unseen import Case, ENOUGH
 from tudor_dynamics.identification.validation import trace, Validation
@@ -53,7 +50,7 @@ class Streamed:
         Bags learned from, and test bags.
     unused : tuple of Unused
         Bags that were left out.
-    unseen, seen : sequence of Judged
+    unseen, seen : mapping of (int, str) to Tally
         How models did on the test bags, or on each bag left out; and on the bags learned from.
     training, test : tuple of BagData
         A sample of the bags, which stays in memory: for choices, thresholds and figures.
@@ -68,8 +65,8 @@ class Streamed:
     learned: tuple[BagFacts, ...]
     judged: tuple[BagFacts, ...]
     unused: tuple[Unused, ...]
-    unseen: Sequence[Judged]
-    seen: Sequence[Judged]
+    unseen: Mapping[Place, Tally]
+    seen: Mapping[Place, Tally]
     training: tuple[BagData, ...]
     test: tuple[BagData, ...]
     folds: Mapping[str, int]
@@ -118,10 +115,10 @@ class Streamed:
         left = self._cases(place, training)
         cases = [(model_for(model, bag), bag) for bag in test] if test else left
         validation = Validation(
-            self.method, _score(self.unseen, 'unseen', place, model.channels),
+            self.method, self.unseen[place].score(model.channels),
             tuple(trace(at, bag, output) for at, bag in cases), model.channels, tuple(cases))
         seen = Validation('the training bags themselves',
-                          _score(self.seen, 'seen', place, model.channels), (), model.channels)
+                          self.seen[place].score(model.channels), (), model.channels)
         noise = noise_floor(test or training, output, self.task.specs[number])
         verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
         return FittedOutput(output, 'analytical', model, seen, validation, None, verdict,
@@ -141,9 +138,3 @@ def _enough(cases: Sequence[Case]) -> tuple[Case, ...]:
             break
         taken.append(case)
     return tuple(taken)
-
-
-def _score(
-    judged: Sequence[Judged], which: str, place: Place, channels: tuple[str, ...],
-) -> Score:
-    return reduce(operator.add, (getattr(item, which)[place] for item in judged)).score(channels)

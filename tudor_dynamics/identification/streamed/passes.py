@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 import warnings
@@ -33,39 +32,17 @@ from tudor_dynamics.identification.dataset import BagData, filtered, OUTPUTS, tr
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.streamed.kept import (
     Judged, KeptBag, read_bag, read_judged, write_bag, write_judged)
-from tudor_dynamics.identification.streamed.task import digest_of, Models, Sight, Task
+from tudor_dynamics.identification.streamed.task import Sight, Task, Trial
 from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.identification.validation import trace
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.parallel import Count, in_processes, in_threads, width
 
-AT_ONCE = 8
-"""Bags of one piece of work, at most."""
+EACH = 8
+"""Pieces of work for each process."""
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """
-    Bags with the models that are judged by them.
-
-    Attributes
-    ----------
-    task : Task
-        What is asked of every bag.
-    bags : tuple of Sight
-        Bags that the first models have not seen.
-    unseen, seen : mapping of (int, str) to AnalyticalModel
-        Models of other bags, and of all.
-
-    """
-
-    task: Task
-    bags: tuple[Sight, ...]
-    unseen: Models
-    seen: Models
 
 
 def survey(
@@ -176,11 +153,9 @@ def _complete(task: Task, bag: BagData) -> BagData:
     return bag
 
 
-def judge(
-    trials: Sequence[Trial], jobs: int, progress: Progress,
-) -> list[Judged | Unused]:
+def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFacts | Unused]:
     """
-    Let models predict many bags, and keep how they did.
+    Let models predict many bags, and keep how they did in files.
 
     Parameters
     ----------
@@ -193,21 +168,20 @@ def judge(
 
     Returns
     -------
-    list of Judged or Unused
+    list of BagFacts or Unused
         In the order of the bags.
 
     """
     pieces = [Trial(trial.task, tuple(part), trial.unseen, trial.seen)
-              for trial in trials for part in _divided(trial.bags, width(jobs))]
+              for trial in trials for part in _divided(trial.bags, width(jobs), len(trials))]
     return _joined(in_processes(_judge, pieces, jobs, progress))
 
 
-def _judge(trial: Trial, count: Count) -> list[Judged | Unused]:
+def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     task = trial.task
-    which = _digest(trial)
 
-    def tallies(seen: Sight) -> Judged:
-        file = task.file(seen, '.json', which)
+    def tallies(seen: Sight) -> BagFacts:
+        file = trial.file(seen)
         judged = read_judged(file)
         if judged is None:
             bag = _complete(task, task.read(seen))
@@ -217,7 +191,7 @@ def _judge(trial: Trial, count: Count) -> list[Judged | Unused]:
                  for (number, output), model in models.items()}
                 for models in (trial.unseen, trial.seen)))
             write_judged(file, judged)
-        return judged
+        return judged.facts
     return _each(trial.bags, tallies, count, task.base)
 
 
@@ -233,14 +207,9 @@ def files_of(trials: Sequence[Trial]) -> set[Path]:
     """
     found = set()
     for trial in trials:
-        which = _digest(trial)
         for seen in trial.bags:
-            found |= {trial.task.file(seen, '.npz'), trial.task.file(seen, '.json', which)}
+            found |= {trial.task.file(seen, '.npz'), trial.file(seen)}
     return found
-
-
-def _digest(trial: Trial) -> str:
-    return digest_of(trial.unseen) + digest_of(trial.seen)
 
 
 def _each(
@@ -270,8 +239,9 @@ def _unused(bag: str, err: TudorError, base: Path) -> Unused:
     return Unused(bag, err.advice.replace(f'{base}/', ''))
 
 
-def _divided(items: Sequence[Item], jobs: int) -> list[Sequence[Item]]:
-    size = max(1, min(AT_ONCE, len(items) // (4 * jobs)))
+def _divided(items: Sequence[Item], jobs: int, parts: int = 1) -> list[Sequence[Item]]:
+    """Divide what is one of some parts of all; not finer, as models go with each piece."""
+    size = max(1, len(items) * parts // (EACH * jobs))
     return [items[first:first + size] for first in range(0, len(items), size)]
 
 

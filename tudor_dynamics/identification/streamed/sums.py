@@ -19,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 import copy
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.streamed.kept import Part, read_bag
+from tudor_dynamics.identification.metrics import Tally
+from tudor_dynamics.identification.streamed.kept import Part, read_bag, read_judged
 from tudor_dynamics.identification.streamed.task import Place, Sight, Task
 from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -88,8 +90,7 @@ class FoldSums:
         file = self.task.file(seen, '.npz')
         kept = read_bag(file)
         if kept is None:
-            raise FitError('what a bag came to cannot be read any more', place=file,
-                           remedy='fit again, and leave that directory alone meanwhile')
+            raise gone(file)
         for place, part in kept.parts.items():
             folds = self.parts.setdefault(place, {})
             known = folds.get(seen.fold)
@@ -126,6 +127,59 @@ class FoldSums:
         return fit(list(folds)), {
             fold: fit([other for other in folds if other != fold])
             for fold in folds if len(folds) > 1}
+
+
+@dataclass
+class ErrorSums:
+    """
+    How models did on many bags, added up bag by bag, in their order.
+
+    Attributes
+    ----------
+    unseen, seen : dict of (int, str) to Tally
+        Filters and output to errors of models that have not seen the bags, and of those that have.
+
+    """
+
+    unseen: dict[Place, Tally] = field(default_factory=dict)
+    seen: dict[Place, Tally] = field(default_factory=dict)
+
+    def add(self, file: Path) -> None:
+        """
+        Add what was kept of a bag.
+
+        Parameters
+        ----------
+        file : Path
+            File of a bag that was judged.
+
+        Raises
+        ------
+        FitError
+            If it has gone meanwhile.
+
+        """
+        judged = read_judged(file)
+        if judged is None:
+            raise gone(file)
+        for total, found in ((self.unseen, judged.unseen), (self.seen, judged.seen)):
+            for place, tally in found.items():
+                total[place] = total[place] + tally if place in total else tally
+
+
+def gone(file: Path) -> FitError:
+    """
+    Say that what was kept is not there any more.
+
+    Parameters
+    ----------
+    file : Path
+        Where it was kept.
+
+    """
+    return FitError('what a bag came to cannot be read any more', place=file,
+                    remedy='fit again, leave that directory alone meanwhile, and let all machines '
+                           'see it')
 
 
 def name_of(fold: int) -> str:

@@ -157,3 +157,41 @@ def digest_of(models: Models) -> str:
     for place, model in models.items():
         digest.update(repr(place).encode() + model.coefficients().tobytes())
     return digest.hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """
+    Bags with the models that are judged by them.
+
+    Attributes
+    ----------
+    task : Task
+        What is asked of every bag.
+    bags : tuple of Sight
+        Bags to predict.
+    unseen, seen : mapping of (int, str) to AnalyticalModel
+        Models that have not seen these bags, and models that have; either may be none.
+
+    """
+
+    task: Task
+    bags: tuple[Sight, ...]
+    unseen: Models
+    seen: Models
+
+    def file(self, seen: Sight) -> Path:
+        """
+        Name the file of how the models did on a bag.
+
+        Parameters
+        ----------
+        seen : Sight
+            One of the bags.
+
+        """
+        return self.task.file(seen, '.json', self._digest)
+
+    @cached_property
+    def _digest(self) -> str:
+        return digest_of(self.unseen) + digest_of(self.seen)
