@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import json
 import math
+import os
 import sys
 from typing import Any
 
@@ -29,7 +31,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Column, Table
 
-from tudor_dynamics.errors import printable
+from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.metrics import Score
 
@@ -227,3 +229,36 @@ def _arrange(table: Table, width: int) -> int:
                 break
             widest.width = (widest.width or 0) - 1
     return total()
+
+
+def add_running(parser: Any, jobs: int | None = os.cpu_count() or 1) -> None:
+    """
+    Add what says where pieces of work are done.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser or group of its options
+        Parser of a command.
+    jobs : int or None
+        Default of ``--jobs``.
+
+    """
+    parser.add_argument('--jobs', type=int, default=jobs, metavar='N',
+                        help='processes (default: one a core)')
+    parser.add_argument('--cluster', metavar='tcp://HOST:PORT',
+                        help='Dask scheduler whose workers do it in their place; they see the '
+                             'same paths')
+
+
+def check_running(args: argparse.Namespace) -> None:
+    """
+    Refuse numbers of processes that there cannot be.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        What was given to the command.
+
+    """
+    if args.jobs < 1:
+        raise UsageError(f'--jobs {args.jobs}: give 1 or more')

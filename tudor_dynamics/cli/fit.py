@@ -28,9 +28,9 @@ from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
 from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
 from tudor_dynamics.cli.console import (
-    finite, new_table, print_findings, print_json, print_table, score_table, steps)
+    add_running, check_running, finite, new_table, print_findings, print_json, print_table,
+    score_table, steps)
 from tudor_dynamics.cli.planned import print_comparison
-from tudor_dynamics.cli.running import add_running, check_running
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.excitation.plan_files import read_plan

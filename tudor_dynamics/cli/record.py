@@ -27,8 +27,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.cli.conditions import condition_values, print_conditions
-from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
-from tudor_dynamics.cli.running import add_running
+from tudor_dynamics.cli.console import add_running, finite, new_table, print_json, print_table
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.excitation.conditions import best_seed, excitation_report

@@ -27,12 +27,11 @@ from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.bag_facts import facts_of
 from tudor_dynamics.identification.dataset import BagData, load, training_blocks
+from tudor_dynamics.identification.part_errors import part_errors
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.estimation.products import (
-    Products, squared_residuals, summed, triangular)
-from tudor_dynamics.models.estimation.torque_constants import rescaled
+from tudor_dynamics.models.estimation.products import Products, triangular
 from tudor_dynamics.typing import FloatArray
 
 Part = list[list[Products]]
@@ -184,14 +183,6 @@ def _left_out(model: AnalyticalModel) -> dict[str, FloatArray]:
         if not others:
             continue
         blind = model.like().fit_data(others)
-        errors = np.full(len(model.channels), np.nan)
-        for group, products in zip(blind.groups_, summed([part]), strict=True):
-            for i, (channel, product) in enumerate(zip(group.base.channels, products,
-                                                       strict=True)):
-                if group.constants is not None:
-                    product = rescaled(product, model.regressor.scaled[group.base.kept],
-                                       group.constants.values[i])
-                square = squared_residuals(product, group.estimate.parameters)
-                errors[channel] = np.sqrt(square / max(float(product.gram[-1, -1]), 1e-300))
-        found[name] = errors
+        errors = part_errors(blind, part)
+        found[name] = np.sqrt(errors.squares / np.maximum(errors.power, 1e-300))
     return found

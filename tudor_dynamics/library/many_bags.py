@@ -208,7 +208,7 @@ class _Many:
         self, task: Task, training: Sequence[Sight], test: Sequence[Sight],
         bags: Sequence[BagData], test_bags: Sequence[BagData],
     ) -> Streamed:
-        facts = gather(task, training, self.streaming.jobs, self._count('multiply out'))
+        facts = gather([(task, training)], self.streaming.jobs, self._count('multiply out'))
         used = [(seen, item) for seen, item in zip(training, facts, strict=True)
                 if not isinstance(item, Unused)]
         self._leave_out([item for item in facts if isinstance(item, Unused)])

@@ -261,6 +261,27 @@ def sections(
         PageSection('next', 'What to do next', 'next', {'steps': assessment.steps})]
 
 
+def rendered(template: str, **values: Any) -> str:
+    """
+    Render another page of the same style.
+
+    Parameters
+    ----------
+    template : str
+        File of ``templates/`` without its suffix.
+    **values
+        What it shows.
+
+    Returns
+    -------
+    str
+        HTML; everything that is put in is escaped.
+
+    """
+    return _environment().get_template(f'{template}.html.j2').render(
+        version=__version__, **values)
+
+
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), autoescape=True,

@@ -21,7 +21,7 @@ from importlib import import_module
 import os
 from typing import Any
 
-from tudor_dynamics.cli.running import add_running
+from tudor_dynamics.cli.console import add_running
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS

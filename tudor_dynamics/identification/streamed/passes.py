@@ -91,17 +91,15 @@ def survey(
 
 
 def gather(
-    task: Task, bags: Sequence[Sight], jobs: int, progress: Progress,
+    asked: Sequence[tuple[Task, Sequence[Sight]]], jobs: int, progress: Progress,
 ) -> list[BagFacts | Unused]:
     """
     Multiply out many bags, and keep what each came to in its file.
 
     Parameters
     ----------
-    task : Task
-        What is asked of every bag.
-    bags : sequence of Sight
-        Bags to learn from.
+    asked : sequence of (Task, sequence of Sight)
+        What is asked, of which bags.
     jobs : int
         Number of processes.
     progress : callable
@@ -113,7 +111,8 @@ def gather(
         In the order of the bags.
 
     """
-    pieces = [(task, part) for part in _divided(bags, width(jobs))]
+    pieces = [(task, part) for task, bags in asked
+              for part in _divided(bags, width(jobs), len(asked))]
     return _joined(in_processes(_gather, pieces, jobs, progress))
 
 

@@ -143,11 +143,38 @@ def changes(
                     doubt = float(known.get('spread', {}).get(channel, UNKNOWN))
                 except (KeyError, TypeError, ValueError):
                     continue  # of a bundle made by hand, of which nothing is known
-                error = math.hypot(max(doubt, LEAST), max(now[channel], LEAST))
-                growth = score.rmse / max(then, 1e-300)
-                sigmas = 2.0 * math.log(max(growth, 1e-12)) / error
-                said.append(Change(
-                    output, kind, channel, then, score.rmse, relative, score.relative_error,
-                    sigmas, growth > FACTOR and sigmas > SIGMAS
-                    and score.relative_error > RELATIVE * relative))
+                said.append(change_of(
+                    (output, kind, channel), (then, score.rmse),
+                    (relative, score.relative_error), (doubt, now[channel])))
     return tuple(said)
+
+
+def change_of(
+    name: tuple[str, str, str], errors: tuple[float, float], relative: tuple[float, float],
+    doubts: tuple[float, float],
+) -> Change:
+    """
+    Compare errors of one channel, then and now.
+
+    Parameters
+    ----------
+    name : (str, str, str)
+        Output, kind of model and channel.
+    errors : (float, float)
+        Root mean square errors, in the unit of the output.
+    relative : (float, float)
+        Relative errors, in the same order.
+    doubts : (float, float)
+        Relative standard errors of the mean squared errors.
+
+    Returns
+    -------
+    Change
+        Changed where the error has grown by 30 %, its relative error by 15 %, and both by more
+        than chance.
+
+    """
+    growth = errors[1] / max(errors[0], 1e-300)
+    sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(max(x, LEAST) for x in doubts))
+    return Change(*name, *errors, *relative, sigmas,
+                  growth > FACTOR and sigmas > SIGMAS and relative[1] > RELATIVE * relative[0])

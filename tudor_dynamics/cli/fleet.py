@@ -1,0 +1,107 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""``tudor fleet``: fit many arms of one kind, and compare them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import time
+
+from tudor_dynamics.cli.console import (
+    add_running, check_running, finite, new_table, print_json, print_table, steps)
+from tudor_dynamics.cluster import on_cluster
+from tudor_dynamics.errors import FitError, UsageError
+from tudor_dynamics.files import write_whole
+from tudor_dynamics.library.fleet.outcome import Fleet, WORDS
+from tudor_dynamics.library.fleet.page import page_of
+from tudor_dynamics.library.fleet.plan import load_plan
+from tudor_dynamics.library.fleet.study import Run, study
+
+EXAMPLES = """\
+examples:
+  tudor fleet plan.yaml --out fleet
+        fit and compare the arms of a plan
+  tudor fleet plan.yaml --out fleet --no-models --json
+        numbers alone
+
+a plan, whose names are relative to it:
+  arm: my_arm.yaml
+  arms:
+    - name: cell_1
+      bags: {2026-01-10: recordings/cell_1/january, 2026-02-12: [recordings/cell_1/feb_*]}
+    - name: cell_2
+      bags: {2026-01-11: recordings/cell_2/january}
+
+DIR/fleet.html shows friction, weight and ring-downs of each arm over time; fleet.json has the
+numbers, models/ a bundle of each arm's last date. A killed command goes on where it was.
+
+exit codes: 0 all arms are alike, 1 one is unlike the others, drifts, or its model has aged; 2
+wrong input.
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``tudor fleet``."""
+    parser.add_argument('plan', metavar='PLAN.yaml', help='arms, and their bags by date')
+    parser.add_argument('--out', metavar='DIR', required=True, help='folder for all results')
+    parser.add_argument('--no-models', action='store_true',
+                        help='compare alone, without a bundle of each arm')
+    parser.add_argument('--strict', action='store_true',
+                        help='refuse bags that cannot be used, in place of leaving them out')
+    parser.add_argument('--json', action='store_true', help='print what DIR/fleet.json has')
+    add_running(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read the plan, go through the bags, compare, write."""
+    check_running(args)
+    path, out = Path(args.plan), Path(args.out)
+    plan = load_plan(path)
+    if out.exists() and not out.is_dir():
+        raise UsageError('is no directory', place=out, remedy='give another --out')
+    begun = time.perf_counter()
+    total = 4 * sum(len(arm.bags) for arm in plan.arms) + 3
+    with steps(total) as step, on_cluster(args.cluster):
+        fleet = study(plan, Run(path.parent, out, args.jobs, models=not args.no_models), step)
+    if args.strict and fleet.unused:
+        raise FitError(f'--strict: {fleet.unused[0]}', remedy='leave it out, or --strict')
+    content = finite(fleet.as_dict())
+    write_whole(out / 'fleet.json', json.dumps(content, indent=1).encode())
+    write_whole(out / 'fleet.html', page_of(fleet).encode('utf-8', errors='replace'))
+    if args.json:
+        print_json({**content, 'seconds': round(time.perf_counter() - begun, 3)})
+    else:
+        _print(fleet, out)
+    return 1 if fleet.named else 0
+
+
+def _print(fleet: Fleet, out: Path) -> None:
+    table = new_table(f'{fleet.name}: {len(fleet.arms)} arms', names=('arm', 'why', 'what'),
+                      figures=('value', 'expected', 'standard errors'))
+    for item in fleet.named:
+        table.add_row(item.arm, WORDS[item.kind], item.what, f'{item.value:.3g} {item.unit}',
+                      f'{item.expected:.3g} {item.unit}', f'{item.sigmas:+.1f}')
+    if fleet.named:
+        print_table(table)
+    else:
+        print(f'{fleet.name}: {len(fleet.arms)} arms, alike and unchanged as far as these bags '
+              'show')
+    for choice in fleet.choices:
+        print(f'chosen for all: {choice}')
+    for bag in fleet.unused:
+        print(f'left out: {bag}')
+    print(f'page: {out / "fleet.html"}')

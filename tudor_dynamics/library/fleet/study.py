@@ -1,0 +1,321 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From the plan of a fleet to what is compared: the same choices for all arms, part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+import datetime
+from pathlib import Path
+import warnings
+
+from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
+from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
+from tudor_dynamics.identification.bag_choice import BagChoice, found_choices
+from tudor_dynamics.identification.bag_facts import Unused
+from tudor_dynamics.identification.choice.choose import choose
+from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered, load
+from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.identification.fleet.aged import aged
+from tudor_dynamics.identification.fleet.quantities import (
+    Measure, measures, quantities, ring_quantities)
+from tudor_dynamics.identification.streamed.kept import Part, read_bag
+from tudor_dynamics.identification.streamed.passes import gather, survey
+from tudor_dynamics.identification.streamed.sums import FoldSums, gone
+from tudor_dynamics.identification.streamed.task import Sight, Task
+from tudor_dynamics.identification.trainers import RowTrainer
+from tudor_dynamics.identification.worth.comparison import Change
+from tudor_dynamics.library.fleet.beside import named_aged, named_beside, parted
+from tudor_dynamics.library.fleet.outcome import Fleet, Named, Seen
+from tudor_dynamics.library.fleet.pieces import Model, model_pieces, ring_pieces
+from tudor_dynamics.library.fleet.plan import FleetArm, FleetPlan
+from tudor_dynamics.models.analytical import AnalyticalModel
+
+Progress = Callable[[str], None]
+When = tuple[str, datetime.date]
+"""Arm and date."""
+
+SAMPLE = 8
+"""Bags of all arms that filters and friction are chosen by."""
+PARTS = 6
+"""Parts of the data of a date, at least: for standard errors."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """
+    How a fleet is gone through.
+
+    Attributes
+    ----------
+    base : Path
+        Directory that the names in the plan are relative to.
+    out : Path
+        Where models and sums go.
+    jobs : int
+        Number of processes.
+    models : bool
+        Whether each arm gets a model of its last date.
+
+    """
+
+    base: Path
+    out: Path
+    jobs: int = 1
+    models: bool = True
+
+
+@dataclass(eq=False)
+class _Date:
+    """An arm at a date: its parts, their sums and models."""
+
+    sights: list[Sight] = field(default_factory=list)
+    bags: list[BagChoice] = field(default_factory=list)
+    checksums: list[str] = field(default_factory=list)
+    models: dict[str, AnalyticalModel] = field(default_factory=dict)
+    others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
+    parts: dict[str, list[Part]] = field(default_factory=dict)
+
+
+def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
+    """
+    Fit all arms of a fleet at all dates, and compare them.
+
+    Parameters
+    ----------
+    plan : FleetPlan
+        Arms, and their bags by date.
+    run : Run
+        How it is gone through.
+    progress : callable
+        Told what is done next.
+
+    Returns
+    -------
+    Fleet
+        Numbers of each arm over time, and which arms are named.
+
+    Raises
+    ------
+    TudorError
+        If no bag can be used, or arms are of several kinds.
+
+    """
+    return _Study(plan, run, progress).done()
+
+
+class _Study:
+    """The steps of a study, and what they share."""
+
+    def __init__(self, plan: FleetPlan, run: Run, progress: Progress) -> None:
+        self.plan, self.run, self.progress = plan, run, progress
+        self.unused: list[Unused] = []
+        self.arms = self._described()
+        self.dates: dict[When, _Date] = {}
+
+    def done(self) -> Fleet:
+        """Go through all bags."""
+        self._see()
+        sample = self._sample()
+        first = next(iter(self.arms.values()))
+        chosen = choose(first, sample, first.spec.preprocessing, FitSettings(), self.progress,
+                        summable=True)
+        outputs = common_outputs(sample)
+        friction = {joint.name: {key: getattr(joint, key) for key in (
+            'friction', 'asymmetric', 'friction_velocity')} for joint in chosen.arm.joints}
+        self.arms = {name: arm.with_joints(friction) for name, arm in self.arms.items()}
+        bags = [filtered(bag, chosen.preprocessing) for bag in sample]
+        some = {output: self._measures(output, bags, chosen.settings) for output in outputs}
+        self._gather(chosen.preprocessing, chosen.settings, outputs)
+        self.progress('compare')
+        seen = [Seen(*when, output, item) for when, date in self.dates.items()
+                for output, model in date.models.items()
+                for item in quantities(some[output], model, date.others[output])]
+        seen += self._rings(chosen.preprocessing)
+        named = [*named_beside(seen), *self._aged(outputs)]
+        models = self._models(chosen.preprocessing, chosen.settings) if self.run.models else {}
+        order = list(self.arms)
+        named.sort(key=lambda item: (order.index(item.arm), item.kind, -abs(item.sigmas)))
+        return Fleet(self.plan.name, tuple(order), tuple(seen), tuple(named),
+                     tuple(str(choice) for choice in chosen.made), models, tuple(self.unused))
+
+    def _described(self) -> dict[str, Arm]:
+        read: dict[str, Arm] = {}
+        arms = {}
+        for item in self.plan.arms:
+            file = item.arm or self.plan.arm
+            assert file is not None  # load_plan has seen to it
+            if file not in read:
+                read[file] = load_arm(self.run.base / file)
+            arms[item.name] = read[file]
+        first = next(iter(arms.values()))
+        for name, arm in arms.items():
+            if (arm.active_joints, arm.gauge_names) != (first.active_joints, first.gauge_names):
+                raise UsageError(f'{name} has other joints or gauges than {next(iter(arms))}: a '
+                                 'fleet is of one kind', remedy='make a plan for each kind')
+        return arms
+
+    def _see(self) -> None:
+        """Find the bags of each date, and see what they are."""
+        whens: list[tuple[FleetArm, datetime.date]] = [
+            (arm, date) for arm in self.plan.arms for date in arm.dates]
+        named = []
+        for arm, date in whens:
+            found = [replace(choice, path=_relative(choice.path, self.run.base))
+                     for choice in found_choices([str(self.run.base / text)
+                                                  for text in arm.named(date)])]
+            named += [(arm, date, choice) for choice in found]
+        told = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
+                      lambda done: self.progress('see bags'))
+        known: dict[str, str] = {}
+        masses: dict[float | None, str] = {}
+        for (arm, date, choice), sight in zip(named, told, strict=True):
+            if isinstance(sight, Unused):
+                self.unused.append(sight)
+                continue
+            other = known.setdefault(sight.checksum, f'{arm.name} {date}')
+            if other != f'{arm.name} {date}':
+                self.unused.append(Unused(str(choice), f'has the very bytes of a bag of {other}'))
+                continue
+            masses.setdefault(sight.payload, str(choice))
+            when = self.dates.setdefault((arm.name, date), _Date())
+            when.bags.append(choice)
+            when.checksums.append(sight.checksum)
+            when.sights.append(sight)
+        if len(masses) > 1:
+            said = ', '.join(f'{mass} kg ({bag})' for mass, bag in list(masses.items())[:2])
+            raise UsageError(f'bags of several payloads cannot be compared: {said}',
+                             remedy='name those of one payload')
+        if not self.dates:
+            raise FitError(f'no bag can be used: {self.unused[0]}', remedy='correct the plan')
+        for date_ in self.dates.values():
+            date_.sights = parted(date_.sights, PARTS)
+
+    def _sample(self) -> list[BagData]:
+        """Read some bags, evenly among arms and dates."""
+        dates = list(self.dates.items())
+        count = min(SAMPLE, len(dates))
+        found = []
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', TudorWarning)
+            for i in range(count):
+                for (name, _), date in dates[i * len(dates) // count:
+                                             (i + 1) * len(dates) // count]:
+                    choice = date.bags[0]
+                    arm = self.arms[name]
+                    try:
+                        found.append(load(replace(choice, path=str(self.run.base / choice.path)),
+                                          arm, arm.spec.preprocessing, learn=True))
+                    except TudorError:
+                        continue  # told of when all bags are gone through
+                    break
+        if not found or not common_outputs(found):
+            raise FitError('the bags can neither be read nor have efforts or strains in common',
+                           remedy='tudor info BAG says what is in one')
+        return found
+
+    def _measures(
+        self, output: str, bags: Sequence[BagData], settings: FitSettings,
+    ) -> list[Measure]:
+        arm = next(iter(self.arms.values()))
+        model = RowTrainer('analytical', arm, settings).fit(bags, output)
+        assert isinstance(model, AnalyticalModel)
+        return measures(arm, output, model, bags)
+
+    def _gather(
+        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
+    ) -> None:
+        """Multiply out all parts, and fit each date."""
+        tasks = {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
+                            (self.run.out / 'sums').absolute())
+                 for name, arm in self.arms.items()}
+        asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
+        facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
+        for (name, when), date in list(self.dates.items()):
+            told = [(sight, next(facts)) for sight in date.sights]
+            used = [sight for sight, fact in told if not isinstance(fact, Unused)]
+            wrong = {_whole(fact.bag): fact.why for _, fact in told if isinstance(fact, Unused)}
+            good = {sight.choice.path for sight in used}
+            self.unused += [Unused(bag, why) for bag, why in wrong.items() if bag not in good]
+            try:
+                self._fit(tasks[name], date, used)
+            except TudorError as err:
+                self.unused.append(Unused(f'{name} {when}', err.advice))
+                del self.dates[name, when]
+        if not self.dates:
+            raise FitError(f'no date of any arm can be used: {self.unused[0]}',
+                           remedy='correct the plan')
+
+    def _fit(self, task: Task, date: _Date, used: Sequence[Sight]) -> None:
+        date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
+        if len(used) < 2:
+            raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
+        sums = FoldSums(task)
+        for sight in date.sights:
+            sums.add(sight)
+        for place in sums.parts:
+            model, others = sums.models(place)
+            date.models[place[1]] = model
+            date.others[place[1]] = list(others.values())
+        for sight in date.sights:
+            kept = read_bag(task.file(sight, '.npz'))
+            if kept is None:
+                raise gone(task.file(sight, '.npz'))
+            for (_, output), part in kept.parts.items():
+                date.parts.setdefault(output, []).append(part)
+
+    def _rings(self, spec: PreprocessingSpec) -> list[Seen]:
+        asked = [(self.arms[name], spec, self.run.base.absolute(), tuple(date.bags))
+                 for (name, _), date in self.dates.items()]
+        found = ring_pieces(asked, self.run.jobs, lambda done: self.progress('ring-downs'))
+        return [Seen(*when, 'ring', item) for when, rings in zip(self.dates, found, strict=True)
+                for item in ring_quantities(rings)]
+
+    def _aged(self, outputs: Sequence[str]) -> list[Named]:
+        """Judge the model of each arm's first date on its last one."""
+        found: dict[str, list[Change]] = {}
+        for name in self.arms:
+            dates = sorted(date for arm, date in self.dates if arm == name)
+            if len(dates) > 1:
+                old, new = self.dates[name, dates[0]], self.dates[name, dates[-1]]
+                found[name] = [change for output in outputs for change in aged(
+                    output, old.models[output], old.others[output], old.parts[output],
+                    new.parts[output])]
+        return named_aged(found)
+
+    def _models(self, spec: PreprocessingSpec, settings: FitSettings) -> dict[str, str]:
+        """Make a bundle of each arm's last date."""
+        last: dict[str, datetime.date] = {}
+        for name, date in self.dates:
+            last[name] = max(last.get(name, date), date)
+        asked = [Model(self.arms[name], spec, settings, self.run.base.absolute(),
+                       tuple(self.dates[name, date].bags),
+                       tuple(self.dates[name, date].checksums), self.run.out.absolute(), name)
+                 for name, date in last.items()]
+        told = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
+        self.unused += [item for item in told if isinstance(item, Unused)]
+        return {item.name: f'models/{item.name}' for item, made in zip(asked, told, strict=True)
+                if not isinstance(made, Unused)}
+
+
+def _relative(path: str, base: Path) -> str:
+    """Name a bag as the plan does."""
+    return str(Path(path).relative_to(base)) if Path(path).is_relative_to(base) else path
+
+
+def _whole(bag: str) -> str:
+    """Give the bag of a part."""
+    return bag.rpartition('@')[0] or bag
