@@ -165,7 +165,7 @@ def main() -> None:
     parser.add_argument('--bags', type=int, nargs='+', default=[20, 100])
     parser.add_argument('--seconds', type=float, default=80.0)
     parser.add_argument('--jobs', type=int, default=os.cpu_count() or 1)
-    parser.add_argument('--folder', type=Path, default=Path('many_bags'))
+    parser.add_argument('--folder', type=Path, default=Path('out/many_bags'))
     parser.add_argument('--kill-after', type=float, metavar='S',
                         help='kill the fit of the largest number of bags once, and go on')
     args = parser.parse_args()
