@@ -32,43 +32,12 @@ from tudor_dynamics.identification.collisions.truth import (
 from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.library.prediction import warn_of_training
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.detector import DetectorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.report.events import write_events
 from tudor_dynamics.report.roc import picture_path, write_roc
-
-
-def configure_collisions(group: argparse._ArgumentGroup) -> None:
-    """Add the options of ``tudor evaluate --collisions``."""
-    group.add_argument('--collisions', action='store_true',
-                       help='judge the collision detector instead of the predictions')
-    group.add_argument('--false-alarms', type=float, default=1.0, metavar='N',
-                       help='false alarms per hour that are allowed (default: 1)')
-    group.add_argument('--debounce', type=float, default=0.01, metavar='S',
-                       help='time for which a threshold must be exceeded (default: 0.01 s)')
-    group.add_argument('--kind', choices=tuple(KINDS), default='analytical',
-                       help='model whose residuals are watched (default: analytical)')
-    group.add_argument('--pushes', nargs='+', default=[], metavar='FILE.csv',
-                       help='tables of begin,end in seconds since the beginning of the bag, one '
-                            'for each bag')
-    group.add_argument('--truth', metavar='TOPIC',
-                       help='WrenchStamped or Bool that tells when the arm was touched (default: '
-                            'applied_wrench, where there is one)')
-    group.add_argument('--free', action='store_true',
-                       help='nothing touched the arm: every event is a false alarm')
-    group.add_argument('--roc', metavar='FILE',
-                       help='plot detection rate over false alarms (.png, .svg, .pdf)')
-    group.add_argument('--plot', metavar='FILE',
-                       help='plot ratios to the thresholds, pushes and events over time')
-
-
-def trained(bundle: ModelBundle, data: list[BagData]) -> dict[str, list[str]]:
-    """Warn of bags that the model was trained on, and give them for the JSON, if there are any."""
-    seen = warn_of_training(bundle, data)
-    return {'trained_on': seen} if seen else {}
 
 
 def run_collisions(args: argparse.Namespace) -> int:
@@ -102,7 +71,7 @@ def run_collisions(args: argparse.Namespace) -> int:
             step(f'read {choice}')
             data.append(load(choice, bundle.arm, bundle.preprocessing))
             truths.append(_truth(args, place, data[-1], bundle))
-        seen = trained(bundle, data)
+        seen = warn_of_training(bundle, data)
         step('replay through the detector')
         results = evaluate_collisions(
             bundle, [(bag.choice.path, bag.recording) for bag in data], settings, truths)
@@ -115,7 +84,8 @@ def run_collisions(args: argparse.Namespace) -> int:
         write_events(results, picture)
     if args.json:
         print_json(finite({'model': args.model, 'bags': [str(c) for c in choices],
-                           **seen, 'false_alarms_allowed_per_hour': args.false_alarms,
+                           **({'trained_on': seen} if seen else {}),
+                           'false_alarms_allowed_per_hour': args.false_alarms,
                            'collisions': {item.method: collision_values(item)
                                           for item in results}}))
     else:

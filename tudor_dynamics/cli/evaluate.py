@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
-from tudor_dynamics.cli.collisions import configure_collisions, run_collisions, trained
+from tudor_dynamics.cli.collision_options import configure_collisions
 from tudor_dynamics.cli.console import (
     finite, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.doctor.evaluation import examine_evaluation
@@ -36,7 +36,7 @@ from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.identification.worth.comparison import Change, changes
-from tudor_dynamics.library.prediction import predict_bags
+from tudor_dynamics.library.prediction import predict_bags, warn_of_training
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.models.units import output_units
 
@@ -90,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
         bundle.at(args.payload)  # says so if it is no use
     choices = [parse_choice(text) for text in args.bags]
     if args.collisions:
+        from tudor_dynamics.cli.collisions import run_collisions  # slow to import
         return run_collisions(args)
     spec = chosen_rate(bundle.preprocessing, args.rate)
     with steps(len(choices) + 1) as step:
@@ -99,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
             data.append(load(choice, bundle.arm, spec, payload=args.payload, whole=args.causal))
         step('compare')
         found = predict_bags(bundle, data).outputs
-    seen = trained(bundle, data)
+    seen = warn_of_training(bundle, data)
     findings = examine_evaluation(bundle, data)
     compared = () if args.rate else changes(bundle.facts, found)
     worse = [change for change in compared if change.changed and _counts(change, compared)]
@@ -107,7 +108,8 @@ def run(args: argparse.Namespace) -> int:
         save_traces(Path(args.save), found)
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
-                                   'samples': sum(bag.samples for bag in data), **seen,
+                                   'samples': sum(bag.samples for bag in data),
+                                   **({'trained_on': seen} if seen else {}),
                                    'findings': [item.as_dict() for item in findings]}
         for output, kinds in found.items():
             content[output] = {kind: _figures(item) for kind, item in kinds.items()}

@@ -20,10 +20,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 import warnings
-
-from matplotlib.figure import Figure
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
@@ -33,11 +31,9 @@ from tudor_dynamics.identification.dataset import BagData, common_outputs, load
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.units import output_units
-from tudor_dynamics.report.data import liveliest
-from tudor_dynamics.report.figure import write_figure
-from tudor_dynamics.report.plots import ComparedSignal, draw_signal
-from tudor_dynamics.report.roc import picture_path
-from tudor_dynamics.report.style import PAGE, style
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 T = TypeVar('T')
 
@@ -96,6 +92,13 @@ class Prediction:
             If there is no such output or channel, or the path is that of no picture.
 
         """
+        # plots are slow to import, and most predictions are read
+        from tudor_dynamics.report.data import liveliest
+        from tudor_dynamics.report.figure import write_figure
+        from tudor_dynamics.report.plots import ComparedSignal, draw_signal
+        from tudor_dynamics.report.roc import picture_path
+        from tudor_dynamics.report.style import PAGE, style
+
         target = None if path is None else picture_path(path)
         output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
         kinds = _known(self.outputs, output, 'output')
