@@ -43,7 +43,7 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.simulation.loop.arm_process import Sample
 from tudor_dynamics.simulation.loop.campaign import START
 from tudor_dynamics.simulation.loop.rig import Rig, RigLog

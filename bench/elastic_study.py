@@ -43,7 +43,7 @@ from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.validation import trace
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 
 KINDS = ('analytical', 'elm', 'elastic')
 

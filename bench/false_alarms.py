@@ -38,8 +38,8 @@ from tudor_dynamics.identification.collisions.replay import evaluate_collisions
 from tudor_dynamics.identification.collisions.truth import find_truth, FREE as UNTOUCHED
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
-from tudor_dynamics.monitoring.watch import MonitorSettings
 
 TRAINING, LEARNING, FREE, PUSHED = 5, 5, 30, 8
 PAYLOAD = 0.2

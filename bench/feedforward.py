@@ -53,10 +53,10 @@ from tudor_dynamics.models import AnalyticalModel, EffortRegressor
 from tudor_dynamics.signals.filters import low_pass_gain
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.signals.splines import denser
-from tudor_dynamics.simulation.loop.campaign import (
-    record_stimuli, stimulus_motion, stimulus_seeds, StimulusSpec)
+from tudor_dynamics.simulation.loop.campaign import record_stimuli, StimulusSpec
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.signals import with_payload
+from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_motion, stimulus_seeds
 from tudor_dynamics.simulation.plant.outputs import Probe
 import yaml
 

@@ -39,8 +39,8 @@ from tudor_dynamics.models.elastic.live import OBSERVERS
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.coverage import Coverage
 from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import MonitorSettings
 
 
 @dataclass(frozen=True, eq=False)

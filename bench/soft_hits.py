@@ -41,7 +41,7 @@ from tudor_dynamics.identification.collisions.replay import evaluate_collisions
 from tudor_dynamics.identification.collisions.truth import FREE, KnownPush, Truth
 from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 LENGTHS = (0.3, 0.6, 1.2, 2.4)  # s

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.models.bundle import ModelBundle
     from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
     from tudor_dynamics.monitoring.monitor import Monitor
-    from tudor_dynamics.monitoring.watch import MonitorSettings
+    from tudor_dynamics.monitoring.settings import MonitorSettings
     from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
     from tudor_dynamics.simulation.plant.modes import modes
     from tudor_dynamics.simulation.plant.plant import Plant

@@ -26,7 +26,8 @@ from tudor_dynamics.arm.loading import arm_from_dict
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.exporting.description import description_of
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 
 VALUES = {'bending(j1)': 15.25, 'bending(j2)': 20.0, 'density(j1)': 0.45, 'lumped(j1,1)': 0.7,
           'payload': 0.25, 'gear(j1)': 190.0, 'play(j2)': 0.003, 'tight(j1)': 0.35,

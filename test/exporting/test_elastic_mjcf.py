@@ -29,7 +29,7 @@ from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.exporting.description import description_of
 from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of
 from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf, not_in_mjcf
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 
 mujoco = pytest.importorskip('mujoco')
 

@@ -29,7 +29,7 @@ from tudor_dynamics.contact.estimator import ContactEstimator
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.pushes import Push
 

@@ -37,9 +37,9 @@ from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.state_filter import StateFilter
 from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.signals import prepare
 
 RATE = 100.0

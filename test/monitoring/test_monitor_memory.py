@@ -28,8 +28,8 @@ from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import MonitorSettings
 
 PERIOD = 1_000_000
 """Time between samples [ns]."""

@@ -31,10 +31,10 @@ from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
-from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.simulation.loop.rig import Rig

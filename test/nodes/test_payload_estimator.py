@@ -35,7 +35,7 @@ from tudor_dynamics.models.regressor import StrainRegressor
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.payload_stage import PayloadStage
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode

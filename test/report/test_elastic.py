@@ -35,7 +35,7 @@ from tudor_dynamics.identification.elastic.result import Identified, Start
 from tudor_dynamics.identification.elastic.ringdowns import Ringdown
 from tudor_dynamics.identification.elastic.starts import FACTORS
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.report.elastic import MOST_ROWS, NOT_SHOWN, ring_rows, start_rows, summary

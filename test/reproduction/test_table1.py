@@ -21,8 +21,9 @@ from pathlib import Path
 
 import pytest
 
-from tudor_dynamics.reproduction.table1 import (
-    Cell, findings, MODELS, PARTS, published, TableBlock, TableRow, TITLES)
+from tudor_dynamics.reproduction.table1 import MODELS, published
+from tudor_dynamics.reproduction.table1_claims import (
+    Cell, findings, PARTS, TableBlock, TableRow, TITLES)
 from tudor_dynamics.reproduction.table_text import block_grid
 
 PAYLOADS = (0, 100, 200, 300, 400)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
-from tudor_dynamics.cli.collision_options import configure_collisions
+from tudor_dynamics.cli.collisions.options import configure_collisions
 from tudor_dynamics.cli.console import (
     finite, print_findings, print_json, print_table, score_table, steps)
 from tudor_dynamics.doctor.evaluation import examine_evaluation
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         bundle.at(args.payload)  # says so if it is no use
     choices = [parse_choice(text) for text in args.bags]
     if args.collisions:
-        from tudor_dynamics.cli.collisions import run_collisions  # slow to import
+        from tudor_dynamics.cli.collisions.judging import run_collisions  # slow to import
         return run_collisions(args)
     spec = chosen_rate(bundle.preprocessing, args.rate)
     with steps(len(choices) + 1) as step:

@@ -34,12 +34,13 @@ from tudor_dynamics.excitation.conditions import best_seed, excitation_report
 from tudor_dynamics.excitation.plan_files import read_motion
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.simulation.loop.campaign import (
-    played_motion, record_stimuli, steps_per_message, stimulus_motion, stimulus_seeds,
-    StimulusResult, StimulusSpec)
+    record_stimuli, steps_per_message, StimulusResult, StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.load_changes import random_loads
 from tudor_dynamics.simulation.loop.signals import with_payload
+from tudor_dynamics.simulation.loop.stimulus_motion import (
+    played_motion, stimulus_motion, stimulus_seeds)
 import yaml
 
 EXAMPLES = """\

@@ -25,7 +25,7 @@ from tudor_dynamics.contact.modal import carry, slow_modes, turn_basis
 from tudor_dynamics.contact.pressing import Pressing, pressing_columns
 from tudor_dynamics.contact.span import link_axes, Span
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.gear import STIFF
 from tudor_dynamics.models.elastic.observer import FORCES, linearise, white_force

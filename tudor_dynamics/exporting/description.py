@@ -37,7 +37,7 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of, ElasticDrive
 from tudor_dynamics.exporting.friction import both_ways
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 import yaml

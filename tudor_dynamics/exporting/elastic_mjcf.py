@@ -33,7 +33,7 @@ from tudor_dynamics.exporting.mjcf_elements import (
     add_inertial, finished, new_body, new_file, quaternion)
 from tudor_dynamics.exporting.rows import row
 from tudor_dynamics.models.elastic import gear
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 from tudor_dynamics.simulation.mechanics import layout as at

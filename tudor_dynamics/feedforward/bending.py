@@ -24,7 +24,7 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.feedforward.inversion import Inverse, invert
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.typing import FloatArray
 

@@ -20,9 +20,10 @@ from tudor_dynamics.errors import check_type
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.payload_stage import CarriedLoad, PayloadStage
 from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.monitoring.settings import Found, MonitorSettings
 from tudor_dynamics.monitoring.state_filter import Motion, StateFilter
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
-from tudor_dynamics.monitoring.watch import Found, MonitorSettings, Watch
+from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.typing import FloatArray
 
 

@@ -29,9 +29,9 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.health import SensorHealth
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.predictor import OUTPUTS
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.state_filter import StateFilter
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, STEP, WINDOW
-from tudor_dynamics.monitoring.watch import MonitorSettings
 
 PERIOD = 10_000_000
 """Time between samples [ns]."""

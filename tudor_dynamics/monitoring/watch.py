@@ -18,95 +18,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from tudor_dynamics.contact.choice import AnyEstimator, contact_estimator
-from tudor_dynamics.contact.estimate import ContactEstimate
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.detector import (
-    CollisionDetector, CollisionEvent, DetectorSettings, Level)
+from tudor_dynamics.monitoring.detector import CollisionDetector, Level
 from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.link_names import channel_links
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
-from tudor_dynamics.monitoring.payload_stage import LoadFound
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
+from tudor_dynamics.monitoring.settings import Found, METHODS, MonitorSettings, SOURCE
 from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.monitoring.thresholds.excess import Excess, ExcessStage, Rates
+from tudor_dynamics.monitoring.thresholds.excess import ExcessStage, Rates
 from tudor_dynamics.monitoring.thresholds.io import stored_thresholds
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
-
-METHODS = ('strain', 'effort', 'momentum')
-SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}
-"""Output that each method needs."""
-
-
-@dataclass(frozen=True)
-class MonitorSettings:
-    """
-    Choices of a monitor.
-
-    Attributes
-    ----------
-    kind : str
-        Kind of model whose residuals are watched.
-    observer : {'off', 'ringing'}
-        Whether measured strain corrects an elastic model.
-    methods : tuple of str
-        What the detector listens to, of `METHODS`; empty for all that the model has thresholds
-        for, or without any thresholds for all that it has models for.
-    rates : Rates
-        False alarms allowed, all methods together.
-    detector : DetectorSettings
-        Times and hysteresis.
-    observer_gain : float
-        Bandwidth of the momentum observer [1/s].
-    gap : float
-        Longest time between samples that is not a gap [s]; 0 for five periods.
-    contact : bool
-        Whether force and place of contacts are estimated.
-
-    """
-
-    kind: str = 'analytical'
-    observer: str = 'ringing'
-    methods: tuple[str, ...] = ('strain',)
-    rates: Rates = Rates()
-    detector: DetectorSettings = DetectorSettings()
-    observer_gain: float = 30.0
-    gap: float = 0.0
-    contact: bool = False
-
-
-@dataclass(eq=False, slots=True)
-class Found:
-    """
-    What became known with one message.
-
-    Attributes
-    ----------
-    residuals : list of (str, Residual)
-        Method and residual.
-    excesses : list of (str, Excess)
-        Method and ratios, where thresholds are known.
-    events : list of CollisionEvent
-        Collisions that begin with it.
-    loads : list of LoadFound
-        Collisions from before that turned out to be loads.
-    contacts : list of ContactEstimate
-        What touches the arm, where that is estimated.
-
-    """
-
-    residuals: list[tuple[str, Residual]] = field(default_factory=list)
-    excesses: list[tuple[str, Excess]] = field(default_factory=list)
-    events: list[CollisionEvent] = field(default_factory=list)
-    loads: list[LoadFound] = field(default_factory=list)
-    contacts: list[ContactEstimate] = field(default_factory=list)
 
 
 class Watch:

@@ -27,8 +27,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.listened import ListenedPublishers
 from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader

@@ -27,8 +27,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
+from tudor_dynamics.monitoring.settings import Found
 from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import Found, Watch
+from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import NamedReader

@@ -28,6 +28,7 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.payload.estimate import OutputMass, PayloadEstimate, Verdict
 from tudor_dynamics.payload.inertia import consistent, COUNT
 from tudor_dynamics.payload.least_squares import Solution, solve_load
+from tudor_dynamics.payload.readings import readings
 from tudor_dynamics.payload.rows import carrier_frame, LoadRows, tip
 from tudor_dynamics.payload.scale import find_scale, friction_terms, Scale, Source
 from tudor_dynamics.signals import Stretch
@@ -48,55 +49,6 @@ WIDER = 2.0
 LARGEST_ARM = 0.1
 """Standard deviation of a place along an axis from which on it is not told [m]."""
 POSES = 200
-
-
-@dataclass(frozen=True, eq=False)
-class Readings:
-    """
-    An output of a recording beside a model.
-
-    Attributes
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    measured, predicted : ndarray of shape (n_samples, n_channels)
-        In units of the output; predicted as if nothing were carried beyond what the model knows.
-    rate : float
-        Samples a second [Hz].
-
-    """
-
-    motion: FloatArray
-    measured: FloatArray
-    predicted: FloatArray
-    rate: float
-
-
-def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Readings:
-    """
-    Put an output of a recording beside a model.
-
-    Parameters
-    ----------
-    model : Model
-        Model of the motion alone.
-    stretches : sequence of Stretch
-        Gapless stretches that have the output.
-    output : {'effort', 'strain'}
-        Output that is compared.
-
-    Returns
-    -------
-    Readings
-        At the samples that decimation keeps.
-
-    """
-    pieces = [(s.motion[s.decimation.keep], s.decimation(getattr(s, output)),
-               model.follow_kept(s)) for s in stretches]
-    motion, measured, predicted = (np.concatenate(column) for column in
-                                   zip(*pieces, strict=True))
-    seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
-    return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9))
 
 
 def estimate_payload(

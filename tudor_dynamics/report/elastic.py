@@ -28,7 +28,8 @@ from tudor_dynamics.identification.elastic.ringdowns import find_ringdowns, LEAS
 from tudor_dynamics.identification.elastic.starts import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.elastic.trainer import RUN_IN
 from tudor_dynamics.identification.fit import FitResult
-from tudor_dynamics.models.elastic.arm import driven_arm, INNER_STEP
+from tudor_dynamics.models.elastic.arm import INNER_STEP
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.units import output_units

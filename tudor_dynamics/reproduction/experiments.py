@@ -26,9 +26,9 @@ from tudor_dynamics.reproduction.lshape import run_paper
 from tudor_dynamics.reproduction.plan import arm_content, Campaign, grams
 from tudor_dynamics.reproduction.result_cache import Cached, RECORDING
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
-from tudor_dynamics.simulation.loop.campaign import stimulus_motion, stimulus_seeds
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
+from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_motion, stimulus_seeds
 from tudor_dynamics.simulation.studies.plots import pick_signal, spectrum
 from tudor_dynamics.typing import FloatArray
 

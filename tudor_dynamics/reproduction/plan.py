@@ -27,9 +27,10 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.reproduction.result_cache import RECORDING, ResultCache
-from tudor_dynamics.simulation.loop.campaign import record_stimuli, stimulus_seeds, StimulusSpec
+from tudor_dynamics.simulation.loop.campaign import record_stimuli, StimulusSpec
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.signals import with_payload
+from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_seeds
 
 QUICK_KINDS = ('analytical', 'elm')
 """Kinds of models that are fitted in a second."""

@@ -25,8 +25,8 @@ from tudor_dynamics.identification.collisions.truth import find_truth
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import DetectorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
-from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.reproduction.elastic_fits import ElasticFit, FOUND, KIND
 from tudor_dynamics.reproduction.fits import Fits
 from tudor_dynamics.reproduction.judging import read, training_and_test

@@ -21,8 +21,8 @@ import csv
 from dataclasses import dataclass
 import io
 
-from tudor_dynamics.reproduction.table1 import (
-    Cell, FIGURES, LABELS, MODELS, PRINTED, Table1, TableBlock)
+from tudor_dynamics.reproduction.table1 import FIGURES, LABELS, MODELS, PRINTED, Table1
+from tudor_dynamics.reproduction.table1_claims import Cell, TableBlock
 
 EMPTY = ''
 PAPER = ('rmse', 'sigma_e', 'fit_printed')

@@ -31,7 +31,8 @@ from tudor_dynamics.identification.elastic.modes import (
     busiest, enclosed, mode_map, MODES, vibrations)
 from tudor_dynamics.identification.elastic.ringdowns import (
     clear_ring, find_ringdowns, Ringdown, STILL)
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.signals import prepare
 
 CONFIG = Path(__file__).parents[3] / 'config'

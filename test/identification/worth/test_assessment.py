@@ -33,6 +33,7 @@ from tudor_dynamics.identification.ringing import Ringing
 from tudor_dynamics.identification.verdict import Grade
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.identification.worth.next_steps import next_steps
+from tudor_dynamics.identification.worth.uses import short
 from tudor_dynamics.models import EffortRegressor, StrainRegressor
 from tudor_dynamics.signals import prepare
 
@@ -134,3 +135,10 @@ def test_a_negative_inertia_is_marked(worth: Assessment) -> None:
     assert worth.marks == ()
     odd = assess(_fit(0, 1, 2, sign=-40.0))
     assert any('the inertia about j1 comes out negative' in mark for mark in odd.marks)
+
+
+@pytest.mark.parametrize(('value', 'text'), [
+    (123.4, '120'), (0.04567, '0.046'), (98765.0, '99000'), (-7.0, '-7'), (0.0, '0')])
+def test_two_digits_without_a_power_of_ten(value: float, text: str) -> None:
+    """As people write thresholds."""
+    assert short(value) == text

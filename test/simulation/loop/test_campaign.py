@@ -28,10 +28,11 @@ from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.bags import read_wrenches
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.simulation.loop.campaign import (
-    record_stimulus, steps_per_message, stimulus_motion, stimulus_seeds, StimulusSpec)
+    record_stimulus, steps_per_message, StimulusSpec)
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.push_truth import random_pushes
 from tudor_dynamics.simulation.loop.signals import with_payload
+from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_motion, stimulus_seeds
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 
 

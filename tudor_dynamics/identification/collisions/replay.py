@@ -31,8 +31,9 @@ from tudor_dynamics.identification.collisions.truth import Truth
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import CollisionEvent, Level
 from tudor_dynamics.monitoring.predictor import Predictor
+from tudor_dynamics.monitoring.settings import Found, METHODS, MonitorSettings, SOURCE
 from tudor_dynamics.monitoring.state_filter import StateFilter
-from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.typing import FloatArray
 
 

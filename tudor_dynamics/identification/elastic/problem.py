@@ -23,21 +23,15 @@ projection, Golub and Pereyra 1973, with Kaufman's Jacobian), so that only physi
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-import os
+from collections.abc import Sequence
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.identification.elastic.explained import fit_percent, robust_scale
 from tudor_dynamics.identification.elastic.record import Record
-from tudor_dynamics.lanes import LANES
-from tudor_dynamics.models.elastic.arm import INNER_STEP, NO_GAINS
-from tudor_dynamics.models.elastic.corrected import CorrectedArm
-from tudor_dynamics.models.elastic.several import follow_together
-from tudor_dynamics.parallel import in_threads
+from tudor_dynamics.identification.elastic.simulations import Simulations
+from tudor_dynamics.models.elastic.arm import INNER_STEP
 from tudor_dynamics.typing import FloatArray
 
 STEP = 1e-4
@@ -71,8 +65,6 @@ class Problem:
         What is compared with, all records one after the other.
     weights : ndarray of shape (n_samples, n_gauges)
         Square roots of the weights: one over the noise of the gauge, less for outliers.
-    runs : int
-        Simulations done so far.
 
     """
 
@@ -82,32 +74,27 @@ class Problem:
         inner: float = INNER_STEP,
     ) -> None:
         self.arm, self.records, self.names = arm, tuple(records), names
-        self.fixed, self.center, self.width = fixed, center, width
+        self.center, self.width = center, width
         self.strain = np.vstack([r.strain[r.skip:] for r in records])
         spread = np.maximum(self.strain.std(axis=0), 1e-12)
         self.weights = np.tile(1.0 / spread, (len(self.strain), 1))
-        self.inner = inner
-        self.runs = 0
-        self._threads = max(1, min(8, len(os.sched_getaffinity(0))))
-        self._idle: list[list[CorrectedArm]] = []
+        self._simulations = Simulations(arm, self.records, names, fixed, inner)
         self._last: list[tuple[FloatArray, FloatArray | None]] = []
-        self._towards: list[tuple[FloatArray, FloatArray]] | None = None
         self._gains: FloatArray | None = None
 
-    @contextmanager
-    def _borrowed(self, count: int = 1) -> Iterator[list[CorrectedArm]]:
-        """Lend arms that nobody else has; what there is not yet is built."""
-        try:
-            arms = self._idle.pop()
-        except IndexError:
-            arms = []
-        arms += [CorrectedArm(self.arm) for _ in range(count - len(arms))]
-        for arm in arms:
-            arm.inner = self.inner
-        try:
-            yield arms[:count]
-        finally:
-            self._idle.append(arms)
+    @property
+    def runs(self) -> int:
+        """Simulations done so far."""
+        return self._simulations.runs
+
+    @property
+    def inner(self) -> float:
+        """Longest inner step of the simulation [s]."""
+        return self._simulations.inner
+
+    @inner.setter
+    def inner(self, seconds: float) -> None:
+        self._simulations.inner = seconds
 
     @property
     def unknowns(self) -> int:
@@ -149,51 +136,9 @@ class Problem:
 
     def _kept(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Simulate, and remember it: one of them is asked for again."""
-        found = self._simulate(several)
+        found = self._simulations.several(several)
         self._last = [(x.copy(), one) for x, one in zip(several, found, strict=True)]
         return found
-
-    def _simulate(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
-        """Do what ``moments`` does for several vectors, as many at once as there are lanes."""
-        self.runs += len(several)
-        together = in_threads(self._simulate_together, [
-            several[first:first + LANES] for first in range(0, len(several), LANES)],
-            self._threads)
-        return [one for some in together for one in some]
-
-    def _simulate_together(self, several: Sequence[FloatArray]) -> list[FloatArray | None]:
-        with self._borrowed(len(several)) as arms:
-            parts = [self._follow(k, arms, several) for k in range(len(self.records))]
-        return [None if any(one is None for one in part)
-                else np.vstack([one for one in part if one is not None])
-                for part in zip(*parts, strict=True)]
-
-    def _follow(
-        self, k: int, arms: Sequence[CorrectedArm], several: Sequence[FloatArray],
-    ) -> list[FloatArray | None]:
-        """Simulate one record, with an arm for each vector."""
-        record, n = self.records[k], len(self.names)
-        moments: list[FloatArray | None] = [None] * len(arms)
-        ready = []
-        for i, x in enumerate(several):
-            try:
-                arms[i].set_parameters(record.with_payload(self._values(x)))
-                arms[i].begin(record.before)
-            except SimulationError:
-                continue
-            ready.append(i)
-        measured, gains = None, NO_GAINS
-        if self._towards is not None:
-            shown, gains = self._towards[k]
-            measured = [shown / np.exp(several[i][n:]) for i in ready]
-        found = follow_together(
-            [arms[i] for i in ready], record.q, record.times, measured, gains) if ready else []
-        for i, moment in zip(ready, found, strict=True):
-            moments[i] = None if moment is None else moment[record.skip:]
-        return moments
-
-    def _values(self, x: FloatArray) -> dict[str, float]:
-        return {**self.fixed, **dict(zip(self.names, np.exp(x).tolist(), strict=False))}
 
     def draw(self, x: FloatArray, bandwidth: float) -> FloatArray:
         """
@@ -220,30 +165,15 @@ class Problem:
         """
         moments = self.moments(x)
         gauges = None if moments is None else self.gauges(moments, x)
+        drawn = False
         if moments is not None and gauges is not None and bandwidth > 0.0:
             noise = robust_scale(self.errors(moments, x), self.strain)
-            self._towards = self._observe(x, gauges, noise / np.abs(gauges[:, 0]), bandwidth)
+            drawn = self._simulations.draw(x, gauges, noise / np.abs(gauges[:, 0]), bandwidth)
         else:
-            self._towards = None
-        self._gains = None if gauges is None or self._towards is None else gauges[:, 0]
+            self._simulations.release()
+        self._gains = None if gauges is None or not drawn else gauges[:, 0]
         self._last = []
         return self.extended(x)
-
-    def _observe(
-        self, x: FloatArray, gauges: FloatArray, deviation: FloatArray, bandwidth: float,
-    ) -> list[tuple[FloatArray, FloatArray]] | None:
-        """Give measured moments and an observer's gains along each record, if it can be done."""
-        found = []
-        with self._borrowed() as (driven,):
-            for record in self.records:
-                driven.set_parameters(record.with_payload(self._values(x)))
-                measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
-                try:
-                    found.append((measured, driven.gains_along(
-                        record.q, record.times, measured, deviation, bandwidth, record.before)))
-                except SimulationError:
-                    return None
-        return found
 
     def gauges(self, moments: FloatArray, x: FloatArray) -> FloatArray:
         """
@@ -299,7 +229,7 @@ class Problem:
 
         """
         return [-np.inf if moments is None else fit_percent(self.errors(moments, x), self.strain)
-                for x, moments in zip(several, self._simulate(several), strict=True)]
+                for x, moments in zip(several, self._simulations.several(several), strict=True)]
 
     def residuals(self, several: Sequence[FloatArray]) -> list[FloatArray]:
         """
@@ -345,7 +275,7 @@ class Problem:
 
         return np.array([
             np.zeros_like(here) if there is None else (there - here) / STEP
-            for there in self._simulate(list(x + STEP * np.eye(len(x))))])
+            for there in self._simulations.several(list(x + STEP * np.eye(len(x))))])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """

@@ -28,9 +28,9 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.elastic.record import Record
 from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.search import identify, Progress, taken_over
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.effort import effort_rows
-from tudor_dynamics.models.elastic.fitted import follow_motion, PhysicalParameter
+from tudor_dynamics.models.elastic.fitted import driven_arm, follow_motion, PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray

@@ -26,7 +26,7 @@ from typing import Any
 from tudor_dynamics.identification.bag_facts import BagFacts
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.verdict import Grade, LARGEST_GAP
-from tudor_dynamics.identification.worth.uses import Use
+from tudor_dynamics.identification.worth.uses import short, Use
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 
 FINDING, NO_THRESHOLDS, UNTESTED, WIDE = 100.0, 50.0, 8.0, 6.0
@@ -164,7 +164,7 @@ def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
     gain = max((max(0.0, 100.0 - score.fit) * (1.0 - moving / score.rmse)
                 for _, score, _, moving in held), default=0.0)
     if gain > LITTLE:
-        each = ', '.join(f'{channel} {rest:.2g} after {moving:.2g}'
+        each = ', '.join(f'{channel} {short(rest)} after {short(moving)}'
                          for channel, _, rest, moving in held)
         found.append(NextStep(
             gain, f'{name}: further off at rest than in motion ({each}): friction that holds a '

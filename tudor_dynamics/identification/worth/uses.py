@@ -77,6 +77,19 @@ class Use:
                 'why': self.why}
 
 
+def short(value: float) -> str:
+    """
+    Write a number with two digits, and no power of ten where it is at least 1e-4.
+
+    Parameters
+    ----------
+    value : float
+        Number to be written.
+
+    """
+    return f'{float(f"{value:.2g}"):g}'
+
+
 def uses_of(
     item: FittedOutput, arm: Arm, thresholds: Mapping[str, MethodThresholds],
     missing: Mapping[str, str],
@@ -131,7 +144,8 @@ def _collisions(
     level = sorted(levels, key=list(Grade).index)[(n - 1) // 2]
     units = output_units(arm, item.output)
     each = ', '.join(
-        f'{name} {a:.2g} at rest, {b:.2g} {units[name]} in motion ({100 * c:.0f} % of its range)'
+        f'{name} {short(a)} at rest, {short(b)} {units[name]} in motion '
+        f'({100 * c:.0f} % of its range)'
         for name, a, b, c in zip(learned.channels, rest, moving, share, strict=True))
     doubt = learned.doubt(RATE)
     wide = '' if doubt < 1.2 else f', and {doubt:.1f} times as wide as they would be from hours'
@@ -187,5 +201,5 @@ def _payload(item: FittedOutput, arm: Arm) -> Use | None:
              if share[best] <= USABLE_WEIGHT else Grade.DO_NOT_USE)
     return Use(item.output, item.kind, 'payload', level,
                f'best seen by {name}: its own weight makes {span[best]:.3g} {unit} over these '
-               f'poses, a mean over {MEAN:g} s is off by {error[best]:.2g}, so that '
+               f'poses, a mean over {MEAN:g} s is off by {short(error[best])}, so that '
                f'{100.0 * share[best]:.0f} % of it show')

@@ -29,7 +29,7 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import ModelError, SimulationError
+from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.gear import Gears, SPRING_FLOATS
 from tudor_dynamics.models.elastic.kernel import Driven, Drives, Gauges
@@ -332,34 +332,3 @@ class DrivenArm:
     def _linearise(self) -> None:
         observer.linearise(self.loaded, self.mechanism.tip, *self._small, self._pushed,
                            *self.arrays)
-
-
-def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
-    """
-    Build the driven arm of a model.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    values : mapping of str to float
-        Physical parameters that differ from the description.
-
-    Returns
-    -------
-    DrivenArm
-        Arm with these parameters.
-
-    Raises
-    ------
-    ModelError
-        If the description cannot be used, or has no such parameter.
-
-    """
-    try:
-        driven = DrivenArm(arm)
-        driven.set_parameters(values)
-    except SimulationError as err:
-        msg = f'the elastic model cannot be used: {err}'
-        raise ModelError(msg) from None
-    return driven

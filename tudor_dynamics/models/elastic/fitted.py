@@ -22,14 +22,15 @@ carries the unit of the effort.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.errors import NotFittedError
+from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
 from tudor_dynamics.models.base import Range
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm, Response
+from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.effort import effort_columns, effort_rows
 from tudor_dynamics.models.training import check_motion
 from tudor_dynamics.typing import FloatArray
@@ -222,3 +223,34 @@ def follow_motion(
     else:
         dt[0] = 0.0
     return driven.follow(q, dt)
+
+
+def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
+    """
+    Build the driven arm of a model.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    values : mapping of str to float
+        Physical parameters that differ from the description.
+
+    Returns
+    -------
+    DrivenArm
+        Arm with these parameters.
+
+    Raises
+    ------
+    ModelError
+        If the description cannot be used, or has no such parameter.
+
+    """
+    try:
+        driven = DrivenArm(arm)
+        driven.set_parameters(values)
+    except SimulationError as err:
+        msg = f'the elastic model cannot be used: {err}'
+        raise ModelError(msg) from None
+    return driven

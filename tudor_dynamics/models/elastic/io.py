@@ -23,7 +23,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError
-from tudor_dynamics.models.elastic.arm import driven_arm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.storage.parts import ElasticPart, read

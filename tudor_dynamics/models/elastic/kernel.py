@@ -29,7 +29,6 @@ from typing import NamedTuple
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.lanes import in_lanes
 from tudor_dynamics.models.elastic.gear import gear, Gears
 from tudor_dynamics.models.elastic.shortening import shorten_mass
 from tudor_dynamics.models.elastic.statics import (
@@ -325,34 +324,4 @@ def follow(
         if not good:
             return k
         look(driven, loaded, k, measured, gains, moment, torque)
-    return q.shape[0]
-
-
-@compiled
-def follow_several(
-    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
-    moment: NDArray, torque: NDArray, *arrays: NDArray,
-) -> int:
-    """
-    Follow a stretch of samples with several arms side by side, which have begun before it.
-
-    Parameters
-    ----------
-    q, dt, inner, loaded, gains
-        As in ``follow``, the same for all; no time is 0.
-    measured, moment, torque, *arrays
-        As in ``follow``, their last axis the arms.
-
-    Returns
-    -------
-    int
-        Samples done; fewer than given where the state of one is no longer finite.
-
-    """
-    shown, read, passed = in_lanes((measured, moment, torque))
-    driven = tables_of(in_lanes(arrays))
-    for k in range(q.shape[0]):
-        if not move(driven, q[k], dt[k], inner, loaded):
-            return k
-        look(driven, loaded, k, shown, gains, read, passed)
     return q.shape[0]

@@ -21,7 +21,8 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from tudor_dynamics.errors import ModelError, SimulationError
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.outputs import live_output
 from tudor_dynamics.typing import FloatArray

@@ -19,16 +19,48 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.lanes import LANES, side_by_side
-from tudor_dynamics.models.elastic import kernel
+from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
 from tudor_dynamics.models.elastic.arm import NO_GAINS, Response
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
+from tudor_dynamics.models.elastic.kernel import look, move, tables_of
 from tudor_dynamics.typing import FloatArray
 
 TOO_FAR = 1e6
 """Where a state has gone beyond all bounds, as in ``kernel.advance``."""
+
+
+@compiled
+def follow_several(
+    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
+    moment: NDArray, torque: NDArray, *arrays: NDArray,
+) -> int:
+    """
+    Follow a stretch of samples with several arms side by side, which have begun before it.
+
+    Parameters
+    ----------
+    q, dt, inner, loaded, gains
+        As in ``follow``, the same for all; no time is 0.
+    measured, moment, torque, *arrays
+        As in ``follow``, their last axis the arms.
+
+    Returns
+    -------
+    int
+        Samples done; fewer than given where the state of one is no longer finite.
+
+    """
+    shown, read, passed = in_lanes((measured, moment, torque))
+    driven = tables_of(in_lanes(arrays))
+    for k in range(q.shape[0]):
+        if not move(driven, q[k], dt[k], inner, loaded):
+            return k
+        look(driven, loaded, k, shown, gains, read, passed)
+    return q.shape[0]
 
 
 def follow_together(
@@ -87,7 +119,7 @@ def _behind_the_first(
         arrays = [side_by_side(same) if same[0].dtype == float else same[0].copy()
                   for same in zip(*[arms[i].arrays for i in lanes], strict=True)]
         moment = np.zeros((len(q), len(arms[0].gauges.body), LANES))
-        done = kernel.follow_several(
+        done = follow_several(
             np.ascontiguousarray(q), np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded,
             side_by_side([towards[i][1:] for i in lanes]), gains, moment,
             np.zeros((len(q), q.shape[1], LANES)), *arrays)

@@ -31,7 +31,8 @@ from scipy.linalg import eigh
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.elastic.arm import driven_arm, DrivenArm
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.setup import moment_rows, place_gauges
 from tudor_dynamics.models.elastic.statics import Z

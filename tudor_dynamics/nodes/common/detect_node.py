@@ -34,9 +34,10 @@ from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.health import MOVING, SensorHealth
 from tudor_dynamics.monitoring.judged import Sight
 from tudor_dynamics.monitoring.residuals import Residual
+from tudor_dynamics.monitoring.settings import Found, METHODS, MonitorSettings, SOURCE
 from tudor_dynamics.monitoring.thresholds.calibration import Calibration
 from tudor_dynamics.monitoring.thresholds.excess import Rates
-from tudor_dynamics.monitoring.watch import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.common.base import ERROR, OK, WARN
 from tudor_dynamics.nodes.common.contact_told import ContactTold
 from tudor_dynamics.nodes.common.interfaces import (

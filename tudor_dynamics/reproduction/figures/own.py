@@ -27,7 +27,8 @@ from tudor_dynamics.identification.metrics import score
 from tudor_dynamics.report.style import PRINT_MODELS
 from tudor_dynamics.reproduction.figures import look
 from tudor_dynamics.reproduction.result_cache import Cached
-from tudor_dynamics.reproduction.table1 import LABELS, Shared, TITLES
+from tudor_dynamics.reproduction.table1 import LABELS, Shared
+from tudor_dynamics.reproduction.table1_claims import TITLES
 
 OUTPUTS = ('strain', 'effort')
 METHODS = {'strain': 'strain', 'effort': 'current', 'momentum': 'momentum observer (current)',

@@ -29,17 +29,18 @@ from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.payload_stage import PayloadStage
-from tudor_dynamics.monitoring.watch import MonitorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.payload.offline import estimate_payload
 from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Setting
 from tudor_dynamics.reproduction.plan import Campaign
 from tudor_dynamics.reproduction.result_cache import RECORDING
-from tudor_dynamics.simulation.loop.campaign import record_stimuli, stimulus_seeds, StimulusSpec
+from tudor_dynamics.simulation.loop.campaign import record_stimuli, StimulusSpec
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
 from tudor_dynamics.simulation.loop.load_changes import carried_at, LoadChange, random_loads
 from tudor_dynamics.simulation.loop.push_truth import random_pushes
 from tudor_dynamics.simulation.loop.pushes import Push
+from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_seeds
 from tudor_dynamics.typing import FloatArray
 
 ENDS = (0.0, 0.4)

@@ -24,9 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scipy.interpolate import CubicHermiteSpline
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.bags.layouts.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
@@ -34,15 +32,13 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.parallel import Count, in_processes
-from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
-from tudor_dynamics.signals.motion_profile import motion_limits, Reference
-from tudor_dynamics.signals.splines import states
 from tudor_dynamics.simulation.loop.closed_loop import CHUNK, ClosedLoop
 from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.load_changes import carried_at, LoadChange
 from tudor_dynamics.simulation.loop.push_truth import push_wrenches, random_pushes
 from tudor_dynamics.simulation.loop.pushes import Push
 from tudor_dynamics.simulation.loop.signals import LoopRecord, with_payload
+from tudor_dynamics.simulation.loop.stimulus_motion import played_motion, stimulus_motion
 
 START = 1_000_000_000
 """Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
@@ -127,81 +123,6 @@ class StimulusResult:
         result['pushes'] = [{**item, 'force': list(item['force'])} for item in result['pushes']]
         result['notes'] = list(self.notes)
         return result
-
-
-def stimulus_seeds(seed: int, stimulus: int) -> tuple[int, int, int]:
-    """Give the seeds of motion, noise and pushes of a stimulus."""
-    state = np.random.SeedSequence([seed, stimulus]).generate_state(3)
-    return int(state[0]), int(state[1]), int(state[2])
-
-
-def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: float) -> Reference:
-    """
-    Make the motion of a stimulus.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with limits.
-    excitation : {'aprbs', 'fourier'}
-        Kind of motion.
-    seconds : float
-        Length of the motion [s].
-    seed : int
-        Of the motion.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    Reference
-        Motion of the active joints.
-
-    """
-    if excitation == 'aprbs':
-        return aprbs_motion(arm, seconds, seed, dt)
-    return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)
-
-
-def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
-    """
-    Make a motion of a trajectory, at the rate of the loop.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with limits.
-    trajectory : Trajectory
-        Motion of its active joints, in any order.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    Reference
-        The same motion; positions between the points by their speeds (cubic).
-
-    Raises
-    ------
-    SimulationError
-        If it moves other joints, begins or goes beyond what the arm can do.
-
-    """
-    if sorted(trajectory.joints) != sorted(arm.active_joints):
-        msg = (f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} has '
-               f'{", ".join(arm.active_joints)}')
-        raise SimulationError(msg)
-    q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
-    hard = hard_limits(arm)
-    wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
-    beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
-    if beyond:
-        msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
-        raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')
-    t = trajectory.t - trajectory.t[0]
-    curve = CubicHermiteSpline(t, q, dq)
-    times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
-    return Reference(dt, curve(times), curve(times, 1), curve(times, 2))
 
 
 def record_stimulus(

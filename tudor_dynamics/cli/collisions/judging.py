@@ -34,8 +34,8 @@ from tudor_dynamics.library.prediction import warn_of_training
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.detector import DetectorSettings
+from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.thresholds.excess import Rates
-from tudor_dynamics.monitoring.watch import MonitorSettings
 from tudor_dynamics.report.events import write_events
 from tudor_dynamics.report.roc import picture_path, write_roc
 

@@ -1,0 +1,75 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recordings beside a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.signals import Stretch
+from tudor_dynamics.typing import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """
+    An output of a recording beside a model.
+
+    Attributes
+    ----------
+    motion : ndarray of shape (n_samples, 3 n_joints)
+        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    measured, predicted : ndarray of shape (n_samples, n_channels)
+        In units of the output; predicted as if nothing were carried beyond what the model knows.
+    rate : float
+        Samples a second [Hz].
+
+    """
+
+    motion: FloatArray
+    measured: FloatArray
+    predicted: FloatArray
+    rate: float
+
+
+def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Readings:
+    """
+    Put an output of a recording beside a model.
+
+    Parameters
+    ----------
+    model : Model
+        Model of the motion alone.
+    stretches : sequence of Stretch
+        Gapless stretches that have the output.
+    output : {'effort', 'strain'}
+        Output that is compared.
+
+    Returns
+    -------
+    Readings
+        At the samples that decimation keeps.
+
+    """
+    pieces = [(s.motion[s.decimation.keep], s.decimation(getattr(s, output)),
+               model.follow_kept(s)) for s in stretches]
+    motion, measured, predicted = (np.concatenate(column) for column in
+                                   zip(*pieces, strict=True))
+    seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
+    return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9))
