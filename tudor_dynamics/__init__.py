@@ -67,7 +67,7 @@ _HOMES = {
     'tudor_dynamics.models.bundle': ('ModelBundle',),
     'tudor_dynamics.models.storage.bundle_io': ('load_bundle', 'save_bundle'),
     'tudor_dynamics.monitoring.monitor': ('Monitor',),
-    'tudor_dynamics.monitoring.watch': ('MonitorSettings',),
+    'tudor_dynamics.monitoring.settings': ('MonitorSettings',),
     'tudor_dynamics.simulation.mechanics.mechanism': ('build_mechanism',),
     'tudor_dynamics.simulation.plant.modes': ('modes',),
     'tudor_dynamics.simulation.plant.plant': ('Plant',),

@@ -21,7 +21,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.coupling import Coupling
-from tudor_dynamics.models.torque_rows import in_model_order, torque_rows
+from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.typing import FloatArray
 
 
@@ -43,8 +43,8 @@ class BodyRows:
         self.model = pin.Model(arm.gauge_model if strain else arm.model)
         self.gravity = np.array(arm.spec.gravity)
         self.channels = arm.gauge_names if strain else arm.active_joints
-        self._driven = self._places(arm.active_joints)
-        self._wanted = self._places(self.channels)
+        self._bodies = RigidBodies(self.model, self._places(arm.active_joints),
+                                   self._places(self.channels))
         alone = [(i,) for i in range(len(self.channels))]
         known = () if strain else tuple(
             i for i, joint in enumerate(arm.joints)
@@ -78,10 +78,9 @@ class BodyRows:
             N m or N per parameter.
 
         """
-        self.model.gravity.linear = self.gravity if gravity is None else gravity
-        full = in_model_order(self._coupling.of_joints(motion), self._driven, self.model.nv)
-        out = np.zeros((len(motion), len(self._wanted), 10 * (self.model.njoints - 1)))
-        torque_rows(self.model, self.model.createData(), self._wanted, full, out)
+        out = np.zeros((len(motion), len(self.channels), 10 * (self.model.njoints - 1)))
+        self._bodies.rows(self._coupling.of_joints(motion), out,
+                          self.gravity if gravity is None else gravity)
         if self._own:
             self._coupling.mix(out)
         return out / self.scale[None, :, None]

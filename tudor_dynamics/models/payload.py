@@ -39,9 +39,9 @@ from tudor_dynamics.models.estimation.estimators import Estimate
 from tudor_dynamics.models.memoryless import ModelSettings
 from tudor_dynamics.models.regressor import (
     EffortRegressor, plain_regressor, Regressor, StrainRegressor)
+from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
 from tudor_dynamics.models.storage.coefficients import Group, groups_of
 from tudor_dynamics.models.storage.parts import PayloadElmPart, PayloadPart, read
-from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 
 SAME = 1e-6

@@ -15,7 +15,7 @@
 """
 Regressors: outputs as linear functions of constant parameters, row by row.
 
-Effort: ``tau = Y(q, dq, ddq) chi`` with Pinocchio's joint torque regressor, the rotor inertia and
+Effort: ``tau = Y(q, dq, ddq) chi`` with the joint torque regressor, the rotor inertia and
 the friction of each joint (Malzahn et al., Eqs. (2)-(6)). Strain: one row a gauge (Eq. (15)),
 either the joint's own row as the paper has it, or the exact bending moment at the gauge.
 """
@@ -32,8 +32,7 @@ from tudor_dynamics.errors import ArmError
 from tudor_dynamics.models.coupling import Coupling
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.joint_terms import JointTerms
-from tudor_dynamics.models.rigid_bodies import RigidBodies
-from tudor_dynamics.models.torque_rows import BODY_PARAMETERS, in_model_order, torque_rows
+from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS, RigidBodies
 from tudor_dynamics.typing import FloatArray
 
 STRAIN_FORMS = ('paper', 'exact')
@@ -125,9 +124,6 @@ class EffortRegressor:
     def __init__(self, arm: Arm, *, shared: bool = False) -> None:
         self.channels = arm.active_joints
         self._joints = arm.joints
-        self._model = arm.model
-        self._data = self._model.createData()
-        self._velocity = arm.velocity_index
         self._scale = np.array([joint.effort.torque_constant or 1.0 for joint in arm.joints])
         known = [i for i, joint in enumerate(arm.joints)
                  if joint.effort.unit != 'A' or joint.effort.torque_constant is not None]
@@ -137,7 +133,7 @@ class EffortRegressor:
         if shared and len(self.groups) > 1:
             self.groups = (tuple(range(len(arm.joints))),)
             self.unknown = tuple(i for i, in alone)
-        names = [f'{parameter}({name})' for name in list(self._model.names)[1:]
+        names = [f'{parameter}({name})' for name in list(arm.model.names)[1:]
                  for parameter in BODY_PARAMETERS]
         self._n_bodies = len(names)
         self._local: list[slice] = []
@@ -156,7 +152,7 @@ class EffortRegressor:
                 self.scaled[part] = True  # several efforts feel it, each in its own unit
         self.loaded = any('load' in joint.friction for joint in arm.joints)
         self._assumed: FloatArray | None = None
-        self._bodies = RigidBodies(self._model, self._velocity, self._velocity)
+        self._bodies = RigidBodies(arm.model, arm.velocity_index, arm.velocity_index)
         self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale,
                                  self._coupling.speeds, self._coupling.reach)
 
@@ -182,9 +178,8 @@ class EffortRegressor:
         motion = self._coupling.of_joints(motion)
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
         ddq = motion[:, 2 * n:] @ self._coupling.speeds.T
-        full = in_model_order(motion, self._velocity, self._model.nv)
         rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
-        torque_rows(self._model, self._data, self._velocity, full, rows[:, :, :self._n_bodies])
+        self._bodies.rows(motion, rows[:, :, :self._n_bodies])
         self._coupling.mix(rows[:, :, :self._n_bodies])
         bodies = rows[:, :, :self._n_bodies]
         for i, joint in enumerate(self._joints):
@@ -242,12 +237,6 @@ class StrainRegressor:
             msg = ("the paper's strain form needs the joint before each gauge to be active; "
                    f'{missing} are not')
             raise ArmError(msg, place=arm.source, remedy='use --strain-form exact')
-        self._model = model
-        self._data = model.createData()
-        self._joint_index = np.array([model.joints[model.getJointId(name)].idx_v
-                                      for name in arm.active_joints])
-        self._output_index = np.array([model.joints[model.getJointId(name)].idx_v
-                                       for name in outputs])
         names = [f'{parameter}({name})' for name in list(model.names)[1:]
                  for parameter in BODY_PARAMETERS]
         self.columns: tuple[str, ...] = (*names, 'offset')
@@ -255,17 +244,17 @@ class StrainRegressor:
         self.unknown: tuple[int, ...] = ()
         self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
         self.loaded = False
-        self._bodies = RigidBodies(model, self._joint_index, self._output_index)
+        self._bodies = RigidBodies(model, *(np.array([
+            model.joints[model.getJointId(name)].idx_v for name in names])
+            for names in (arm.active_joints, outputs)))
         self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows, in N m per parameter (with the scale of the gauge); see ``Regressor``."""
-        # virtual joints at the gauges stay at zero
-        full = in_model_order(self._coupling.of_joints(motion), self._joint_index,
-                              self._model.nv)
         shape = (len(motion), len(self.channels), len(self.columns))
         rows = np.zeros(shape) if out is None else out
-        torque_rows(self._model, self._data, self._output_index, full, rows[:, :, :-1])
+        # virtual joints at the gauges stay at zero
+        self._bodies.rows(self._coupling.of_joints(motion), rows[:, :, :-1])
         rows[:, :, -1] = 1.0
         return rows
 

@@ -22,7 +22,7 @@ import pinocchio as pin
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.payload import last_body
 from tudor_dynamics.models.regressor import plain_regressor
-from tudor_dynamics.models.torque_rows import BODY_PARAMETERS
+from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
 from tudor_dynamics.payload.inertia import point_mass, reframed
 from tudor_dynamics.typing import FloatArray
 
