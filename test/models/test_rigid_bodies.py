@@ -50,7 +50,9 @@ def expected(model: pin.Model, motion: FloatArray, driven: list[int], wanted: li
     for sample in motion:
         state = np.zeros((3, model.nv))
         state[:, driven] = sample.reshape(3, -1)
-        rows.append(pin.computeJointTorqueRegressor(model, data, *state)[wanted].copy())
+        # of one joint it gives a vector
+        row = pin.computeJointTorqueRegressor(model, data, *state).reshape(model.nv, -1)
+        rows.append(row[wanted].copy())
     return np.array(rows)
 
 
