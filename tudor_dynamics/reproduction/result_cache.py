@@ -43,7 +43,7 @@ FOLDER = 'stages'
 RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
 FITTING = (*RECORDING, 'models', 'payload', 'contact', 'identification', 'monitoring', 'report',
-           'reproduction')
+           'reproduction', 'excitation')
 """Parts that a fit and its figures depend on."""
 
 

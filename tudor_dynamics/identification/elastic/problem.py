@@ -84,12 +84,12 @@ class Problem:
 
     @property
     def runs(self) -> int:
-        """Simulations done so far."""
+        """Give the number of simulations done so far."""
         return self._simulations.runs
 
     @property
     def inner(self) -> float:
-        """Longest inner step of the simulation [s]."""
+        """Give the longest inner step of the simulation [s]."""
         return self._simulations.inner
 
     @inner.setter
