@@ -50,5 +50,6 @@ def held(piece: tuple[Path, int], count: Count) -> int:
     while not (folder / 'go').exists():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+    time.sleep(0.1)
     count(number)
     return number**2
