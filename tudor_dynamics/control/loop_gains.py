@@ -29,6 +29,29 @@ UNKNOWN_DELAY = 0.03
 """Delay of the loop that is assumed until it was measured [s]."""
 CAREFUL_DELAY = 0.1
 """The same where the way to a limit is judged [s]."""
+QUICK = 10.0
+"""So much sooner a shorter period is learned than a longer one."""
+
+
+def learned_period(period: float, dt: float) -> float:
+    """
+    Learn the time between samples; long ones lack some in between, so short ones count more.
+
+    Parameters
+    ----------
+    period : float
+        As it was known [s].
+    dt : float
+        Between the last two samples [s].
+
+    Returns
+    -------
+    float
+        As it is known now [s].
+
+    """
+    share = period if dt > period else min(QUICK * period, 1.0)
+    return period + share * (min(dt, 2.0 * period) - period)
 
 
 class LoopGains:

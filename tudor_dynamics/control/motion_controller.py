@@ -34,26 +34,18 @@ from tudor_dynamics.control.damper import arm_damping, Damper
 from tudor_dynamics.control.damper_law import moving_share
 from tudor_dynamics.control.envelope import Envelope
 from tudor_dynamics.control.guards.encoder_watch import EncoderWatch
+from tudor_dynamics.control.guards.following import Following, NEAR_TIME
 from tudor_dynamics.control.guards.reference_gate import ReferenceGate
 from tudor_dynamics.control.guards.takeover import Takeover
-from tudor_dynamics.control.loop_gains import LoopGains
+from tudor_dynamics.control.loop_gains import learned_period, LoopGains
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
-NEAR_TIME = 0.07
-"""A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg."""
-FOLLOWING_TIME = 0.3
-"""Following error at which the arm stops, as such a time [s]: 21 deg."""
-RESTING = 0.05
-"""Part of the planned speed below which a reference rests."""
 WATCH = 0.01
 """Period at which `MotionController.watch` wants to be called [s]."""
 ASLEEP = 0.1
 """Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
-
-QUICK = 10.0
-"""So much sooner a shorter period is learned than a longer one."""
 
 
 class State(IntEnum):
@@ -127,6 +119,7 @@ class MotionController:
         self.envelope = Envelope(self.limits, self.gains.response_time(0.0), drive_stop(arm))
         self.encoders = EncoderWatch(self.limits)
         self.reference = ReferenceGate(self.joints, self.limits)
+        self._following = Following(self.joints, self.planned.velocity, self.reference)
         self._takeover = Takeover(self.planned.acceleration)
         self._to = [self.joints.index(name) for name in self.damper.joints]
         self._from = [self.gauges.index(name) for name in self.damper.gauges]
@@ -194,7 +187,7 @@ class MotionController:
             self._take_first(now, q)
             return None
         dq = (q - self._q) / dt
-        self._learn_period(dt)
+        self.period = learned_period(self.period, dt)
         self._q = q.copy()
         self._clock += dt  # stamps alone: a simulated arm may be slower than this machine
         delay = self.gains.delay
@@ -271,11 +264,6 @@ class MotionController:
         """Longest time between samples that is no interruption [s]."""
         return max(self.timeout, 3.0 * self.period)
 
-    def _learn_period(self, dt: float) -> None:
-        """Take a time between samples [s]; the long ones lack some, so the short count more."""
-        share = self.period if dt > self.period else min(QUICK * self.period, 1.0)
-        self.period += share * (min(dt, 2.0 * self.period) - self.period)
-
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
         if self._slept(now) or not self._blind:
@@ -308,26 +296,13 @@ class MotionController:
             if reference.refusal and self.state is State.HOLDING:
                 self.cause = reference.refusal
             return
-        late = reference.age(now) > self.timeout
-        away = np.abs(reference.place(now, self.timeout) - q)
-        planned = self.planned.velocity
         if self.state is State.FOLLOWING:
-            if late:
-                self._interrupt(now, f'no reference for {1e3 * self.timeout:.0f} ms')
-            elif np.any(away > FOLLOWING_TIME * planned):
-                j = int(np.argmax(away / planned))
-                self._interrupt(now, f'{self.joints[j]} is {away[j]:.3g} away from its reference')
-        elif late:
-            self.cause = reference.refusal or 'no reference comes'
-        elif np.any(away > NEAR_TIME * planned):
-            j = int(np.argmax(away / planned))
-            self.cause = (f'the reference is {away[j]:.3g} away from {self.joints[j]}: it has to '
-                          'begin at the arm')
-        elif np.any(np.abs(reference.dq) > RESTING * planned):
-            self.cause = 'the reference moves already: it has to begin at rest'
-        elif np.any(np.abs(self._hold.dq) > RESTING * planned):
-            self.cause = 'the arm brakes'
-        else:
+            cause = self._following.stray(now, self.timeout, q)
+            if cause:
+                self._interrupt(now, cause)
+            return
+        self.cause = self._following.obstacle(now, self.timeout, q, self._hold.dq)
+        if not self.cause:
             self.state, self.cause = State.FOLLOWING, 'follows the reference'
 
     def _interrupt(self, now: float, cause: str) -> None:

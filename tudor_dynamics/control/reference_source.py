@@ -27,7 +27,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
-from tudor_dynamics.control.motion_controller import FOLLOWING_TIME, NEAR_TIME, RESTING
+from tudor_dynamics.control.guards.following import FOLLOWING_TIME, NEAR_TIME, RESTING
 from tudor_dynamics.control.reaction import ReactingReference
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.signals.excitation import aprbs, joint_range
