@@ -58,7 +58,7 @@ class Following:
         now, timeout : float
             Local time, and age from which on a reference is missing [s].
         q : ndarray of shape (n_joints,)
-            Positions [rad or m].
+            Measured positions of the joints [rad or m].
 
         """
         away = self._away(now, timeout, q)
