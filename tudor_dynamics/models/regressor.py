@@ -245,8 +245,8 @@ class StrainRegressor:
         self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
         self.loaded = False
         self._bodies = RigidBodies(model, *(np.array([
-            model.joints[model.getJointId(name)].idx_v for name in names])
-            for names in (arm.active_joints, outputs)))
+            model.joints[model.getJointId(name)].idx_v for name in group])
+            for group in (arm.active_joints, outputs)))
         self._coupling = Coupling(arm)
 
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:

@@ -46,8 +46,8 @@ class SearchPhase:
         [1/s].
     inner : float
         Longest inner step [s].
-    evaluations : int
-        Of the errors, at most.
+    steps : int
+        Steps to take at most, each the best of a ladder.
     enough : float
         Part of the sum of squares: a step that gains less ends the search.
 
@@ -55,12 +55,12 @@ class SearchPhase:
 
     bandwidth: float
     inner: float
-    evaluations: int
+    steps: int
     enough: float
 
 
 def improve(
-    problem: Problem, x: FloatArray, evaluations: int, enough: float = 1e-4,
+    problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4,
 ) -> FloatArray:
     """
     Search by all parameters of the problem.
@@ -71,8 +71,8 @@ def improve(
         Problem with its weights.
     x : ndarray of shape (n_names,) or (unknowns,)
         Logarithms to start from.
-    evaluations : int
-        Of the errors, at most.
+    steps : int
+        Steps to take at most, each the best of a ladder.
     enough : float
         Part of the sum of squares: a step that gains less ends the search.
 
@@ -102,7 +102,7 @@ def improve(
     return of(minimised(
         lambda several: problem.residuals([of(u) for u in several]),
         lambda u: problem.jacobian(of(u)) * slope(u), begin, (bounds[0], bounds[1]),
-        np.concatenate([problem.width, np.full(len(free), GAIN)]), steps=evaluations,
+        np.concatenate([problem.width, np.full(len(free), GAIN)]), steps=steps,
         enough=enough))
 
 
@@ -134,5 +134,5 @@ def descend(
         problem.inner = stage.inner
         x = problem.draw(x, stage.bandwidth)
         reweight(problem, x)
-        x = improve(problem, x, stage.evaluations, stage.enough)
+        x = improve(problem, x, stage.steps, stage.enough)
     return problem.draw(x, 0.0)

@@ -178,21 +178,8 @@ class DrivenArm:
             If no equilibrium is found where it begins, or the state grows without bounds.
 
         """
-        return self.late(self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS), dt)
-
-    def late(self, response: Response, dt: FloatArray) -> Response:
-        """
-        Let the readings lag, as behind the low-pass of an amplifier; goes on from call to call.
-
-        Parameters
-        ----------
-        response : Response
-            What gauges and gears feel.
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s].
-
-        """
-        return Response(self._behind(response.moment, dt), response.torque)
+        found = self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS)
+        return Response(self.late(found.moment, dt), found.torque)
 
     def prompt(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
@@ -225,7 +212,18 @@ class DrivenArm:
             raise SimulationError(msg)
         return Response(moment, torque)
 
-    def _behind(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
+    def late(self, moment: FloatArray, dt: FloatArray) -> FloatArray:
+        """
+        Let readings lag, as behind the low-pass of an amplifier; goes on from call to call.
+
+        Parameters
+        ----------
+        moment : ndarray of shape (n_samples, n_gauges)
+            What the gauges feel [N m].
+        dt : ndarray of shape (n_samples,)
+            Time since the sample before [s].
+
+        """
         lag = self._physics.lag
         if lag <= 0.0 or not len(moment):
             return moment

@@ -126,7 +126,8 @@ class CorrectedArm(DrivenArm):
             If it diverges.
 
         """
-        return self.late(self.prompt(q, dt, self.ahead(dt, measured), gains), dt)
+        found = self.prompt(q, dt, self.ahead(dt, measured), gains)
+        return Response(self.late(found.moment, dt), found.torque)
 
     def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
         """

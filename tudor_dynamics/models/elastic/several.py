@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
-from tudor_dynamics.models.elastic.arm import NO_GAINS, Response
+from tudor_dynamics.models.elastic.arm import NO_GAINS
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
 from tudor_dynamics.models.elastic.kernel import look, move, tables_of
 from tudor_dynamics.typing import FloatArray
@@ -99,15 +99,11 @@ def follow_together(
             begun[i] = arm.prompt(q[:end], dt[:end], towards[i][:end], gains).moment
         except SimulationError:
             continue
-    moments: list[FloatArray | None] = [None] * len(arms)
-    if end == len(q):
-        found = begun
-    else:
-        found = _behind_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
-    for i, moment in found.items():
-        whole = Response(moment if end == len(q) else np.vstack([begun[i], moment]), q)
-        moments[i] = arms[i].late(whole, dt).moment
-    return moments
+    found = begun
+    if end < len(q):
+        rest = _behind_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
+        found = {i: np.vstack([begun[i], moment]) for i, moment in rest.items()}
+    return [arm.late(found[i], dt) if i in found else None for i, arm in enumerate(arms)]
 
 
 def _behind_the_first(
