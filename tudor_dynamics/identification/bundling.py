@@ -27,6 +27,7 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.metrics import Score
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
+from tudor_dynamics.identification.worth.bent import bent_facts
 from tudor_dynamics.identification.worth.comparison import spread
 from tudor_dynamics.identification.worth.payload_errors import payload_errors
 from tudor_dynamics.models.base import Model
@@ -61,7 +62,7 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
         'findings': [item.as_dict() for item in result.findings],
         **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {}),
         **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
-        'payload_errors': payload_errors(result)}
+        'payload_errors': payload_errors(result), **bent_facts(result)}
     causal = None
     if result.causal is not None:
         facts['causal_validation'] = figures(result.causal)

@@ -27,11 +27,14 @@ constant: its result is then in amperes, joint by joint.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.monitoring.pairing import PairedSample
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.typing import FloatArray
 
@@ -62,8 +65,9 @@ class MomentumObserver:
         self.settle = max(settle, LAGS / gain)
         self._observed: FloatArray | None = None
         self._last = 0
+        self._carried = 0.0
 
-    def step(self, pair: PairedSample) -> Residual | None:
+    def step(self, pair: PairedSample, load: CarriedLoad | None = None) -> Residual | None:
         """
         Observe one sample.
 
@@ -71,6 +75,8 @@ class MomentumObserver:
         ----------
         pair : PairedSample
             Motion and measured effort; no prediction is needed.
+        load : CarriedLoad, optional
+            What the arm carries beside what the model knows.
 
         Returns
         -------
@@ -80,7 +86,15 @@ class MomentumObserver:
 
         """
         motion = pair.motion
-        momentum, expected = self._expect(motion.row[None])
+        momentum, expected = self._expect(motion.row[None], self.model.predict)
+        own = None if load is None else load.worth.get('effort')
+        if load is not None and own is not None:
+            more = load.mass - load.known
+            swing, change = self._expect(motion.row[None], own.along)
+            if self._observed is not None:  # what has just come moves as the arm does already
+                self._observed = self._observed + (more - self._carried) * swing[0]
+            self._carried = more
+            momentum, expected = momentum + more * swing, expected + more * change
         external = self._advance(motion.stamp, motion.dt == 0.0, momentum[0],
                                  expected[0] + pair.measured)
         if external is None or not motion.settled(self.settle):
@@ -109,7 +123,7 @@ class MomentumObserver:
             Residuals, those of the settling included.
 
         """
-        momentum, expected = self._expect(motion)
+        momentum, expected = self._expect(motion, self.model.predict)
         out = np.zeros_like(measured)
         for k, (time, p, u) in enumerate(zip(stamp.tolist(), momentum, expected + measured,
                                              strict=True)):
@@ -132,7 +146,10 @@ class MomentumObserver:
         self._observed = before + dt * external
         return np.asarray(external)
 
-    def _expect(self, motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+    @staticmethod
+    def _expect(
+        motion: FloatArray, efforts: Callable[[FloatArray], FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
         """Give M dq, and dM/dt dq - n(q, dq): what the momentum does without effort."""
         count, n = len(motion), motion.shape[1] // 3
         q, dq = motion[:, :n], motion[:, n:2 * n]
@@ -142,6 +159,6 @@ class MomentumObserver:
         for k, place in enumerate((q, q + step * dq, q - step * dq)):
             batch[1 + 2 * k:3 + 2 * k, :, :n] = place
             batch[1 + 2 * k, :, 2 * n:] = dq
-        y = self.model.predict(batch.reshape(7 * count, 3 * n)).reshape(7, count, -1)
+        y = efforts(batch.reshape(7 * count, 3 * n)).reshape(7, count, -1)
         change = ((y[3] - y[4]) - (y[5] - y[6])) / (2.0 * step)
         return y[1] - y[2], change - y[0]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from tudor_dynamics.errors import check_type
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.payload_stage import CarriedLoad, PayloadStage
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.predictor import Predictor
 from tudor_dynamics.monitoring.settings import Found, MonitorSettings
 from tudor_dynamics.monitoring.state_filter import Motion, StateFilter
@@ -70,7 +70,7 @@ class Monitor:
         check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
         bundle = bundle.beside_robot()
         self.filter = StateFilter(bundle.preprocessing, settings.gap)
-        self.watch = Watch(bundle, settings, thresholds)
+        self.watch = Watch(bundle, settings, thresholds, payload)
         self.predictor = Predictor(
             bundle, settings.kind,
             settings.observer if 'strain' in self.watch.outputs else 'off')
@@ -107,7 +107,7 @@ class Monitor:
         self.predicted = self.predictor.step(self.motion, self.wanted)
         if self.payload is not None and self.predicted is not None:
             self.predicted = self.payload.add_to(self.predicted, self.motion.row)
-        return self._followed(self.watch.add_motion(self.motion, self.predicted))
+        return self.watch.add_motion(self.motion, self.predicted)
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
         """
@@ -130,20 +130,4 @@ class Monitor:
         """
         if output == 'strain':
             self.predictor.add_strain(stamp, values)
-        return self._followed(self.watch.add_measured(output, stamp, values))
-
-    def _followed(self, found: Found) -> Found:
-        """Let the load follow; a collision that is one is taken back."""
-        payload = self.payload
-        if not isinstance(payload, PayloadStage):
-            return found
-        if payload.expecting and found.events:
-            found.events.clear()
-            self.watch.detector.reset()
-        for method, residual in found.residuals:
-            if method == payload.output:
-                load = payload.step(residual, self.watch.level)
-                if load is not None:
-                    found.loads.append(load)
-                    self.watch.detector.reset()
-        return found
+        return self.watch.add_measured(output, stamp, values)

@@ -24,15 +24,19 @@ from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.payload.observer import LoadObserver
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.payload.bent import bent_links
+from tudor_dynamics.payload.observer import BEGUN, LIGHTEST, LoadObserver
 from tudor_dynamics.payload.rows import carrier_frame, tip
-from tudor_dynamics.payload.worth import channel_noise, load_worth
+from tudor_dynamics.payload.sense import BentSense, rigid_noise, RigidSense, Sense
+from tudor_dynamics.payload.worth import load_worth, LoadWorth
+from tudor_dynamics.small_arrays import all_finite
 from tudor_dynamics.typing import FloatArray
 
 EXPECTED = 3.0
 """Time for which a load that was announced may come [s]."""
-ROUGHLY = 0.05
-"""Error of a model of which nothing is known, as a part of what loads the output."""
+WARMED_UP = 0.1
+"""Time between samples that compile what runs beside the robot [s]."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class CarriedLoad:
         Where the load is taken to sit, in that frame [m].
     worth : dict of str to LoadWorth
         Output to what a kilogram adds.
+    output : {'effort', 'strain'}
+        Output that tells the load: strain, where it does.
 
     Raises
     ------
@@ -94,7 +100,9 @@ class CarriedLoad:
             raise ModelError(msg)
         self.known = known
         self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
-        self._mass = known
+        self.output = 'strain' if 'strain' in self.worth else 'effort'
+        self._mass, self._told = known, known
+        self._expected = self._last = 0
 
     @property
     def mass(self) -> float:
@@ -112,6 +120,46 @@ class CarriedLoad:
 
         """
         self._mass = mass
+
+    def expect(self) -> None:
+        """Let a load come or go within the next seconds without being a collision."""
+        self._expected = self._last + round(EXPECTED * 1e9)
+
+    @property
+    def expecting(self) -> bool:
+        """Say whether a load may come now."""
+        return self._last < self._expected
+
+    def step(self, residual: Residual, level: Level) -> LoadFound | None:
+        """
+        Take a sample of the output that tells the load into account.
+
+        Parameters
+        ----------
+        residual : Residual
+            What was measured, and the motion.
+        level : Level
+            State of the arm; while it is touched, the load stays as it is.
+
+        Returns
+        -------
+        LoadFound or None
+            A load, where a collision has just turned out to be one.
+
+        """
+        self._advance(residual.motion.stamp)
+        change, self._told = self._mass - self._told, self._mass
+        if abs(change) < LIGHTEST * self.worth[self.output].reference:
+            return None
+        return LoadFound(self._last, self._mass, change)
+
+    def _advance(self, stamp: int) -> bool:
+        """Let time go by; say whether the clock was set back."""
+        back = stamp < self._last
+        if back:
+            self._expected = 0
+        self._last = stamp
+        return back
 
     def add_to(self, predicted: dict[str, FloatArray], row: FloatArray) -> dict[str, FloatArray]:
         """
@@ -148,8 +196,8 @@ class PayloadStage(CarriedLoad):
 
     Attributes
     ----------
-    output : {'effort', 'strain'}
-        Output that tells the load: strain, where it does.
+    bent : bool
+        Whether it knows how links bend.
     observer : LoadObserver
         Mass with its standard deviation, and what has come suddenly.
 
@@ -157,19 +205,29 @@ class PayloadStage(CarriedLoad):
 
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         super().__init__(bundle, known)
-        self.output = 'strain' if 'strain' in self.worth else 'effort'
-        self._base = bundle.models[self.output]['analytical'].at(known)
-        own, channels = self.worth[self.output], self._base.channels
-        otherwise = np.maximum(ROUGHLY * own.reference * own.typical, 1e-300)
-        self.observer = LoadObserver(
-            channel_noise(bundle.facts, self.output, channels, otherwise), own.reference)
-        self._expected = self._last = 0
+        self._sense, reference = self._sensed(bundle)
+        channels = len(bundle.models[self.output]['analytical'].channels)
+        self.observer = LoadObserver(channels, reference, self._sense.lag)
         # compiled now, and not beside the robot
         nothing = np.zeros(3 * len(bundle.arm.joints))
-        for stamp in range(0, 400_000_000, 100_000_000):
-            self.observer.step(stamp, 0.1, nothing[:1], self._base.predict(nothing[None])[0],
-                               own.at(nothing), held=False)
+        for _ in range(round(2.0 * BEGUN / WARMED_UP)):
+            sensed = self._sense.step(WARMED_UP, nothing, np.zeros(channels))
+            if sensed is not None:
+                self.observer.step(WARMED_UP, sensed.left, sensed.worth, held=False)
         self.observer.reset()
+        self._sense, _ = self._sensed(bundle)
+
+    def _sensed(self, bundle: ModelBundle) -> tuple[Sense, float]:
+        """Choose what tells the load; give what loads are compared with as well [kg]."""
+        bent = bent_links(bundle.facts, bundle.arm) if self.output == 'strain' else None
+        self.bent = bent is not None
+        if bent is not None:
+            own = LoadWorth(bundle.arm, self.output, bent.model)
+            return BentSense(bent, own, self.known), own.reference
+        model, own = bundle.models[self.output]['analytical'], self.worth[self.output]
+        assert isinstance(model, AnalyticalModel)  # that of which there is a worth
+        noise = rigid_noise(bundle.facts, self.output, model, own)
+        return RigidSense(model.at(self.known), own, noise), own.reference
 
     @property
     def mass(self) -> float:
@@ -181,42 +239,19 @@ class PayloadStage(CarriedLoad):
         """Give its standard deviation [kg]."""
         return self.observer.std
 
-    def expect(self) -> None:
-        """Let a load come or go within the next seconds without being a collision."""
-        self._expected = self._last + round(EXPECTED * 1e9)
-
-    @property
-    def expecting(self) -> bool:
-        """Say whether a load may come now."""
-        return self._last < self._expected
-
     def step(self, residual: Residual, level: Level) -> LoadFound | None:
-        """
-        Take a sample of the output that tells the load into account.
-
-        Parameters
-        ----------
-        residual : Residual
-            What was measured, and the motion.
-        level : Level
-            State of the arm; while it is touched, the load stays as it is.
-
-        Returns
-        -------
-        LoadFound or None
-            A load, where a collision has just turned out to be one.
-
-        """
+        """Take a sample into account; see `CarriedLoad`."""
         motion = residual.motion
-        if motion.stamp < self._last:  # the clock was set back
+        before = self._last
+        if self._advance(motion.stamp):
             self.observer.reset()
-            self._expected = 0
-        dt = 0.0 if motion.dt == 0.0 else (motion.stamp - self._last) * 1e-9
-        self._last = motion.stamp
-        row = motion.row
-        n = len(row) // 3
+        if not all_finite(residual.measured):
+            return None
+        dt = 0.0 if motion.dt == 0.0 else max(motion.stamp - before, 0) * 1e-9
+        sensed = self._sense.step(dt, motion.row, residual.measured)
+        if sensed is None:
+            return None
         change = self.observer.step(
-            motion.stamp, dt, row[2 * n:], residual.measured - self._base.predict(row[None, :])[0],
-            self.worth[self.output].at(row), held=level is not Level.FREE and not self.expecting,
+            dt, sensed.left, sensed.worth, held=level is not Level.FREE and not self.expecting,
             expected=self.expecting)
         return LoadFound(motion.stamp, self.mass, change) if change else None

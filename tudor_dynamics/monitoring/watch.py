@@ -29,6 +29,7 @@ from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.link_names import channel_links
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
 from tudor_dynamics.monitoring.settings import Found, METHODS, MonitorSettings, SOURCE
 from tudor_dynamics.monitoring.state_filter import Motion
@@ -50,6 +51,8 @@ class Watch:
         Methods of detection and false alarms allowed.
     thresholds : dict of str to MethodThresholds, optional
         In place of those of the bundle.
+    payload : CarriedLoad, optional
+        Load that follows the arm, or that others follow: what turns out to be it is no collision.
 
     Attributes
     ----------
@@ -71,7 +74,9 @@ class Watch:
         bundle: ModelBundle,
         settings: MonitorSettings,
         thresholds: dict[str, MethodThresholds] | None = None,
+        payload: CarriedLoad | None = None,
     ) -> None:
+        self.payload = payload
         self.bundle, self.settings = bundle, settings
         spec = bundle.preprocessing
         unknown = [name for name in settings.methods if name not in METHODS]
@@ -249,7 +254,7 @@ class Watch:
                     self._restart[method] = True
                 if method == 'momentum':
                     assert self.observer is not None
-                    residual = self.observer.step(pair)
+                    residual = self.observer.step(pair, self.payload)
                     if self.contact is not None and method == self.contact.source:
                         self._touch(pair, residual, found)
                 else:
@@ -257,6 +262,7 @@ class Watch:
                 if residual is None:
                     continue
                 found.residuals.append((method, residual))
+                self._carry(method, residual, found)
                 stage = self.stages.get(method)
                 if stage is None:
                     continue
@@ -264,13 +270,24 @@ class Watch:
                 self._restart[method] = False
                 found.excesses.append((method, excess))
                 event = self.detector.step(method, excess)
-                if event is not None:
+                if event is not None and self.payload is not None and self.payload.expecting:
+                    self.detector.reset()
+                elif event is not None:
                     found.events.append(event)
             judging = self._judging[output]
             self.counts[output][
                 'no_thresholds' if not judging else
                 'judged' if len(found.excesses) - before == judging else
                 'settling' if not pair.motion.settled(self.settle) else 'no_prediction'] += 1
+
+    def _carry(self, method: str, residual: Residual, found: Found) -> None:
+        """Let the load follow; a collision that is one is taken back."""
+        if self.payload is None or method != self.payload.output:
+            return
+        load = self.payload.step(residual, self.level)
+        if load is not None:
+            found.loads.append(load)
+            self.detector.reset()
 
     def _touch(
         self, pair: PairedSample, residual: Residual | None, found: Found,

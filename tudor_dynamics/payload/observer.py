@@ -15,9 +15,10 @@
 """
 The load sample by sample: a Kalman filter with the mass and the zero of each channel.
 
-The error of a model is no white noise. It counts by what it has over a second: its mean square
-times the time for which it depends on itself, more so where the arm accelerates, which is when
-links ring. What is old is forgotten as the mass and the zeros may wander.
+All channels come in units of their noise, which over a second is white: its density is 1. What is
+old is forgotten as the mass and the zeros may wander. What comes suddenly is another load from an
+instant on, which is looked for in the recent past: at once where it was announced, and where it
+was not, once it is clear that it is no touch.
 """
 
 from __future__ import annotations
@@ -28,47 +29,51 @@ import math
 import numpy as np
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.payload.trial import LoadTrial
+from tudor_dynamics.payload.change import BLOCK, Change, RecentPast
 from tudor_dynamics.typing import FloatArray
 
-DEPENDENT = 0.3
-"""Time for which the error of a model depends on itself [s]."""
-QUIET = 0.2
-"""Part of its mean square that is there without acceleration."""
-RINGS = 0.6
-"""Time for which a link rings behind an acceleration [s]."""
-USUAL = 30.0
-"""Time over which the usual acceleration is learned [s]."""
 WANDERS = 0.005
 """Of the mass, in payloads of the model over a second."""
-ZERO, ZERO_WANDERS = 1.0, 0.01
+ZERO, ZERO_WANDERS = 1.0, 0.03
 """Of a channel in its noise: as it is not known at first, and over a second."""
-EXPECTED_WANDERS = 0.25
-"""The same while a load may come or go."""
-KEPT, KEPT_EVERY = 5, 0.2
-"""States that are put aside, and the time between two [s]: the oldest knows nothing of what has
-come within the time of a trial."""
 BEGUN = 2.0
 """Time for which the load that is there at the beginning is learned [s]."""
-UNSURE = 0.3
-"""Part of a load that has just come by which it may be wrong."""
+RECENT, ANNOUNCED = 1.2, 4.0
+"""Past in which a change is looked for, and the same while one is announced [s]."""
+SEEN, SOONEST = 0.2, 0.6
+"""Time since a change until it is looked for, and until it is told if not announced [s]."""
+EXPECTED_GAIN = 6.0
+"""What an announced change explains at least; by chance it is 1."""
+LOUD = 40.0
+"""What any other explains at least."""
+EXPLAINED = 0.25
+"""Part of what came that a load leaves over at most."""
+TOUCH = 1.3
+"""A load explains it as well as a moment that stays, but for this."""
+LIGHTEST, HEAVIEST = 0.12, 1.5
+"""Loads that are told from touches, in payloads of the model."""
+LASTING, LIGHTER = 3.0, 0.02
+"""What has stayed for so long [s] is a load from so little on."""
+ODD = 60.0
+"""What a moment that stays explains at least of what came, if something touches the arm."""
+UNSURE = 0.05
+"""Part of a load that has just come by which it may be wrong, beside its own noise."""
 LARGEST_STEP = 0.1
 """A sample stands for no more time than this [s]."""
 
 
 @compiled
-def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, worth: FloatArray,
-                 noise: FloatArray, dt: float, wander: float, zero: float) -> None:
-    """Advance the filter by one sample; a noise is a mean square times a time."""
+def observe_load(x: FloatArray, p: FloatArray, left: FloatArray, worth: FloatArray, dt: float,
+                 wander: float, zero: float) -> None:
+    """Advance the filter by one sample; channels have noise of the density 1."""
     size, channels = x.shape[0], left.shape[0]
     p[0, 0] += wander * dt
-    for c in range(channels):
-        p[1 + c, 1 + c] += zero * noise[c] * dt
     gain = np.empty(size)
     for c in range(channels):
+        p[1 + c, 1 + c] += zero * dt
         for i in range(size):
             gain[i] = p[i, 0] * worth[c] + p[i, 1 + c]
-        spread = worth[c] * gain[0] + gain[1 + c] + noise[c] / dt
+        spread = worth[c] * gain[0] + gain[1 + c] + 1.0 / dt
         new = left[c] - worth[c] * x[0] - x[1 + c]
         for i in range(size):
             x[i] += gain[i] / spread * new
@@ -83,29 +88,38 @@ class LoadObserver:
 
     Parameters
     ----------
-    noise : ndarray of shape (n_channels,)
-        What the model leaves over in free motion, in units of the output.
+    channels : int
+        Number of channels.
     reference : float
         Payloads of the model, or what weighs like the arm itself [kg].
+    lag : float, default=0
+        Of each of the three filters that channels went through [s].
 
     """
 
-    def __init__(self, noise: FloatArray, reference: float) -> None:
-        self._noise, self._reference = noise, reference
-        self._trial = LoadTrial(noise, reference)
+    def __init__(self, channels: int, reference: float, lag: float = 0.0) -> None:
+        self._channels, self._reference = channels, reference
+        seen = ramp(lag, round(ANNOUNCED / BLOCK))
+        self._recent = RecentPast(channels, RECENT, seen)
+        self._announced = RecentPast(channels, ANNOUNCED, seen)
         self.reset()
 
     def reset(self) -> None:
         """Know nothing."""
-        count = 1 + len(self._noise)
-        self._x, self._p = np.zeros(count), np.zeros((count, count))
+        count = 1 + self._channels
+        self._x, self._p = np.zeros(count), np.diag(np.full(count, ZERO ** 2))
         self._p[0, 0] = self._reference ** 2
-        for c, noise in enumerate(self._noise):
-            self._p[1 + c, 1 + c] = (ZERO * noise) ** 2
-        self._now = self._usual = self._seconds = 0.0
-        self._trial.reset()
-        self._kept = deque([(self._x.copy(), self._p.copy())], maxlen=KEPT)
-        self._since = 0.0
+        self._seconds = 0.0
+        self._announcing = False
+        self._keep()
+
+    def _keep(self) -> None:
+        """Let the past begin now."""
+        self._odd, self._waited = False, 0.0
+        self._recent.clear()
+        self._announced.clear()
+        # as many as there are blocks, and the one before them
+        self._kept = deque([(self._x.copy(), self._p.copy())], maxlen=round(RECENT / BLOCK) + 1)
 
     @property
     def mass(self) -> float:
@@ -118,28 +132,24 @@ class LoadObserver:
         return math.sqrt(max(float(self._p[0, 0]), 0.0))
 
     def step(
-        self, stamp: int, dt: float, acceleration: FloatArray, left: FloatArray,
-        worth: FloatArray, *, held: bool, expected: bool = False,
+        self, dt: float, left: FloatArray, worth: FloatArray, *, held: bool,
+        expected: bool = False,
     ) -> float:
         """
         Take a sample into account.
 
         Parameters
         ----------
-        stamp : int
-            Stamp of the sample [ns].
         dt : float
             Time since the sample before; 0 at a beginning [s].
-        acceleration : ndarray of shape (n_joints,)
-            Of the joints [rad/s^2 or m/s^2].
         left : ndarray of shape (n_channels,)
-            What a model without the load leaves over, in units of the output.
+            What a model without the load leaves over, in units of its noise.
         worth : ndarray of shape (n_channels,)
-            What a kilogram adds.
+            What a kilogram adds, in the same.
         held : bool
             Whether something touches the arm: then the mass stays as it is.
         expected : bool, default=False
-            Whether a load may come or go now: then the mass may change quickly.
+            Whether a load may come or go now.
 
         Returns
         -------
@@ -150,35 +160,82 @@ class LoadObserver:
         """
         dt = min(dt, LARGEST_STEP)
         if dt <= 0.0:
-            self._trial.reset()
+            self._keep()
             return 0.0
-        size = float(acceleration @ acceleration)
-        self._now += min(dt / RINGS, 1.0) * (size - self._now)
-        self._seconds = min(self._seconds + dt, USUAL)
-        self._usual += dt / self._seconds * (size - self._usual)
-        x, p = self._x, self._p
-        # against what was known before: meanwhile the zeros have learned what was no zero
-        old, spread = self._kept[0]
-        change = 0.0
-        if self._seconds >= BEGUN:
-            change = self._trial.step(stamp, left - worth * old[0] - old[1:], worth,
-                                      float(old[0]))
-        if change:
-            x[:], p[:] = old, spread
-            x[0] += change
-            p[0, :] = p[:, 0] = 0.0
-            p[0, 0] = (UNSURE * change) ** 2
-            self._kept.clear()
-            self._kept.append((x.copy(), p.copy()))
-            return change
-        self._since += dt
-        if self._since >= KEPT_EVERY:
-            self._since = 0.0
-            self._kept.append((x.copy(), p.copy()))
-        if held:
+        self._seconds = min(self._seconds + dt, BEGUN)
+        if expected != self._announcing or (expected and self._announced.full):
+            self._announcing = expected
+            self._keep()
+        if expected and self._seconds >= BEGUN:
+            if self._announced.add(dt, left, worth):
+                self._follow()
             return 0.0
-        lively = QUIET + (self._now / self._usual if self._usual > 0.0 else 0.0)
-        wanders = (EXPECTED_WANDERS if expected else WANDERS) * self._reference
-        observe_load(x, p, left, worth, self._noise ** 2 * (DEPENDENT * lively), dt, wanders ** 2,
-                     ZERO_WANDERS ** 2)
+        self._waited = self._waited + dt if held or self._odd else 0.0
+        if self._recent.add(dt, left, worth):
+            found = self._recent.changed(self._kept[0][0], SEEN)
+            if found is not None and self._told(found):
+                self._take(found, *self._kept[0])
+                self._keep()
+                return found.mass
+            self._odd = found is not None and found.came - found.touched > ODD
+            self._kept.append((self._x.copy(), self._p.copy()))
+        if not (held or self._odd):
+            observe_load(self._x, self._p, left, worth, dt, (WANDERS * self._reference) ** 2,
+                         ZERO_WANDERS ** 2)
         return 0.0
+
+    def _follow(self) -> None:
+        """Look for the announced change, from the load of before."""
+        before, spread = self._kept[0]
+        found = self._announced.changed(before, BLOCK)
+        if found is None:
+            return
+        if found.gain > EXPECTED_GAIN and self._possible(float(before[0]), found):
+            self._take(found, before, spread)
+            return
+        self._x[:], self._p[:] = before, spread
+        # it may have come without having shown: no better known than it would be
+        self._p[0, 0] += 1.0 / max(found.information, self._reference ** -2)
+
+    def _take(self, found: Change, before: FloatArray, spread: FloatArray) -> None:
+        self._x[:], self._p[:] = before, spread
+        self._x[0] += found.mass
+        self._p[0, :] = self._p[:, 0] = 0.0
+        self._p[0, 0] = 1.0 / found.information + (UNSURE * found.mass) ** 2
+
+    def _possible(self, carried: float, found: Change) -> bool:
+        return (abs(found.mass) < HEAVIEST * self._reference
+                and carried + found.mass > -LIGHTEST * self._reference)
+
+    def _told(self, found: Change) -> bool:
+        """Say whether a change that nobody has announced is clearly one of the load."""
+        lightest = LIGHTEST if self._waited < LASTING else LIGHTER
+        return (self._seconds >= BEGUN and found.since > SOONEST - 0.5 * BLOCK
+                and found.gain > LOUD
+                and abs(found.mass) > lightest * self._reference
+                and self._possible(float(self._kept[0][0][0]), found)
+                and found.left < EXPLAINED * found.came
+                and found.left < TOUCH * found.touched)
+
+
+def ramp(lag: float, count: int) -> FloatArray:
+    """
+    Give how much of a step is seen behind three equal low-passes.
+
+    Parameters
+    ----------
+    lag : float
+        Of each of them [s].
+    count : int
+        Number of blocks.
+
+    Returns
+    -------
+    ndarray of shape (n_blocks,)
+        In the middle of each block behind the step, from 0 to 1.
+
+    """
+    if lag <= 0.0:
+        return np.ones(count)
+    t = (np.arange(count) + 0.5) * (BLOCK / lag)
+    return np.asarray(1.0 - np.exp(-t) * (1.0 + t + 0.5 * t ** 2))

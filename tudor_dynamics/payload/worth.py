@@ -145,38 +145,3 @@ def load_worth(arm: Arm, models: Mapping[str, Mapping[str, Model]]) -> dict[str,
             if worth.source is not Source.NOTHING:
                 found[output] = worth
     return found
-
-
-def channel_noise(
-    facts: Mapping[str, Any], output: str, channels: tuple[str, ...], otherwise: FloatArray,
-) -> FloatArray:
-    """
-    Give what a model beside the robot leaves over in its training.
-
-    Parameters
-    ----------
-    facts : mapping
-        Facts of a bundle.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-    channels : tuple of str
-        Names of the channels of the output, in its order.
-    otherwise : ndarray of shape (n_channels,)
-        Where the facts do not say, in units of the output.
-
-    Returns
-    -------
-    ndarray of shape (n_channels,)
-        Root mean square error, in units of the output.
-
-    """
-    found = otherwise.copy()
-    for key in ('validation', 'causal_validation'):
-        try:
-            known = facts[key][output]['analytical']['training']['channels']
-            values = np.array([float(known[name]['rmse']) for name in channels])
-        except (KeyError, TypeError, ValueError):
-            continue
-        if np.isfinite(values).all() and (values > 0.0).all():
-            found = values
-    return found

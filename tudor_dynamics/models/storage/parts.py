@@ -176,6 +176,15 @@ class ElasticPart(BundlePart):
     payload_range: Payloads | None = None
 
 
+class BentPart(BundlePart):
+    """Links that bend, with a model of the strain by where they are."""
+
+    cutoff: Annotated[float, Field(gt=0.0, le=1e5)]
+    bending: tuple[tuple[Coefficient, ...], ...]
+    density: tuple[tuple[Coefficient, ...], ...]
+    model: dict[str, Any]
+
+
 class ModelsPart(BundlePart):
     """Models, with the preprocessing that they were fitted to."""
 
