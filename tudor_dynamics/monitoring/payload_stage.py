@@ -21,10 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.payload.bent import bent_links
 from tudor_dynamics.payload.observer import BEGUN, LIGHTEST, LoadObserver
 from tudor_dynamics.payload.rows import carrier_frame, tip
@@ -207,7 +207,8 @@ class PayloadStage(CarriedLoad):
         super().__init__(bundle, known)
         self._sense, reference = self._sensed(bundle)
         channels = len(bundle.models[self.output]['analytical'].channels)
-        self.observer = LoadObserver(channels, reference, self._sense.lag)
+        self.observer = LoadObserver(
+            channels, reference, self._sense.lag, self._sense.explained)
         # compiled now, and not beside the robot
         nothing = np.zeros(3 * len(bundle.arm.joints))
         for _ in range(round(2.0 * BEGUN / WARMED_UP)):

@@ -248,9 +248,8 @@ class _Search:
             for gauge, span in enumerate(spans):
                 slope[:, gauge] -= span @ (span.T @ slope[:, gauge])
             slopes.append((slope / noise).ravel())
-        found: FloatArray = np.linalg.lstsq(
-            np.column_stack(slopes), (left / noise).ravel(), rcond=1e-8)[0]
-        return found
+        return np.asarray(np.linalg.lstsq(
+            np.column_stack(slopes), (left / noise).ravel(), rcond=1e-8)[0], dtype=float)
 
 
 def _learned(

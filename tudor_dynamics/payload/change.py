@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-When did the load change, and was it a load at all?
+When the load changed, and whether it was a load at all.
 
 Over the last part of the past every instant is tried: before it the load was what it had been,
 behind it another one. The best of them is what least squares leave the least over with (the

@@ -46,8 +46,6 @@ EXPECTED_GAIN = 6.0
 """What an announced change explains at least; by chance it is 1."""
 LOUD = 40.0
 """What any other explains at least."""
-EXPLAINED = 0.25
-"""Part of what came that a load leaves over at most."""
 TOUCH = 1.3
 """A load explains it as well as a moment that stays, but for this."""
 LIGHTEST, HEAVIEST = 0.12, 1.5
@@ -94,11 +92,15 @@ class LoadObserver:
         Payloads of the model, or what weighs like the arm itself [kg].
     lag : float, default=0
         Of each of the three filters that channels went through [s].
+    explained : float, default=0.15
+        Part of what came suddenly that a load leaves over at most.
 
     """
 
-    def __init__(self, channels: int, reference: float, lag: float = 0.0) -> None:
-        self._channels, self._reference = channels, reference
+    def __init__(
+        self, channels: int, reference: float, lag: float = 0.0, explained: float = 0.15,
+    ) -> None:
+        self._channels, self._reference, self._explained = channels, reference, explained
         seen = ramp(lag, round(ANNOUNCED / BLOCK))
         self._recent = RecentPast(channels, RECENT, seen)
         self._announced = RecentPast(channels, ANNOUNCED, seen)
@@ -214,7 +216,7 @@ class LoadObserver:
                 and found.gain > LOUD
                 and abs(found.mass) > lightest * self._reference
                 and self._possible(float(self._kept[0][0][0]), found)
-                and found.left < EXPLAINED * found.came
+                and found.left < self._explained * found.came
                 and found.left < TOUCH * found.touched)
 
 

@@ -68,10 +68,13 @@ class Sense(Protocol):
     ----------
     lag : float
         Of each of three filters that samples go through; 0 without [s].
+    explained : float
+        Part of what came suddenly that a load leaves over at most.
 
     """
 
     lag: float
+    explained: float
 
     def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed | None:
         """
@@ -110,6 +113,7 @@ class RigidSense:
     """
 
     lag = 0.0
+    explained = 0.4
 
     def __init__(self, model: Model, worth: LoadWorth, noise: FloatArray) -> None:
         self._model, self._worth, self._noise = model, worth, noise
@@ -143,6 +147,8 @@ class BentSense:
         Load that is none [kg].
 
     """
+
+    explained = 0.15
 
     def __init__(self, bent: BentLinks, worth: LoadWorth, known: float) -> None:
         self._bent, self._worth, self._model = bent, worth, bent.model.at(known)

@@ -29,7 +29,7 @@ SETTLED = 10.0
 
 class SmoothStates:
     """
-    Three first-order low-passes in a row, whose differences are the derivatives.
+    Three first-order low-passes in a row, and central differences of the last one's output.
 
     Of signals that went through the same one, each derivative is late by the same time, and what
     is linear between them stays so (the state variable filter of continuous-time identification:
@@ -47,10 +47,7 @@ class SmoothStates:
         self.cutoff = cutoff
         self._pole = 2.0 * math.pi * cutoff
         self._stages: FloatArray | None = None
-        # the last stage, how it changes, and how that does
-        pole = self._pole
-        self._differences = np.array([[0.0, 0.0, 1.0], [0.0, pole, -pole],
-                                      [pole ** 2, -2.0 * pole ** 2, pole ** 2]])
+        self._before = 0.0
 
     @property
     def settle(self) -> float:
@@ -75,13 +72,16 @@ class SmoothStates:
 
         """
         if self._stages is None or dt <= 0.0:
-            self._stages = np.tile(x, (3, 1))
-        else:
-            gain, before = low_pass_gain(self.cutoff, dt), x
-            for stage in self._stages:
-                stage += gain * (before - stage)
-                before = stage
-        return self._differences @ self._stages
+            self._stages = np.tile(x, (5, 1))
+            self._before = 0.0
+            return central(1.0, 1.0) @ self._stages[2:]
+        stages, gain, before = self._stages, low_pass_gain(self.cutoff, dt), x
+        stages[4], stages[3] = stages[3], stages[2]
+        for stage in stages[:3]:
+            stage += gain * (before - stage)
+            before = stage
+        earlier, self._before = self._before or dt, dt
+        return central(dt, earlier) @ stages[2:]
 
     def process(self, dt: FloatArray, x: FloatArray) -> FloatArray:
         """
@@ -100,8 +100,36 @@ class SmoothStates:
             As from `step`.
 
         """
-        stages = [x]
+        if not len(x):
+            return np.zeros((3, *x.shape))
+        last = x
         for _ in range(3):
-            later = low_pass(stages[-1][1:], dt[1:], self.cutoff, x[0])
-            stages.append(np.vstack([x[:1], later]))
-        return np.tensordot(self._differences, np.array(stages[1:]), 1)
+            last = np.vstack([x[:1], low_pass(last[1:], dt[1:], self.cutoff, x[0])])
+        lasts = np.array([last, last[np.maximum(np.arange(len(x)) - 1, 0)],
+                          last[np.maximum(np.arange(len(x)) - 2, 0)]])
+        times = np.maximum(np.where(np.arange(len(x)) > 0, dt, 1.0), 1e-9)
+        earlier = np.concatenate([[1.0], times[1:2], times[1:-1]])[:len(x)]
+        found: FloatArray = np.einsum('dvn,vnc->dnc', central(times, earlier), lasts)
+        return found
+
+
+def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
+    """
+    Give what the middle of three values, and its derivatives, take of them, the last first.
+
+    Parameters
+    ----------
+    dt, earlier : float or ndarray of shape (n_samples,)
+        Time between the last two, and between those before [s].
+
+    Returns
+    -------
+    ndarray of shape (3, 3) or (3, 3, n_samples)
+        For value, first and second derivative [1, 1/s, 1/s^2].
+
+    """
+    both, nothing = dt + earlier, 0.0 * dt
+    return np.array([
+        [nothing, nothing + 1.0, nothing],
+        [earlier / (dt * both), (dt / earlier - earlier / dt) / both, -dt / (earlier * both)],
+        [2.0 / (dt * both), -2.0 / (dt * earlier), 2.0 / (earlier * both)]])

@@ -1,0 +1,147 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""When a load changed, and whether it was a load."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from tudor_dynamics.payload.change import BLOCK, RecentPast
+from tudor_dynamics.payload.observer import LoadObserver, ramp
+from tudor_dynamics.typing import FloatArray
+
+DT = 0.01
+
+
+def worths(seconds: float, seed: int = 0) -> FloatArray:
+    """Give what a kilogram adds to two channels of an arm that moves."""
+    t = np.arange(0.0, seconds, DT)
+    phase = np.random.default_rng(seed).uniform(0.0, 6.0, 2)
+    return np.column_stack([200.0 + 150.0 * np.sin(2.0 * t + phase[0]),
+                            120.0 * np.cos(3.0 * t + phase[1])])
+
+
+def noise(count: int, seed: int = 1) -> FloatArray:
+    """Give noise of the density 0.1, which is white to the highest frequency."""
+    return np.random.default_rng(seed).standard_normal((count, 2)) * np.sqrt(0.1 / DT)
+
+
+@settings(max_examples=25, deadline=None)
+@given(mass=st.floats(-0.4, 0.4).filter(lambda m: abs(m) > 0.05), carried=st.floats(0.0, 0.4),
+       block=st.integers(2, 15), seed=st.integers(0, 99))
+def test_best_change(mass: float, carried: float, block: int, seed: int) -> None:
+    """Sums of blocks give the instant and the mass, and what is left, as all samples would."""
+    worth = worths(1.0, seed)
+    x = np.array([carried, 1.5, -2.0])
+    since = np.arange(len(worth)) // round(BLOCK / DT) - block
+    seen = ramp(0.03, 40)
+    step = np.where(since >= 0, seen[np.maximum(since, 0)], 0.0)
+    left = worth * (carried + mass * step)[:, None] + x[1:]
+    past = RecentPast(2, 2.0, seen)
+    for sample, kilogram in zip(left, worth, strict=True):
+        past.add(DT, sample, kilogram)
+    found = past.changed(x, 0.1)
+    assert found is not None and found.since == pytest.approx((20 - block) * BLOCK)
+    assert found.mass == pytest.approx(mass, rel=1e-6)
+    assert found.left == pytest.approx(0.0, abs=1e-6 * found.came)
+    came = (left - worth * carried - x[1:])[since >= 0]
+    assert found.came == pytest.approx(DT * np.sum(came ** 2))
+    assert found.gain == pytest.approx(found.came)
+
+
+def followed(
+    observer: LoadObserver, left: FloatArray, worth: FloatArray, *, announced: float = -1.0,
+) -> tuple[list[float], list[tuple[float, float]]]:
+    """Give masses, and times and sizes of what was told to be a load."""
+    masses, told = [], []
+    for k, (sample, kilogram) in enumerate(zip(left, worth, strict=True)):
+        expected = announced >= 0.0 and announced <= k * DT < announced + 3.0
+        change = observer.step(DT if k else 0.0, sample, kilogram, held=False, expected=expected)
+        if change:
+            told.append((k * DT, change))
+        masses.append(observer.mass)
+    return masses, told
+
+
+@pytest.mark.parametrize('mass', [0.3, 0.1])
+def test_picked_up_and_put_down(mass: float) -> None:
+    """Told once each, within a second, and known to 10 g; before there is nothing."""
+    worth = worths(14.0)
+    t = np.arange(len(worth)) * DT
+    carried = np.where((t > 5.0) & (t < 10.0), mass, 0.0)
+    observer = LoadObserver(2, 0.4)
+    masses, told = followed(observer, worth * carried[:, None] + noise(len(t)), worth)
+    assert [round(change, 1) for _, change in told] == [mass, -mass]
+    assert all(begin < time < begin + 1.0 for begin, (time, _) in zip((5.0, 10.0), told,
+                                                                      strict=True))
+    assert abs(masses[490]) < 0.01 > abs(masses[-1])
+    assert abs(masses[610] - mass) < 0.01 and observer.std < 0.01
+
+
+def test_announced() -> None:
+    """It is followed as it comes, without being told of; the deviation says what is not known."""
+    worth = worths(9.0)
+    t = np.arange(len(worth)) * DT
+    left = worth * np.where(t > 5.0, 0.25, 0.0)[:, None] + noise(len(t))
+    observer = LoadObserver(2, 0.4)
+    masses, told = followed(observer, left, worth, announced=4.8)
+    assert not told
+    assert abs(masses[495]) < 0.02 and abs(masses[560] - 0.25) < 0.02
+    assert abs(masses[-1] - 0.25) < 0.01 and observer.std < 0.01
+    again = LoadObserver(2, 0.4)
+    followed(again, left[:500], worth[:500], announced=4.8)
+    assert again.std > 0.01  # it may have come just now
+
+
+def test_touched_and_recovered() -> None:
+    """A moment that stays is no load: the mass waits, and goes on being learned behind it."""
+    worth = worths(16.0)
+    t = np.arange(len(worth)) * DT
+    touch = np.where((t > 5.0) & (t < 9.0), 1.0, 0.0)[:, None] * np.array([60.0, -40.0])
+    observer = LoadObserver(2, 0.4)
+    masses, told = followed(observer, worth * 0.2 + touch + noise(len(t)), worth)
+    assert not told
+    spread = np.abs(np.array(masses[480:]) - 0.2)
+    assert spread.max() < 0.03 and spread[-1] < 0.01
+    frozen = np.array(masses[560:900])
+    assert np.all(frozen == frozen[0])
+    # and a load that comes then is one
+    more = worth * 0.35 + noise(len(t), 5)
+    _, told = followed(observer, more, worth)
+    assert observer.mass == pytest.approx(0.35, abs=0.01)
+
+
+def test_small_loads_wait() -> None:
+    """What is lighter than what is told at once is taken when it stays, however it was held."""
+    worth = worths(14.0)
+    t = np.arange(len(worth)) * DT
+    left = worth * np.where(t > 5.0, 0.03, 0.0)[:, None] + 0.2 * noise(len(t))
+    observer = LoadObserver(2, 0.4)
+    masses, _ = followed(observer, left, worth)
+    assert masses[-1] == pytest.approx(0.03, abs=0.006)
+
+
+def test_begins_anew() -> None:
+    """Behind a gap no change is looked for across it; a reset knows nothing."""
+    worth = worths(6.0)
+    observer = LoadObserver(2, 0.4)
+    followed(observer, worth * 0.2, worth)
+    assert observer.mass == pytest.approx(0.2, abs=0.01)
+    assert observer.step(0.0, worth[0] * 0.4, worth[0], held=False) == 0.0
+    assert observer.mass == pytest.approx(0.2, abs=0.01)
+    observer.reset()
+    assert observer.mass == 0.0 and observer.std == pytest.approx(0.4)
