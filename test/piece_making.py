@@ -24,7 +24,7 @@ import time
 from patience import PATIENCE
 
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.parallel import Count
+from tudor_dynamics.parallel import Count, Progress
 
 
 def square(piece: int, count: Count) -> int:
@@ -34,6 +34,12 @@ def square(piece: int, count: Count) -> int:
     for _ in range(piece):
         count(1)
     return piece**2
+
+
+def spelled(piece: str, told: Progress) -> str:
+    """Do a piece of work that says what it does."""
+    told(f'spelling {piece}')
+    return ' '.join(piece)
 
 
 def killed(piece: int, count: Count) -> int:

@@ -29,14 +29,14 @@ import threading
 import time
 
 from patience import PATIENCE
-from piece_making import held, killed, square
+from piece_making import held, killed, spelled, square
 import pytest
 
 from tudor_dynamics import cluster
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.parallel import in_processes, width
+from tudor_dynamics.parallel import in_processes, spread, width
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')
@@ -130,6 +130,14 @@ def test_errors_come_back(machines: Machines) -> None:
         with pytest.raises(ProcessError, match='ended several workers'):
             in_processes(killed, [1], 2)
         assert in_processes(square, range(1, 6), 2) == [1, 4, 9, 16, 25]
+
+
+def test_searches_go_there(machines: Machines) -> None:
+    """What threads would have done is done by workers, in order."""
+    said: list[str] = []
+    with on_cluster(machines.address):
+        assert spread(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+    assert said == ['1 of 2 searches done', '2 of 2 searches done']
 
 
 def test_other_versions_are_refused(

@@ -24,11 +24,11 @@ import time
 
 import numpy as np
 from patience import PATIENCE
-from piece_making import killed, square
+from piece_making import killed, spelled, square
 import pytest
 
 from tudor_dynamics.errors import BagError, ProcessError
-from tudor_dynamics.parallel import _watch, in_processes, in_threads
+from tudor_dynamics.parallel import _watch, in_processes, in_threads, spread
 
 
 @pytest.mark.parametrize('jobs', [1, 2])
@@ -38,6 +38,14 @@ def test_pieces_keep_their_order(jobs: int) -> None:
     assert in_processes(square, range(1, 6), jobs, counts.append) == [1, 4, 9, 16, 25]
     assert counts[-1] == 15 and counts == sorted(counts)
     assert in_threads(lambda piece: piece**2, range(1, 6), jobs) == [1, 4, 9, 16, 25]
+
+
+def test_pieces_say_what_they_do() -> None:
+    """Which of several a word is of is told; one alone speaks for itself."""
+    said: list[str] = []
+    assert spread(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+    assert sorted(said) == ['spelling ab (1 of 2)', 'spelling cd (2 of 2)']
+    assert spread(spelled, ['ef'], said.append) == ['e f'] and said[-1] == 'spelling ef'
 
 
 def test_work_that_is_done_before_the_first_look_is_counted(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
+from functools import partial
 import os
 from pathlib import Path
 import shutil
@@ -45,6 +46,8 @@ from tudor_dynamics.errors import ProcessError
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
 Count = cluster.Count
+Progress = Callable[[str], None]
+"""Told what is done next."""
 
 GRACE = 10.0
 """For a worker to end by itself once its parent has gone [s]."""
@@ -83,6 +86,43 @@ def in_threads(
     # joblib's threads are looked after every 10 ms, as long as some pieces take
     with ThreadPoolExecutor(jobs) as pool:
         return list(pool.map(work, pieces))
+
+
+def spread(
+    work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], told: Progress,
+) -> list[Result]:
+    """
+    Do pieces of work that are compiled for the most part: in threads, or on the named cluster.
+
+    Parameters
+    ----------
+    work : callable
+        Does one piece, and says what it does next; a function of a module.
+    pieces : sequence
+        What is to be done; goes to the workers of a cluster as bytes.
+    told : callable
+        Told what is done next, also by several pieces at once.
+
+    Returns
+    -------
+    list
+        Results, in the order of the pieces.
+
+    """
+    count = len(pieces)
+    if count == 1:
+        return [work(pieces[0], told)]
+    if cluster.active():
+        return cluster.in_cluster(partial(_untold, work), pieces, lambda done: told(
+            f'{done} of {count} searches done'))
+    return in_threads(lambda k: work(pieces[k], lambda text: told(f'{text} ({k + 1} of {count})')),
+                      range(count), len(os.sched_getaffinity(0)))
+
+
+def _untold(work: Callable[[Piece, Progress], Result], piece: Piece, count: Count) -> Result:
+    result = work(piece, lambda _: None)
+    count(1)
+    return result
 
 
 def width(jobs: int) -> int:

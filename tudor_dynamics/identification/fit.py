@@ -264,6 +264,9 @@ def fit_models(
                                  None if holdout is None else holdout[0], known)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
+    parts = [training, *([] if test or len(training) < 2 else [known for known, _ in others])]
+    for trainer in trainers.values():
+        trainer.prepare(parts)
     for output in outputs:
         noise = noise_floor(test or training, output, preprocessing)
         for kind in settings.kinds:

@@ -37,6 +37,17 @@ class Trainer(Protocol):
     searches: Mapping[tuple[str, ...], Identified]
     """The same by names of bags, for the parts as well."""
 
+    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
+        """
+        Do together what several fits will have to begin with.
+
+        Parameters
+        ----------
+        parts : sequence of sequence of BagData
+            Bags of each fit to come, all of them first.
+
+        """
+
     def fit(self, bags: Sequence[BagData], output: str) -> Model:
         """
         Fit the model of one output.
@@ -103,6 +114,9 @@ class RowTrainer:
     def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
         self.kind, self.arm, self.settings = kind, arm, settings
         self._known: dict[str, dict[tuple[str, bool], Any]] = {}
+
+    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
+        """Do nothing: each fit takes an instant, and keeps what it knows of each bag."""
 
     def fit(self, bags: Sequence[BagData], output: str) -> Model:
         """Fit the model of one output; see ``Trainer``."""

@@ -36,6 +36,8 @@ from tudor_dynamics.typing import FloatArray
 
 STEP = 1e-4
 """Of the differences, in the logarithm: the simulation is smooth to 1e-9, and its phase curved."""
+TRUSTED = 6.0
+"""Errors beyond this many standard deviations are a spoilt reading's, and draw no farther."""
 HOPELESS = 1e3
 """Residual of a sample for parameters that cannot be simulated, in standard deviations."""
 
@@ -167,8 +169,11 @@ class Problem:
         gauges = None if moments is None else self.gauges(moments, x)
         drawn = False
         if moments is not None and gauges is not None and bandwidth > 0.0:
-            noise = robust_scale(self.errors(moments, x), self.strain)
-            drawn = self._simulations.draw(x, gauges, noise / np.abs(gauges[:, 0]), bandwidth)
+            errors = self.errors(moments, x)
+            noise = robust_scale(errors, self.strain)
+            trusted = self.strain + np.clip(errors, -TRUSTED * noise, TRUSTED * noise) - errors
+            drawn = self._simulations.draw(x, trusted, gauges, noise / np.abs(gauges[:, 0]),
+                                           bandwidth)
         else:
             self._simulations.release()
         self._gains = None if gauges is None or not drawn else gauges[:, 0]

@@ -16,11 +16,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
+
+RUN_IN = 6.0
+"""Left out where a stretch begins in motion whose past is unknown [s]."""
+SETTLE = 0.5
+"""Left out at the beginning of each stretch [s]."""
+STILL = 0.02
+"""Speed below which a stretch begins at rest [rad/s or m/s]."""
+LEAST_SECONDS = 8.0
+"""Strain below which nothing can be said of oscillations [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,3 +153,66 @@ class Knowledge:
         """
         return Knowledge({k: v for k, v in self.start.items() if k != kind},
                          {k: v for k, v in self.width.items() if k != kind})
+
+
+def record_of(stretch: Stretch, payload: float | None) -> Record | None:
+    """
+    Take from a stretch what the search compares with.
+
+    Parameters
+    ----------
+    stretch : Stretch
+        Gapless motion with strain.
+    payload : float or None
+        Mass at the tip [kg].
+
+    Returns
+    -------
+    Record or None
+        None where it is too short.
+
+    """
+    if stretch.strain is None:
+        return None
+    t = stretch.t - stretch.t[0]
+    # standstill before the motion shows how the links hang, and is left out of figures alone
+    skip = min(int(stretch.decimation.keep[0]), int(np.searchsorted(t, SETTLE)))
+    moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
+    if moving and stretch.before is None:
+        skip = max(skip, int(np.searchsorted(t, RUN_IN)))
+    if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
+        return None
+    return Record(stretch.states.q, stretch.dt, stretch.strain, skip, payload, stretch.before)
+
+
+def records_of(bags: Sequence[BagData]) -> list[Record]:
+    """
+    Take from bags what the search compares with.
+
+    Parameters
+    ----------
+    bags : sequence of BagData
+        Bags to learn from.
+
+    Returns
+    -------
+    list of Record
+        One for each stretch that is long enough.
+
+    Raises
+    ------
+    FitError
+        If there is none.
+
+    """
+    records = [record for bag in bags for stretch in bag.stretches
+               if (record := record_of(stretch, bag.payload)) is not None]
+    if not records:
+        names = ', '.join(str(bag.choice) for bag in bags)
+        msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
+               'elastic model is identified from; record longer, or leave it out of --models')
+        if not any(bag.has('strain') for bag in bags):
+            msg = (f'no strain in {names}, which the elastic model is identified from; record '
+                   'the gauges as well, or leave it out of --models')
+        raise FitError(msg)
+    return records

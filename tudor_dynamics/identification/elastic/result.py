@@ -127,7 +127,7 @@ def result_of(
     Parameters
     ----------
     problem : Problem
-        Problem as the search left it.
+        Problem with all records.
     x : ndarray of shape (n_names,)
         Logarithms of the parameters found.
     starts : tuple of Start
@@ -148,6 +148,8 @@ def result_of(
         If the arm with these parameters cannot follow the records.
 
     """
+    for _ in range(2):  # outliers that count less move gains, and these the errors
+        reweight(problem, x)
     drawn = problem.draw(x, SMOOTH)
     reweight(problem, drawn)
     covariance = _covariance(problem, drawn)

@@ -91,7 +91,8 @@ class Simulations:
         return [one for some in together for one in some]
 
     def draw(
-        self, x: FloatArray, gauges: FloatArray, deviation: FloatArray, bandwidth: float,
+        self, x: FloatArray, strain: FloatArray, gauges: FloatArray, deviation: FloatArray,
+        bandwidth: float,
     ) -> bool:
         """
         Draw what is simulated from now on towards the measured strain.
@@ -100,6 +101,8 @@ class Simulations:
         ----------
         x : ndarray of shape (unknowns,)
             Vector that the observer's gains belong to.
+        strain : ndarray of shape (n_samples, n_gauges)
+            Readings of the samples that count, without spoilt ones.
         gauges : ndarray of shape (n_gauges, 2)
             Gain [unit of the gauge per N m] and offset [unit of the gauge].
         deviation : ndarray of shape (n_gauges,)
@@ -114,11 +117,13 @@ class Simulations:
 
         """
         self.release()
-        found = []
+        found, begin = [], 0
         with self._borrowed(1) as (driven,):
             for record in self._records:
                 driven.set_parameters(record.with_payload(self._values(x)))
-                measured = (record.strain - gauges[:, 1]) / gauges[:, 0]
+                end = begin + len(record.q) - record.skip
+                shown = np.vstack([record.strain[:record.skip], strain[begin:end]])
+                begin, measured = end, (shown - gauges[:, 1]) / gauges[:, 0]
                 try:
                     found.append((measured, driven.gains_along(
                         record.q, record.times, measured, deviation, bandwidth, record.before)))

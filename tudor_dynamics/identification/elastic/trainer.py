@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 import math
 import warnings
 
@@ -25,58 +26,21 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.elastic.record import Record
+from tudor_dynamics.identification.elastic.record import Record, record_of, records_of
 from tudor_dynamics.identification.elastic.result import Identified
-from tudor_dynamics.identification.elastic.search import identify, Progress, taken_over
+from tudor_dynamics.identification.elastic.search import identify, taken_over
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.effort import effort_rows
 from tudor_dynamics.models.elastic.fitted import driven_arm, follow_motion, PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.parallel import Progress, spread
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
-RUN_IN = 6.0
-"""Left out where a stretch begins in motion whose past is unknown [s]."""
-SETTLE = 0.5
-"""Left out at the beginning of each stretch [s]."""
-STILL = 0.02
-"""Speed below which a stretch begins at rest [rad/s or m/s]."""
 UNTOLD = 0.2
 """Relative standard error beyond which a stiffness is not told."""
-LEAST_SECONDS = 8.0
-"""Strain below which nothing can be said of oscillations [s]."""
 Searches = Mapping[tuple[str, ...], Identified]
 """Names of bags to what was found of them."""
-
-
-def record_of(stretch: Stretch, payload: float | None) -> Record | None:
-    """
-    Take from a stretch what the search compares with.
-
-    Parameters
-    ----------
-    stretch : Stretch
-        Gapless motion with strain.
-    payload : float or None
-        Mass at the tip [kg].
-
-    Returns
-    -------
-    Record or None
-        None where it is too short.
-
-    """
-    if stretch.strain is None:
-        return None
-    t = stretch.t - stretch.t[0]
-    # standstill before the motion shows how the links hang, and is left out of figures alone
-    skip = min(int(stretch.decimation.keep[0]), int(np.searchsorted(t, SETTLE)))
-    moving = float(np.abs(stretch.states.dq[t < 0.3]).max()) > STILL
-    if moving and stretch.before is None:
-        skip = max(skip, int(np.searchsorted(t, RUN_IN)))
-    if skip >= len(t) or t[-1] - t[skip] < LEAST_SECONDS:
-        return None
-    return Record(stretch.states.q, stretch.dt, stretch.strain, skip, payload, stretch.before)
 
 
 def check_arm(arm: Arm) -> None:
@@ -115,43 +79,6 @@ def check_arm(arm: Arm) -> None:
         raise FitError(msg)
 
 
-def _records(bags: Sequence[BagData]) -> list[Record]:
-    return [record for bag in bags for stretch in bag.stretches
-            if (record := record_of(stretch, bag.payload)) is not None]
-
-
-def records_of(bags: Sequence[BagData]) -> list[Record]:
-    """
-    Take from bags what the search compares with.
-
-    Parameters
-    ----------
-    bags : sequence of BagData
-        Bags to learn from.
-
-    Returns
-    -------
-    list of Record
-        One for each stretch that is long enough.
-
-    Raises
-    ------
-    FitError
-        If there is none.
-
-    """
-    records = _records(bags)
-    if not records:
-        names = ', '.join(str(bag.choice) for bag in bags)
-        msg = (f'no stretch of {names} has {LEAST_SECONDS:g} s of strain without a gap, which the '
-               'elastic model is identified from; record longer, or leave it out of --models')
-        if not any(bag.has('strain') for bag in bags):
-            msg = (f'no strain in {names}, which the elastic model is identified from; record '
-                   'the gauges as well, or leave it out of --models')
-        raise FitError(msg)
-    return records
-
-
 def _tell(arm: Arm, found: Identified) -> None:
     """Warn where strain does not tell a gear from the link behind it."""
     values = {p.name: p for p in found.physical}
@@ -171,6 +98,22 @@ def _tell(arm: Arm, found: Identified) -> None:
 
 def _names(bags: Sequence[BagData]) -> tuple[str, ...]:
     return tuple(str(bag.choice) for bag in bags)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Search in bags; also a worker of a cluster can do it."""
+
+    arm: Arm
+    records: list[Record]
+    warm: dict[str, float] | None
+    known: Identified | None
+
+
+def _searched(search: _Search, told: Progress) -> Identified:
+    if search.known is not None:
+        return taken_over(search.arm, search.records, search.known)
+    return identify(search.arm, search.records, warm=search.warm, progress=told)
 
 
 class ElasticTrainer:
@@ -266,7 +209,8 @@ class ElasticTrainer:
             If the arm or the bags do not allow it.
 
         """
-        found = self._identify(bags)
+        self.prepare([bags])
+        found = self._found[_names(bags)]
         payloads = {bag.payload for bag in bags}
         physical = found.physical
         if self.payload_range is None and len(payloads) == 1 and None not in payloads:
@@ -282,25 +226,45 @@ class ElasticTrainer:
             self._effort(model, bags)
         return model
 
-    def _identify(self, bags: Sequence[BagData]) -> Identified:
-        self._all = self._all or bags
-        key = _names(bags)
-        if key not in self.searches:
-            check_arm(self.arm)
-            records, known = records_of(bags), self._known.get(key)
-            found = self._found[key] = (
-                taken_over(self.arm, records, known) if known is not None else
-                identify(self.arm, records, warm=self._begin(bags), progress=self.progress))
-            if key == _names(self._all):
-                self.identified = found
-                if known is None:  # otherwise it was told
-                    _tell(self.arm, found)
-        return self.searches[key]
+    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
+        """
+        Search for all that is going to be asked, several searches at a time.
 
-    def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
-        """Say where a search begins, by nothing but the bags it is given."""
-        if self._warm is not None:
-            return dict(self._warm)
+        Parameters
+        ----------
+        parts : sequence of sequence of BagData
+            Bags to learn from, all of them first.
+
+        Raises
+        ------
+        FitError
+            If the arm or the bags do not allow it.
+
+        """
+        self._all = self._all or parts[0]
+        todo: dict[tuple[str, ...], Sequence[BagData]] = {}
+        for bags in parts:
+            for some in (self._less(bags), bags):
+                if some and _names(some) not in self._found:
+                    todo[_names(some)] = some
+        while todo:
+            ready = {key: bags for key, bags in todo.items() if _names(self._less(bags)) not in todo}
+            check_arm(self.arm)
+            searches = [_Search(self.arm, records_of(bags), self._begin(bags),
+                                self._known.get(key)) for key, bags in ready.items()]
+            self._found.update(zip(ready, spread(_searched, searches, self.progress),
+                                   strict=True))
+            todo = {key: bags for key, bags in todo.items() if key not in ready}
+            whole = _names(self._all)
+            if whole in ready:
+                self.identified = self._found[whole]
+                if whole not in self._known:  # otherwise it was told
+                    _tell(self.arm, self.identified)
+
+    def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
+        """Say which of the bags a search is done for before; none where it begins from nothing."""
+        if self._warm is not None or _names(bags) in self._known:
+            return ()
         middle = len(self._all) // 2
         less: Sequence[BagData] = ()
         if _names(bags) == _names(self._all):
@@ -308,9 +272,16 @@ class ElasticTrainer:
         elif middle:
             less = next((half for half in (self._all[:middle], self._all[middle:])
                          if {*_names(half)} < {*_names(bags)}), ())
-        if not _records(less):  # nothing, or too short a part of what is long enough
-            return None
-        return {p.name: p.value for p in self._identify(less).physical}
+        # none, or too short a part of what is long enough
+        told = any(record_of(stretch, None) for bag in less for stretch in bag.stretches)
+        return less if told else ()
+
+    def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
+        """Say where a search begins, by nothing but the bags it is given."""
+        if self._warm is not None:
+            return dict(self._warm)
+        less = self._less(bags)
+        return {p.name: p.value for p in self._found[_names(less)].physical} if less else None
 
     def _effort(self, model: ElasticModel, bags: Sequence[BagData]) -> None:
         """Regress the efforts on torque of the gear, acceleration and friction."""
