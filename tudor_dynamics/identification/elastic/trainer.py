@@ -34,7 +34,6 @@ from tudor_dynamics.models.elastic.effort import effort_rows
 from tudor_dynamics.models.elastic.fitted import driven_arm, follow_motion, PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.parallel import Progress, spread
-from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
 UNTOLD = 0.2
@@ -248,7 +247,8 @@ class ElasticTrainer:
                 if some and _names(some) not in self._found:
                     todo[_names(some)] = some
         while todo:
-            ready = {key: bags for key, bags in todo.items() if _names(self._less(bags)) not in todo}
+            ready = {key: bags for key, bags in todo.items()
+                     if _names(self._less(bags)) not in todo}
             check_arm(self.arm)
             searches = [_Search(self.arm, records_of(bags), self._begin(bags),
                                 self._known.get(key)) for key, bags in ready.items()]
