@@ -23,8 +23,8 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.elastic.modes import mode_map
-from tudor_dynamics.identification.elastic.result import CLUSTER, HUBER, Identified, Start
 from tudor_dynamics.identification.elastic.record import RUN_IN
+from tudor_dynamics.identification.elastic.result import CLUSTER, HUBER, Identified, Start
 from tudor_dynamics.identification.elastic.ringdowns import find_ringdowns, LEAST_SECONDS, Ringdown
 from tudor_dynamics.identification.elastic.starts import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult
