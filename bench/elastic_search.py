@@ -35,8 +35,8 @@ from tudor_dynamics.cli.main import main as tudor
 from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.elastic import simulations
-from tudor_dynamics.identification.elastic.search import identify
 from tudor_dynamics.identification.elastic.record import records_of
+from tudor_dynamics.identification.elastic.search import identify
 
 ROOT = Path(__file__).resolve().parents[1]
 

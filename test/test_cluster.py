@@ -165,13 +165,20 @@ def test_no_cluster(
     assert words in capsys.readouterr().err and not (tmp_path / 'out').exists()
 
 
+def test_bags_are_sent_to_a_cluster_only() -> None:
+    """One line says what is missing."""
+    with pytest.raises(UsageError, match='give --cluster'), on_cluster(None, send=True):
+        pass
+
+
 def test_figures_are_those_of_this_machine(
     machines: Machines, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Recordings and a fit bag by bag come out the same, byte by byte, by relative names too."""
     monkeypatch.chdir(tmp_path)
-    for name, more in (('here', ['--jobs', '1']), ('there', ['--cluster', machines.address])):
+    there = ['--cluster', machines.address]
+    for name, more in (('here', ['--jobs', '1']), ('there', there)):
         assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '2',
                      '--seconds', '8', '--out', f'{name}/bags', *more]) == 0
         os.symlink(f'{name}/bags', 'bags')
@@ -182,5 +189,11 @@ def test_figures_are_those_of_this_machine(
     assert len(bags) == 5 and len(models) >= 4
     for file in [*bags, *(file for file in models if file.suffix != '.html')]:
         assert file.read_bytes() == Path('there', *file.parts[1:]).read_bytes(), file
+    os.symlink('here/bags', 'bags')
+    assert main(['fit', 'bags', '--stream', '--arm', str(root / 'config/tudor.yaml'), '--out',
+                 'sent/model', '--force', '--json', *there, '--send-bags']) == 0
+    for file in sorted(Path('sent').glob('model/**/*.*')):
+        if file.suffix != '.html':
+            assert file.read_bytes() == Path('here', *file.parts[1:]).read_bytes(), file
     said = capsys.readouterr().out
     assert json.loads(said[said.rindex('\n{'):])['unused'] == []

@@ -41,14 +41,17 @@ Count = Callable[[int], None]
 ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
 TIMEOUT = 10.0
 """For a scheduler to answer [s]."""
+AHEAD = 4
+"""Pieces that are under way, for each of the cluster's threads."""
 BEHIND = ('numpy', 'scipy', 'numba', 'pin')
 """What results depend on, beside the package itself."""
 
 _client: Any = None
+_sends = False
 
 
 @contextmanager
-def on_cluster(address: str | None) -> Iterator[None]:
+def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
     """
     Let the pieces of work that are begun meanwhile go to a cluster.
 
@@ -56,6 +59,8 @@ def on_cluster(address: str | None) -> Iterator[None]:
     ----------
     address : str or None
         Of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for this machine alone.
+    send : bool, default=False
+        Send bags with the work on them, to workers that do not see the same paths.
 
     Raises
     ------
@@ -63,8 +68,11 @@ def on_cluster(address: str | None) -> Iterator[None]:
         If no scheduler answers there, or Dask is not installed.
 
     """
-    global _client
+    global _client, _sends
     if address is None:
+        if send:
+            raise UsageError('--send-bags is for the workers of a cluster', remedy='give '
+                             '--cluster as well')
         yield
         return
     if not ADDRESS.fullmatch(address):
@@ -80,20 +88,25 @@ def on_cluster(address: str | None) -> Iterator[None]:
     except (OSError, ValueError) as err:
         raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
                          'with `dask scheduler`, and give the address that it prints') from None
-    _client = client
+    _client, _sends = client, send
     try:
         if not threads():
             warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
                           TudorWarning, stacklevel=3)
         yield
     finally:
-        _client = None
+        _client, _sends = None, False
         client.close()
 
 
 def active() -> bool:
     """Say whether pieces of work go to a cluster."""
     return _client is not None
+
+
+def sends() -> bool:
+    """Say whether bags go with the work on them."""
+    return _sends
 
 
 def threads() -> int:
@@ -129,13 +142,23 @@ def in_cluster(
 
     """
     from distributed import as_completed, KilledWorker
-    known, steps = versions(), 0
-    futures = [_client.submit(_piece, work, piece, known, pure=False) for piece in pieces]
+    known, steps, taken = versions(), 0, 0
+    results: dict[int, Result] = {}
+    running: dict[Any, int] = {}
+    done = as_completed(loop=_client.loop)
     try:
-        for future in as_completed(futures, loop=_client.loop):
-            steps += future.result()[1]
+        while len(results) < len(pieces):
+            # a piece may be large: no more than a few are on their way
+            while taken < len(pieces) and len(running) < AHEAD * (1 + threads()):
+                future = _client.submit(_piece, work, pieces[taken], known, pure=False)
+                running[future] = taken
+                done.add(future)
+                taken += 1
+            future = next(done)
+            results[running.pop(future)], more = future.result()
+            steps += more
             progress(steps)
-        return [future.result()[0] for future in futures]
+        return [results[number] for number in range(len(pieces))]
     except KilledWorker:
         raise ProcessError('a piece of work ended several workers, one after the other',
                            remedy='look whether their memory is enough') from None
@@ -143,7 +166,7 @@ def in_cluster(
         raise ProcessError(f'the cluster has gone ({err})', remedy='start it and the command '
                            'again') from None
     finally:
-        _client.cancel([future for future in futures if not future.done()])
+        _client.cancel([future for future in running if not future.done()])
 
 
 @lru_cache

@@ -30,14 +30,18 @@ import numpy as np
 from patience import PATIENCE
 import pytest
 
-from tudor_dynamics import fit, load_arm
+from tudor_dynamics import cluster, fit, load_arm
 from tudor_dynamics.bags import read_recording, write_bag
 from tudor_dynamics.bags.writer import recording_series
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.errors import FitError, TudorWarning, UsageError
+from tudor_dynamics.errors import BagError, FitError, TudorWarning, UsageError
 from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.dataset import cut
+from tudor_dynamics.identification.bag_facts import Unused
+from tudor_dynamics.identification.dataset import BagData, cut
 from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.identification.streamed.passes import _gather
+from tudor_dynamics.identification.streamed.sending import packed, unpacked
+from tudor_dynamics.identification.streamed.task import Sight, Task, Trial
 from tudor_dynamics.library.many_bags import FROM, Streaming, streams
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
@@ -74,6 +78,36 @@ def assert_same(one: ModelBundle, other: ModelBundle) -> None:
 def test_one_by_one_is_as_all_at_once(parts: list[str], root: Path, tmp_path: Path) -> None:
     """Coefficients, validation, thresholds and choices are those of the ordinary fit."""
     assert_same(fitted(parts, root, tmp_path / 'sums', jobs=2), fitted(parts, root, None))
+
+
+def test_bags_that_are_sent(
+    parts: list[str], root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each is read where it was unpacked, the figures are the same; a bad one keeps its name."""
+    usual = fitted(parts, root, tmp_path / 'sums', jobs=1)
+    bad = tmp_path / 'bad.mcap'
+    bad.write_bytes(b'no bag')
+    places: list[Path] = []
+    read = Task.read
+
+    def noted(task: Task, seen: Sight) -> BagData:
+        places.append(task.place(seen))
+        return read(task, seen)
+
+    monkeypatch.setattr(cluster, 'sends', lambda: True)
+    monkeypatch.setattr(Task, 'read', noted)
+    assert_same(fitted(parts, root, tmp_path / 'other', jobs=1), usual)
+    sent = [place for place in places if root not in place.parents]
+    assert len(sent) == 2 * len(parts) and not any(place.exists() for place in sent)
+    trial = Trial(Task(usual.arm, (usual.preprocessing,), ('effort',), FitSettings(), tmp_path,
+                       tmp_path / 'sums'), (Sight(BagChoice('bad.mcap'), 'none'),), {}, {})
+    parcel = packed(_gather, trial)
+    bad.unlink()
+    (unused,), files = unpacked(parcel, lambda _: None)
+    assert isinstance(unused, Unused) and not files
+    assert unused.bag == 'bad.mcap' and 'tudor_' not in unused.why and 'bad.mcap' in unused.why
+    with pytest.raises(BagError, match='bad.mcap: cannot be read.*until the fit is done'):
+        packed(_gather, trial)
 
 
 def test_test_bags_judge(root: Path, tmp_path: Path) -> None:

@@ -128,6 +128,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     many.add_argument('--strict', action='store_true',
                       help='refuse bags that cannot be used, in place of leaving them out')
     add_running(many)
+    many.add_argument('--send-bags', action='store_true',
+                      help='send bags to the workers of --cluster, which do not see the same '
+                           'paths; twice each, once to learn and once to judge')
     change = parser.add_argument_group('a model that is there, in place of --arm')
     change.add_argument('--to', metavar='MODEL', help='bundle whose bags are to change')
     change.add_argument('--add', nargs='+', default=[], metavar='BAG', action='extend',
@@ -215,7 +218,7 @@ def run(args: argparse.Namespace) -> int:
     streamed = streams(len(training), settings, asked=args.stream)
     total = (4 * len(training) + 2 * len(test) if streamed else
              len(training) + len(test)) + 4 * len(settings.kinds) + 4
-    with steps(total) as step, on_cluster(args.cluster):
+    with steps(total) as step, on_cluster(args.cluster, send=args.send_bags):
         if streamed:
             result = fit_many(arm, training, test, preprocessing, settings, payloads, Streaming(
                 out.with_name(out.name + SUFFIX), args.jobs, strict=args.strict), step,

@@ -22,7 +22,6 @@ that a robot and a simulated clock see the same object.
 from __future__ import annotations
 
 from collections import Counter
-from enum import IntEnum
 import math
 
 import numpy as np
@@ -38,6 +37,7 @@ from tudor_dynamics.control.guards.following import Following, NEAR_TIME
 from tudor_dynamics.control.guards.reference_gate import ReferenceGate
 from tudor_dynamics.control.guards.takeover import Takeover
 from tudor_dynamics.control.loop_gains import learned_period, LoopGains
+from tudor_dynamics.control.state import State
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
@@ -46,14 +46,6 @@ WATCH = 0.01
 """Period at which `MotionController.watch` wants to be called [s]."""
 ASLEEP = 0.1
 """Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
-
-
-class State(IntEnum):
-    """What the joints do."""
-
-    HOLDING = 0
-    FOLLOWING = 1
-    FAULT = 2
 
 
 class MotionController:

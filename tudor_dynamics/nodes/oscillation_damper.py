@@ -34,8 +34,9 @@ from tudor_dynamics.arm.sources import refuse_interfaces
 from tudor_dynamics.control.adaptation import Adaptation
 from tudor_dynamics.control.damper import MEANING, Status
 from tudor_dynamics.control.damper_law import SEEN, STATUS
-from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
+from tudor_dynamics.control.motion_controller import MotionController, WATCH
 from tudor_dynamics.control.schedule import load_schedule
+from tudor_dynamics.control.state import State
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.monitoring.stamps import StampGate
 from tudor_dynamics.nodes.common.base import ERROR, latched, STALE, TudorNode, WARN

@@ -22,8 +22,8 @@ from motion_machine import broken_limits, go, tudor
 import numpy as np
 import pytest
 from tudor_dynamics.control.adaptation import Adaptation
-from tudor_dynamics.control.motion_controller import State
 from tudor_dynamics.control.schedule import Schedule
+from tudor_dynamics.control.state import State
 from tudor_dynamics.models.tuning.design import design, Wish
 from tudor_dynamics.models.tuning.small_motion import TunedArm
 from tudor_dynamics.simulation.loop.rig import Rig

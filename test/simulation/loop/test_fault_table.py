@@ -32,7 +32,7 @@ from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudo
 import numpy as np
 import pytest
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
-from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.control.state import State
 from tudor_dynamics.simulation.loop.arm_process import Sample
 from tudor_dynamics.simulation.loop.rig import Rig
 

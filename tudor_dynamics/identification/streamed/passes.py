@@ -18,10 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 import warnings
 
+from tudor_dynamics import cluster
 from tudor_dynamics.bags.notes import Notes
 from tudor_dynamics.bags.opening import open_bag
 from tudor_dynamics.bags.reader import stated_payload
@@ -32,6 +34,7 @@ from tudor_dynamics.identification.dataset import BagData, filtered, OUTPUTS, tr
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.streamed.kept import (
     Judged, KeptBag, read_bag, read_judged, write_bag, write_judged)
+from tudor_dynamics.identification.streamed.sending import send, Work
 from tudor_dynamics.identification.streamed.task import Sight, Task, Trial
 from tudor_dynamics.identification.trainers import blank
 from tudor_dynamics.identification.validation import trace
@@ -111,17 +114,20 @@ def gather(
         In the order of the bags.
 
     """
-    pieces = [(task, part) for task, bags in asked
-              for part in _divided(bags, width(jobs), len(asked))]
-    return _joined(in_processes(_gather, pieces, jobs, progress))
+    trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
+    return _gone_through(_gather, trials, _sums, jobs, progress)
 
 
-def _gather(piece: tuple[Task, Sequence[Sight]], count: Count) -> list[BagFacts | Unused]:
-    task, bags = piece
+def _sums(trial: Trial, seen: Sight) -> Path:
+    return trial.task.file(seen, '.npz')
+
+
+def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
+    task = trial.task
     models: dict[str, AnalyticalModel] = {}
 
     def products(seen: Sight) -> BagFacts:
-        file = task.file(seen, '.npz')
+        file = _sums(trial, seen)
         kept = read_bag(file)
         if kept is None:
             for output in () if models else task.outputs:  # only where there is anything to do
@@ -131,7 +137,7 @@ def _gather(piece: tuple[Task, Sequence[Sight]], count: Count) -> list[BagFacts 
             kept = _multiplied(task, _complete(task, task.read(seen)), models)
             write_bag(file, kept)
         return kept.facts
-    return _each(bags, products, count, task.base)
+    return _each(trial.bags, products, count, task.base)
 
 
 def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> KeptBag:
@@ -171,9 +177,18 @@ def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFac
         In the order of the bags.
 
     """
-    pieces = [Trial(trial.task, tuple(part), trial.unseen, trial.seen)
-              for trial in trials for part in _divided(trial.bags, width(jobs), len(trials))]
-    return _joined(in_processes(_judge, pieces, jobs, progress))
+    return _gone_through(_judge, trials, Trial.file, jobs, progress)
+
+
+def _gone_through(
+    work: Work, trials: Sequence[Trial], kept: Callable[[Trial, Sight], Path], jobs: int,
+    progress: Progress,
+) -> list[BagFacts | Unused]:
+    if cluster.sends():
+        return send(work, trials, kept, progress)
+    pieces = [replace(trial, bags=tuple(part)) for trial in trials
+              for part in _divided(trial.bags, width(jobs), len(trials))]
+    return _joined(in_processes(work, pieces, jobs, progress))
 
 
 def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
@@ -207,7 +222,7 @@ def files_of(trials: Sequence[Trial]) -> set[Path]:
     found = set()
     for trial in trials:
         for seen in trial.bags:
-            found |= {trial.task.file(seen, '.npz'), trial.file(seen)}
+            found |= {_sums(trial, seen), trial.file(seen)}
     return found
 
 

@@ -81,6 +81,8 @@ class Task:
         Where sums are kept.
     source : str
         Version of the package, by its sources.
+    sent : mapping of str to Path
+        Bags, by the names they were given by, that stand elsewhere than these say.
 
     """
 
@@ -91,11 +93,24 @@ class Task:
     base: Path
     folder: Path
     source: str = field(default_factory=lambda: source_digest(PARTS))
+    sent: Mapping[str, Path] = field(default_factory=dict)
 
     @property
     def with_payload(self) -> bool:
         """Say whether one model of all payloads is fitted."""
         return self.settings.payloads is not None
+
+    def place(self, seen: Sight) -> Path:
+        """
+        Say where a bag stands.
+
+        Parameters
+        ----------
+        seen : Sight
+            Bag that was given.
+
+        """
+        return self.sent.get(seen.choice.path, self.base / seen.choice.path)
 
     def read(self, seen: Sight) -> BagData:
         """
@@ -107,7 +122,7 @@ class Task:
             Bag to be read.
 
         """
-        there = replace(seen.choice, path=str(self.base / seen.choice.path))
+        there = replace(seen.choice, path=str(self.place(seen)))
         bag = load(there, self.arm, self.specs[0], learn=True, payload=seen.payload)
         return replace(bag, choice=replace(bag.choice, path=seen.choice.path))
 

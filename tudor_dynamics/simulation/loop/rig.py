@@ -29,8 +29,9 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm import Arm
-from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
+from tudor_dynamics.control.motion_controller import MotionController, WATCH
 from tudor_dynamics.control.reference_source import ReferenceSource
+from tudor_dynamics.control.state import State
 from tudor_dynamics.simulation.loop.arm_process import ArmProcess, Sample
 from tudor_dynamics.typing import FloatArray
 
