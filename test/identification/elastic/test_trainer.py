@@ -33,8 +33,8 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.identification.bag_choice import BagChoice
 from tudor_dynamics.identification.dataset import BagData, cut, filtered, split_bag
 from tudor_dynamics.identification.elastic.record import Record
-from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.record import record_of, RUN_IN
+from tudor_dynamics.identification.elastic.result import Identified
 from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.validation import leave_one_bag_out, trace
