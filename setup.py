@@ -20,7 +20,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'tudor_dynamics'
 NODES = ('joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
-         'payload_estimator', 'feedforward',
+         'monitors', 'payload_estimator', 'feedforward',
          'oscillation_damper', 'force_controller',
          'reference_generator', 'arm_simulator', 'bag_player',
          'bag_recorder')

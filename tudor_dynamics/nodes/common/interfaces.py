@@ -176,6 +176,12 @@ RECORDER = (
     Param('topics', (), 'topics to record; all by default'),
     Param('storage', 'mcap', 'storage format', choices=('mcap', 'sqlite3')))
 
+MANY = (
+    Param('namespaces', (), 'namespaces of the arms, from that of the node where they do not begin '
+          'with a slash'),
+    Param('pause', 2.0, 'time between the failure of a monitor and another one', 's', 0.0, 3600.0,
+          dynamic=True))
+
 ARM = Param('arm', '', 'arm description (YAML)')
 DAMP = (
     ARM,
@@ -245,6 +251,7 @@ NODES: dict[str, tuple[Param, ...]] = {
     'dynamics_predictor': (*PREDICT, LOAD_FROM, OBSERVER, *COMMON),
     'collision_detector': (*PREDICT, *DETECT, *COMMON),
     'monitor': (*PREDICT, PAYLOAD_SOURCE, OBSERVER, GAP, *DETECT, *COMMON),
+    'monitors': (*MANY, ROBOT),
     'payload_estimator': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),

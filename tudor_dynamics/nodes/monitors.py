@@ -1,0 +1,209 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Node monitors: a monitor for each of several arms, all in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+from threading import Thread
+import time
+from typing import Any
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.parameter import Parameter
+from rclpy.validate_namespace import validate_namespace
+
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.guarded import GuardedNode
+from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.nodes.monitor import MonitorNode
+
+LOOK = 0.1
+"""Time between two looks at the arms [s]."""
+
+
+class GuardedMonitorNode(GuardedNode, MonitorNode):
+    """A monitor whose faults do not end those of other arms."""
+
+
+class WatchedArm:
+    """
+    The monitor of one arm: made, ended when it fails, and made anew.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the arm, from the root.
+    options : dict of str to Any
+        Of rclpy's Node.
+
+    Attributes
+    ----------
+    node : GuardedMonitorNode or None
+        Its monitor; None while there is none.
+    fault : str
+        Why there is none; empty where there is one.
+    failures : int
+        How often it has failed.
+
+    """
+
+    def __init__(self, namespace: str, options: dict[str, Any]) -> None:
+        self.namespace = namespace
+        # Rules of its own go before those of the process: __ns and __node are for all nodes in it.
+        self._options = {**options, 'cli_args': [
+            '--ros-args', '-r', f'__ns:={namespace}', '-r', '__node:=monitor']}
+        self.node: GuardedMonitorNode | None = None
+        self.fault = ''
+        self.failures = 0
+        self._due = 0.0
+        self._maker: Thread | None = None
+        self._made: GuardedMonitorNode | None = None
+
+    def make(self) -> None:
+        """Make the monitor; what keeps it from being made is the fault."""
+        try:
+            self._made = GuardedMonitorNode(**self._options)
+        except Exception as err:  # rclpy's errors of parameters are not one family
+            self.fault = ' '.join(f'{type(err).__name__}: {err}'.split())
+
+    def look(self, host: TudorNode, pause: float) -> None:
+        """Take what was made into use, end what has failed, make it anew after a pause [s]."""
+        node, now = self.node, host.steady()
+        if node is not None and node.failure:
+            host.get_logger().error(f'{self.namespace}: {node.failure}')
+            last = node.failure.strip().splitlines()[-1]
+            self.fault = f'failed, made anew in {pause:g} s: {last}'
+            self.failures += 1
+            self._due = now + pause
+            self.end(host)
+        elif self._made is not None:
+            self.node, self._made, self._maker, self.fault = self._made, None, None, ''
+            host.executor.add_node(self.node)
+        elif self.failures and node is None and self._maker is None and now >= self._due:
+            # in a thread: a model is loaded, which takes longer than the queues of the others last
+            self._maker = Thread(target=self.make, daemon=True)
+            self._maker.start()
+
+    def end(self, host: TudorNode) -> None:
+        """End the monitor."""
+        node, self.node = self.node or self._made, None
+        if node is None:
+            return
+        if host.executor is not None and node.executor is not None:
+            host.executor.remove_node(node)
+        node.close()
+        node.destroy_node()
+
+
+class MonitorsNode(TudorNode):
+    """
+    Node that keeps the monitors of several arms.
+
+    Each is a node ``monitor`` in the namespace of its arm, with parameters, services and
+    diagnostics of its own, as if it were a process.
+
+    Parameters
+    ----------
+    parameter_overrides : sequence of rclpy.parameter.Parameter, optional
+        For this node and for all monitors.
+    **kwargs
+        Of rclpy's Node; also those of the monitors.
+
+    Attributes
+    ----------
+    arms : tuple of WatchedArm
+        Arms in the order of the parameter.
+
+    """
+
+    def __init__(
+        self, *, parameter_overrides: Sequence[Parameter] | None = None, **kwargs: Any,
+    ) -> None:
+        super().__init__('monitors', parameter_overrides=parameter_overrides, **kwargs)
+        options = {**kwargs, 'parameter_overrides': parameter_overrides}
+        self.arms = tuple(WatchedArm(namespace, options) for namespace in self._namespaces())
+        for arm in self.arms:
+            arm.make()
+        if not self.arms:
+            self.fault = ('no namespaces: name those of the arms, such as '
+                          "namespaces:=['left', 'right']; for one arm there is monitor")
+        refused = [f'{arm.namespace}: {arm.fault}' for arm in self.arms if arm.fault]
+        if refused and len(refused) == len(self.arms):
+            self.close()
+            msg = f'no arm can be watched; {"; ".join(refused)}'
+            raise TudorError(msg)
+        self._cpu = time.process_time(), self.steady()
+        self._looking = self.every(LOOK, self._look)
+
+    def _namespaces(self) -> list[str]:
+        """Give the namespaces of the arms, from the root, or refuse them."""
+        found: list[str] = []
+        for name in self.value('namespaces'):
+            try:
+                namespace = expand_topic_name(name, self.get_name(), self.get_namespace())
+                validate_namespace(namespace)
+            except (InvalidNamespaceException, ValueError) as err:
+                msg = f'parameter namespaces: {name!r} is no namespace: {err}'
+                raise TudorError(msg) from None
+            if namespace in found:
+                msg = f'parameter namespaces: {name!r} stands there twice; give each arm its own'
+                raise TudorError(msg)
+            found.append(namespace)
+        return found
+
+    def _look(self) -> None:
+        for arm in self.arms:
+            arm.look(self, float(self.value('pause')))
+
+    def about(self) -> dict[str, str]:
+        """Add the arms."""
+        return {**super().about(), 'arms': ' '.join(arm.namespace for arm in self.arms)}
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell which arms are not watched; what the others see their own monitors say."""
+        level, message, values = super().status()
+        before, (cpu, at) = self._cpu, (time.process_time(), self.steady())
+        self._cpu = cpu, at
+        values['CPU [%]'] = f'{100.0 * (cpu - before[0]) / max(at - before[1], 1e-9):.0f}'
+        values['arms'] = str(len(self.arms))
+        values['watched'] = str(sum(arm.node is not None for arm in self.arms))
+        for arm in self.arms:
+            if arm.failures:
+                values[f'failures {arm.namespace}'] = str(arm.failures)
+        faults = [f'{arm.namespace} is not watched: {arm.fault}' for arm in self.arms if arm.fault]
+        failed = [arm.namespace for arm in self.arms if arm.failures]
+        if level == OK and faults:
+            return ERROR, '; '.join(faults), values
+        if level == OK and failed:
+            return WARN, f'{", ".join(failed)}: failed before; see the log', values
+        return level, message, values
+
+    def close(self) -> None:
+        """End the monitors."""
+        for arm in self.arms:
+            arm.end(self)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node as a process."""
+    return run(MonitorsNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
