@@ -177,8 +177,8 @@ RECORDER = (
     Param('storage', 'mcap', 'storage format', choices=('mcap', 'sqlite3')))
 
 MANY = (
-    Param('namespaces', (), 'namespaces of the arms, from that of the node where they do not begin '
-          'with a slash'),
+    Param('namespaces', (), 'namespaces of the arms, from that of the node where they do not '
+          'begin with a slash'),
     Param('pause', 2.0, 'time between the failure of a monitor and another one', 's', 0.0, 3600.0,
           dynamic=True))
 
