@@ -43,7 +43,7 @@ from pathlib import Path
 import tempfile
 import time
 
-from identify_seven_joints import data, seven_joint_arm
+from identify_seven_joints import data, described_arm
 import numpy as np
 from scipy.signal import lfilter
 import tudor_dynamics as td
@@ -247,7 +247,7 @@ def speed(bundle: td.ModelBundle) -> None:
     path = td.Trajectory(('joint2', 'joint3'), t, angle, np.gradient(angle, t, axis=0),
                          np.gradient(np.gradient(angle, t, axis=0), t, axis=0))
     motion, tau = data(3000)
-    arm = seven_joint_arm()
+    arm = described_arm()
     seven = td.ModelBundle(arm, PreprocessingSpec(), {'effort': {'analytical': AnalyticalModel(
         EffortRegressor(arm), 7).fit(motion, tau)}})
     long = td.Trajectory(arm.active_joints, t, *np.split(motion, 3, axis=1))

@@ -51,29 +51,30 @@ ROWS = [[0, -pi / 2, 0.333, 0], [0, pi / 2, 0, 0], [0.0825, pi / 2, 0.316, 0],
 NOISE = 0.05
 
 
-def seven_joint_arm():
-    """Describe the arm."""
-    joints = [{'name': f'joint{i}', 'friction': ['viscous', 'coulomb', 'offset']}
-              for i in range(1, 8)]
-    return arm_from_dict({'name': 'seven', 'kinematics': {'dh': ROWS}, 'joints': joints},
+def described_arm(joints=7):
+    """Describe the arm; with more joints than seven it goes on as it began."""
+    rows = [ROWS[i % len(ROWS)] for i in range(joints)]
+    named = [{'name': f'joint{i + 1}', 'friction': ['viscous', 'coulomb', 'offset']}
+             for i in range(joints)]
+    return arm_from_dict({'name': 'bench', 'kinematics': {'dh': rows}, 'joints': named},
                          base=Path('.'), source='bench')
 
 
-def data(n):
+def data(n, joints=7):
     """Make a random-phase multisine at 1 kHz and the torques of random links, with noise."""
     generator = np.random.default_rng(1)
     t = np.arange(n)[:, None] / 1000.0
-    q, dq, ddq = np.zeros((n, 7)), np.zeros((n, 7)), np.zeros((n, 7))
+    q, dq, ddq = np.zeros((3, n, joints))
     for harmonic in range(1, 9):
         w = 2 * pi * 0.1 * harmonic
-        a, phase = generator.uniform(0.05, 0.25, 7), generator.uniform(0, 2 * pi, 7)
+        a, phase = generator.uniform(0.05, 0.25, joints), generator.uniform(0, 2 * pi, joints)
         q += a * np.sin(w * t + phase)
         dq += a * w * np.cos(w * t + phase)
         ddq -= a * w * w * np.sin(w * t + phase)
     motion = np.hstack([q, dq, ddq])
-    regressor = EffortRegressor(seven_joint_arm())
+    regressor = EffortRegressor(described_arm(joints))
     truth = generator.uniform(0.1, 1.0, len(regressor.columns))
-    tau = np.empty((n, 7))
+    tau = np.empty((n, joints))
     for first in range(0, n, 256):
         tau[first:first + 256] = regressor.rows(motion[first:first + 256]) @ truth
     return motion, tau + generator.normal(0, NOISE, tau.shape)
@@ -81,7 +82,8 @@ def data(n):
 
 def ours(motion, tau):
     """Fit by this package: chunks, Gram matrices."""
-    model = AnalyticalModel(EffortRegressor(seven_joint_arm()), 7)
+    joints = tau.shape[1]
+    model = AnalyticalModel(EffortRegressor(described_arm(joints)), joints)
     model.fit(motion, tau)
     group = model.groups_[0]
     return len(group.base.kept), float(np.sqrt(np.mean(group.estimate.variances)))
@@ -90,7 +92,7 @@ def ours(motion, tau):
 def plain(motion, tau):
     """Fit by one dense matrix, pivoted QR and two least-squares solutions."""
     from scipy.linalg import qr
-    regressor = EffortRegressor(seven_joint_arm())
+    regressor = EffortRegressor(described_arm())
     dense = regressor.rows(motion).reshape(-1, len(regressor.columns))
     r, pivot = qr(dense, mode='r', pivoting=True)
     diagonal = np.abs(np.diag(r))
@@ -111,7 +113,7 @@ def figaroh(motion, tau):
     from figaroh.tools.qrdecomposition import QRDecomposer
     from figaroh.tools.regressor import (
         build_regressor_basic, build_regressor_reduced, get_index_eliminate)
-    model = seven_joint_arm().model
+    model = described_arm().model
     for inertia in list(model.inertias)[1:]:
         inertia.mass = 1.0
     robot = SimpleNamespace(model=model, data=model.createData())
@@ -136,9 +138,9 @@ if find_spec('figaroh'):
     METHODS['figaroh'] = figaroh
 
 
-def measure(method, n):
+def measure(method, n, joints=7):
     """Run one method once in this process and print time, peak memory and result."""
-    motion, tau = data(n)
+    motion, tau = data(n, joints)
     METHODS[method](motion[:200], tau[:200])  # warm up
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     begun = time.perf_counter()
@@ -149,14 +151,22 @@ def measure(method, n):
                       'residual': residual}))
 
 
+def alone(method, n, joints=7):
+    """Give time, peak memory and result of one method, in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, __file__, '--measure', method, str(n), str(joints)],
+        check=True, capture_output=True, text=True)
+    return json.loads(done.stdout)
+
+
 def main():
     """Measure all methods at both sizes, each in processes of their own."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--repeats', type=int, default=3)
-    parser.add_argument('--measure', nargs=2, help=argparse.SUPPRESS)
+    parser.add_argument('--measure', nargs=3, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.measure:
-        measure(args.measure[0], int(args.measure[1]))
+        measure(args.measure[0], int(args.measure[1]), int(args.measure[2]))
         return
     print(f'{"method":14} {"samples":>8} {"us/sample":>10} {"MiB above":>10} {"ratio":>7} rank '
           'residual')
@@ -165,9 +175,7 @@ def main():
         for method in METHODS:
             runs = []
             for _ in range(args.repeats if n < 50_000 or method == 'this package' else 1):
-                done = subprocess.run([sys.executable, __file__, '--measure', method, str(n)],
-                                      check=True, capture_output=True, text=True)
-                runs.append(json.loads(done.stdout))
+                runs.append(alone(method, n))
             seconds = statistics.median(run['seconds'] for run in runs)
             memory = statistics.median(run['mib'] for run in runs)
             reference = reference or seconds

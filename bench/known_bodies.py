@@ -29,7 +29,7 @@ import argparse
 from pathlib import Path
 import tempfile
 
-from identify_seven_joints import ROWS, seven_joint_arm
+from identify_seven_joints import described_arm, ROWS
 import numpy as np
 import pinocchio as pin
 from reference_fits import fit
@@ -69,7 +69,7 @@ def motion_of(seconds, seed):
 
 def described(folder):
     """Write a URDF with bodies, rods from joint to joint, and a description around it."""
-    arm = seven_joint_arm()
+    arm = described_arm()
     model = AnalyticalModel(EffortRegressor(arm), N)
     q, dq, ddq = motion_of(10.0, 0)
     model.fit(np.hstack([q, dq, ddq]), np.random.default_rng(0).standard_normal(q.shape))

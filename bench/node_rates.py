@@ -49,6 +49,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.nodes.common.model_node import DEEP
 from tudor_dynamics.nodes.common.runner import new_executor, spin_for
 from tudor_dynamics.nodes.common.wire import JointStateEncoder
 
@@ -90,7 +91,7 @@ def busy() -> float:
 class Robot:
     """Publishes samples of a smooth motion, and takes the time of the answers."""
 
-    def __init__(self, model: str, depth: int = 10) -> None:
+    def __init__(self, model: str, depth: int = 0) -> None:
         arm = load_bundle(model).arm
         joints, gauges = arm.active_joints, arm.gauge_names
         self.encoders = [JointStateEncoder(joints, ('position',)),
@@ -98,7 +99,7 @@ class Robot:
                          JointStateEncoder(gauges, ('position',))]
         self.sizes = (len(joints), len(gauges))
         self.node = rclpy.create_node('robot')
-        reliable = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+        reliable = QoSProfile(depth=depth or DEEP, reliability=ReliabilityPolicy.RELIABLE)
         topics = (arm.spec.joint_topic, arm.joints[0].effort.topic, arm.gauges[0].topic, 'relay_0')
         self.publishers = [
             self.node.create_publisher(JointState, topic, reliable) for topic in topics]
@@ -171,12 +172,12 @@ def queues(topics: Iterable[str], kind: str, depth: int) -> list[str]:
             for word in ('-p', f'qos_overrides./{topic}.{kind}.depth:={depth}')]
 
 
-def chains(model: str, depth: int = 10) -> dict[str, list[list[str]]]:
+def chains(model: str, depth: int = 0) -> dict[str, list[list[str]]]:
     """Words of the processes of each chain."""
     arm = load_bundle(model).arm
     sensors = (arm.spec.joint_topic, arm.gauges[0].topic)
     within = ('joint_motion', 'predicted_strains')
-    deeper = [] if depth == 10 else [
+    deeper = [] if not depth else [
         *queues((*sensors, *within), 'subscription', depth),
         *queues((*within, 'strain_residuals'), 'publisher', depth)]
 
@@ -185,15 +186,15 @@ def chains(model: str, depth: int = 10) -> dict[str, list[list[str]]]:
                 *deeper]
     methods = ('-p', "methods:=['strain']")
     return {
-        'relay 3 hops': [['-c', RELAY, str(k), str(depth)] for k in range(3)],
+        'relay 3 hops': [['-c', RELAY, str(k), str(depth or DEEP)] for k in range(3)],
         'filter, predictor, detector': [node('joint_state_filter'), node('dynamics_predictor'),
                                         node('collision_detector', *methods)],
-        'relay 1 hop': [['-c', RELAY, '0', str(depth)]],
+        'relay 1 hop': [['-c', RELAY, '0', str(depth or DEEP)]],
         'monitor': [node('monitor', *methods)]}
 
 
 def measure(
-    name: str, words: list[list[str]], rate: float, seconds: float, model: str, depth: int = 10,
+    name: str, words: list[list[str]], rate: float, seconds: float, model: str, depth: int = 0,
 ) -> dict[str, float]:
     """One run: the figures of ``COLUMNS``, in %, ms, us, MB and % of one core."""
     relay = name.startswith('relay')
@@ -242,7 +243,7 @@ def main() -> None:
     parser.add_argument('--each', action='store_true', help='print every run too')
     parser.add_argument('--calm', type=float, default=float('inf'), metavar='PERCENT',
                         help='repeat a run, up to ten times, in which others took more of a core')
-    parser.add_argument('--depth', type=int, default=10, help='of all queues (10, as shipped)')
+    parser.add_argument('--depth', type=int, default=0, help='of all queues; 0: as shipped')
     parser.add_argument('--only', default='', help='relay or chain whose name holds this')
     args = parser.parse_args()
     sys.setswitchinterval(1e-4)  # the listener must not wait for the sender

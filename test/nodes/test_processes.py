@@ -129,7 +129,7 @@ def test_parameters_over_services(world: World, model: Path) -> None:
 def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> None:
     """The standard parameters for quality of service, as docs/nodes.md shows them for 1 kHz."""
     shown = (root / 'docs/nodes.md').read_text().split('```yaml\n')[1].split('```')[0]
-    assert 'depth: 100' in shown
+    assert 'depth: 1000' in shown
     (tmp_path / 'deep.yaml').write_text(shown.replace('/**/monitor:', '/**/joint_state_filter:'))
     process = launch('joint_state_filter', '--params-file', str(tmp_path / 'deep.yaml'))
     try:
@@ -141,7 +141,7 @@ def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> Non
             assert world.spin(future.done)
             return future.result().values[0].integer_value
         assert world.spin(get.service_is_ready)
-        assert world.spin(lambda: depth() == 100)
+        assert world.spin(lambda: depth() == 1000)
     finally:
         finish(process, signal.SIGINT)
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from tudor_dynamics.monitoring.thresholds.excess import Excess
 from tudor_dynamics.monitoring.thresholds.features import NEVER
-from tudor_dynamics.small_arrays import largest
+from tudor_dynamics.small_arrays import largest, largest_size
 from tudor_dynamics.typing import FloatArray
 
 HIGHEST = 10.0
@@ -136,8 +136,7 @@ class _Onset:
         One that takes from it is a force that goes. A change counts behind a time without any:
         the arm rings behind each.
         """
-        place = int(np.argmax(np.abs(sudden)))
-        if not abs(sudden[place]) > 1.0:
+        if not largest_size(sudden, 0, len(sudden)) > 1.0:
             self.since = None
             return False
         if (stamp - self.told) * 1e-9 < settings.rearm:
@@ -148,7 +147,7 @@ class _Onset:
         if (stamp - self.since) * 1e-9 < settings.debounce - 1e-9:
             return False
         self.told = stamp
-        return bool(sudden[place] > 0.0)
+        return bool(sudden[np.argmax(np.abs(sudden))] > 0.0)
 
 
 class CollisionDetector:

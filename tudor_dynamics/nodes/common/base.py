@@ -62,14 +62,14 @@ OWN_TOPICS = (DIAGNOSTICS, '/parameter_events', '/rosout', CLOCK)
 """Topics that every node has."""
 
 
-def weak() -> QoSProfile:
-    """Ask for what any driver offers: best effort, keep last 10."""
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+def weak(depth: int = DEPTH) -> QoSProfile:
+    """Ask for what any driver offers: best effort, keep the last messages."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def strong() -> QoSProfile:
-    """Offer what any subscriber takes: reliable, keep last 10."""
-    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+def strong(depth: int = DEPTH) -> QoSProfile:
+    """Offer what any subscriber takes: reliable, keep the last messages."""
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
 
 
 def latched() -> QoSProfile:
@@ -121,8 +121,12 @@ class TudorNode(Node):
         What keeps the node from its work; empty for nothing.
     ended : str
         Why a managed node will not work any more, see `end`; empty while it may.
+    depth : int
+        Of its queues.
 
     """
+
+    depth = DEPTH
 
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
@@ -201,7 +205,7 @@ class TudorNode(Node):
     def subscribe(self, kind: Any, topic: str, callback: Callable[[Any], None]) -> Subscription:
         """Subscribe as any driver allows; overridable by the standard parameters."""
         return self.create_subscription(
-            kind, topic, callback, weak(),
+            kind, topic, callback, weak(self.depth),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     def subscribe_raw(
@@ -215,7 +219,7 @@ class TudorNode(Node):
             if message is not None:
                 callback(message)
         return self.create_subscription(
-            kind, topic, take, weak(), raw=True,
+            kind, topic, take, weak(self.depth), raw=True,
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     def hear_joint_states(self, topic: str, callback: Callable[[JointSample], None],
@@ -230,7 +234,7 @@ class TudorNode(Node):
     def publish_on(self, kind: Any, topic: str, *, latch: bool = False) -> Publisher:
         """Make a publisher that any subscriber matches; overridable by the standard parameters."""
         return self.create_publisher(
-            kind, topic, latched() if latch else strong(),
+            kind, topic, latched() if latch else strong(self.depth),
             qos_overriding_options=QoSOverridingOptions.with_default_policies())
 
     def publishing(self, topic: str) -> list[str]:

@@ -34,6 +34,15 @@ from tudor_dynamics.nodes.common.interfaces import RELOAD
 from tudor_dynamics.nodes.common.wire import ArrayDecoder, JointSample
 
 
+DEEP = 100
+"""
+Messages that may wait where every one is worth something however late it comes.
+
+A machine halts for 20 ms now and then: 40 samples at 2 kHz. What commands an arm needs the newest
+one alone, and has queues as short as those of other nodes.
+"""
+
+
 class ModelNode(TudorNode):
     """
     Base of nodes with a model.
@@ -51,6 +60,8 @@ class ModelNode(TudorNode):
         Stands for the stamps of messages that have none [ns].
 
     """
+
+    depth = DEEP
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

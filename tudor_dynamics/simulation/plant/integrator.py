@@ -35,17 +35,18 @@ from tudor_dynamics.simulation.mechanics.cholesky import cholesky, factor_norm, 
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
 from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
 from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
-from tudor_dynamics.small_arrays import unowned
+from tudor_dynamics.simulation.plant.prediction import (
+    best_order, extrapolated, forget, PAST, remember)
 
 # Rows of the array of vectors.
-Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_DDZ, OLD_ACC, BEFORE = range(11)
-VECTORS = 11
+Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_ACC, OLD_DDZ = range(10)
+VECTORS = OLD_DDZ + PAST  # those before OLD_DDZ come behind it
 # Slices of the array of matrices.
 MASS, STIFFNESS, DAMPING, FACTOR = range(4)
 MATRICES = 4
 # Entries of the settings.
-STEP, RHO, TOLERANCE, FACTORED, CONTRACTION, PEAK, ITERATIONS, FACTORS, LARGEST = range(9)
-SETTINGS = 9
+STEP, RHO, TOLERANCE, FACTORED, CONTRACTION, PEAK, ITERATIONS, FACTORS, LARGEST, ORDER = range(10)
+SETTINGS = 10
 
 OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
 MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
@@ -87,24 +88,6 @@ class PlantTables(NamedTuple):
     motion: NDArray
     chain: Chain
     composite: Composite
-
-
-class Joints(NamedTuple):
-    """
-    Where joints stand in a plant, and what they do.
-
-    Attributes
-    ----------
-    q_index, bodies : ndarray of int, shape (n_joints,)
-        Coordinate of each joint and the body behind it.
-    state : ndarray of shape (4, n_joints)
-        Position, velocity, acceleration and effort of each; overwritten.
-
-    """
-
-    q_index: NDArray
-    bodies: NDArray
-    state: NDArray
 
 
 @compiled
@@ -150,35 +133,8 @@ def build_factor(plant: PlantTables, speed_gain: float, place_gain: float) -> bo
 
 
 @compiled
-def report(plant: PlantTables, joints: Joints) -> None:
-    """
-    Write what the joints do; the effort is the reaction where the motion is given.
-
-    Parameters
-    ----------
-    plant : PlantTables
-        Plant after a step.
-    joints : Joints
-        Joints; their state is the result.
-
-    """
-    vectors, chain, state = plant.vectors, plant.chain, joints.state
-    for number in range(joints.q_index.shape[0]):
-        q, b = joints.q_index[number], joints.bodies[number]
-        speed, rise = vectors[DZ, q], vectors[DDZ, q]
-        state[0, number], state[1, number], state[2, number] = vectors[Z, q], speed, rise
-        effort = plant.torque[q]
-        if plant.prescribed[q]:
-            start = 0 if chain.body_int[b, at.JOINT] == at.PRISMATIC else 3
-            effort = chain.coordinate[q, at.HUB] * rise + chain.coordinate[q, at.DAMPING] * speed
-            for i in range(3):
-                effort += chain.reaction[b, start + i] * chain.moving[b, at.AXIS_AT + i]
-        state[3, number] = effort
-
-
-@compiled
-def _attempt(guess: float, plant: PlantTables, loaded: bool) -> int:
-    """Predict the end of the step and iterate; ``step`` has kept the old state."""
+def _attempt(order: int, plant: PlantTables, loaded: bool) -> int:
+    """Predict the end of the step, from rest for -1, and iterate; ``step`` keeps the old state."""
     vectors, matrices, settings = plant.vectors, plant.matrices, plant.settings
     prescribed, torque, motion = plant.prescribed, plant.torque, plant.motion
     n = prescribed.shape[0]
@@ -190,11 +146,10 @@ def _attempt(guess: float, plant: PlantTables, loaded: bool) -> int:
     speed_gain, place_gain = dt * gamma * gain, dt * dt * beta * gain
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
-    old_ddz, old_acc = vectors[OLD_DDZ], vectors[OLD_ACC]
-    before, force, delta = vectors[BEFORE], vectors[FORCE], vectors[DELTA]
+    old_ddz, old_acc, past = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[OLD_DDZ:]
+    force, delta = vectors[FORCE], vectors[DELTA]
     for i in range(n):
-        # Predict by a straight line through the last two accelerations, or from rest.
-        ddz[i] = guess * (2.0 * old_ddz[i] - before[i])
+        ddz[i] = 0.0 if order < 0 else extrapolated(past, order, i)
         acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * old_acc[i]) / (
             1.0 - alpha_m)
         z[i] = old_z[i] + dt * (old_dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
@@ -275,38 +230,27 @@ def step(plant: PlantTables, loaded: bool) -> int:
     n = torque.shape[0]
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
-    old_ddz, old_acc, before = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[BEFORE]
+    old_acc, past = vectors[OLD_ACC], vectors[OLD_DDZ:]
     for i in range(n):
         if not (math.isfinite(torque[i]) and math.isfinite(motion[0, i])
                 and math.isfinite(motion[1, i]) and math.isfinite(motion[2, i])):
             return BAD_INPUT
     for i in range(n):
-        before[i] = old_ddz[i]
-        old_z[i], old_dz[i], old_ddz[i], old_acc[i] = z[i], dz[i], ddz[i], acc[i]
-    status = _attempt(1.0, plant, loaded)
+        old_z[i], old_dz[i], old_acc[i] = z[i], dz[i], acc[i]
+    remember(past, ddz)
+    status = _attempt(int(plant.settings[ORDER]), plant, loaded)
     if status != OK:
-        # After a blow the line leads astray: once more from rest, with a matrix of its own.
+        # After a blow the past leads astray: once more from rest, with a matrix of its own.
         plant.settings[FACTORED] = 0.0
-        status = _attempt(0.0, plant, loaded)
+        status = _attempt(-1, plant, loaded)
+    plant.settings[ORDER] = best_order(ddz, past, plant.prescribed, plant.matrices[FACTOR])
     if status == OK and not _free_elastic(z, plant.chain.body_int):
         status = TOO_BENT
     if status != OK:
         for i in range(n):
-            z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], old_ddz[i], old_acc[i]
-            old_ddz[i] = before[i]
+            z[i], dz[i], ddz[i], acc[i] = old_z[i], old_dz[i], past[0, i], old_acc[i]
+        forget(past)
         plant.settings[FACTORED] = 0.0
-    return status
-
-
-@compiled
-def step_and_report(loaded: bool, *arrays: NDArray) -> int:
-    """Do ``step`` and ``report`` with all arrays of ``Plant``; tuples are slow to hand over."""
-    bare = unowned(arrays)
-    plant = PlantTables(bare[0], bare[1], bare[2], bare[3], bare[4], bare[5],
-                        Chain(*bare[6:13]), Composite(*bare[13:16]))
-    status = step(plant, loaded)
-    if status == OK:
-        report(plant, Joints(*bare[16:19]))
     return status
 
 

@@ -25,6 +25,8 @@ from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.plant import integrator as gen
 from tudor_dynamics.simulation.plant.dynamics import Dynamics
+from tudor_dynamics.simulation.plant.reported_step import (
+    Joints, report, reported_places, step_and_report)
 from tudor_dynamics.simulation.plant.state import (
     Counts, Drive, Energy, failure_message, PlantState)
 from tudor_dynamics.simulation.plant.statics import check_step, find_equilibrium
@@ -77,8 +79,8 @@ class Plant(Dynamics):
         self._q = mechanism.q_index
         self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
         self._drives = ['torque' if active else 'hold' for active in mechanism.driven]
-        self._joints = gen.Joints(self._q, self.bodies, np.zeros((4, self._q.size)))
-        self._flat = (*self.tables[:6], *self.tables.chain, *self.tables.composite, *self._joints)
+        self._joints = Joints(self._q, self.bodies, np.zeros((4, self._q.size)))
+        self._places = reported_places(self.tables, self._joints)
         self.state = PlantState(0.0, *self._joints.state)  # rows are views
         self.dt = dt
         self.reset()
@@ -131,7 +133,7 @@ class Plant(Dynamics):
             self._put(self.tables.vectors[gen.DZ], dq, 'dq')
         self.tables.motion[0, self._q] = self.tables.vectors[gen.Z, self._q]
         self.tables.settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
-        self.tables.settings[gen.CONTRACTION] = 0.5
+        self.tables.settings[[gen.CONTRACTION, gen.ORDER]] = 0.5, 1.0
         self._time_steps, self._t0 = 0, 0.0
         self._start_accelerations()
         self._read_state()
@@ -205,7 +207,7 @@ class Plant(Dynamics):
             self.loaded = False
         if motion is not None:
             self._set_motion(motion)
-        status = gen.step_and_report(self.loaded, *self._flat)
+        status = step_and_report(self.loaded, self._places)
         if status != gen.OK:
             self._fail(status)
         self._time_steps += 1
@@ -347,7 +349,7 @@ class Plant(Dynamics):
 
     def _read_state(self) -> None:
         self.state.t = self._t0 + self._time_steps * self.dt
-        gen.report(self.tables, self._joints)
+        report(self.tables, self._joints)
 
     def _fail(self, status: int) -> NoReturn:
         loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
