@@ -101,7 +101,7 @@ class _Decoder(Generic[Sample]):
         self._kind, self._parse, self._drops = kind, parse, drops
         self._length = -1
         self._fixed: list[tuple[slice, bytes]] = []
-        self._numbers: dict[str, tuple[str, int, int]] = {}
+        self._numbers: dict[str, tuple[np.dtype[np.float64], int, int]] = {}
         self._time = struct.Struct('<iI')
         self._names: list[str] = []
 
@@ -134,7 +134,8 @@ class _Decoder(Generic[Sample]):
         spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         self._fixed = [(span, data[span]) for span in spans]
         self._time = struct.Struct(layout.order + 'iI')
-        self._numbers = {name: (layout.order + 'f8', size, start)
+        kind = np.dtype(layout.order + 'f8')  # made once: from its name it takes as long as to read
+        self._numbers = {name: (kind, size, start)
                          for name, (start, size) in layout.fields.items()}
         self._length = len(data)
 
@@ -214,7 +215,7 @@ class ArrayDecoder(_Decoder[JointSample]):
         layout = self._parse(data)
         start, size = layout.fields[DATA]
         self._fixed = [(slice(0, start), data[:start])]
-        self._numbers = {DATA: (layout.order + 'f8', size, start)}
+        self._numbers = {DATA: (np.dtype(layout.order + 'f8'), size, start)}
         self._length = len(data)
 
     def _sample(self, values: FloatArray) -> JointSample | None:
