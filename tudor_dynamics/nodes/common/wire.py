@@ -134,7 +134,7 @@ class _Decoder(Generic[Sample]):
         spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
         self._fixed = [(span, data[span]) for span in spans]
         self._time = struct.Struct(layout.order + 'iI')
-        kind = np.dtype(layout.order + 'f8')  # made once: from its name it takes as long as to read
+        kind = np.dtype(layout.order + 'f8')  # once: to make it takes as long as to read
         self._numbers = {name: (kind, size, start)
                          for name, (start, size) in layout.fields.items()}
         self._length = len(data)
