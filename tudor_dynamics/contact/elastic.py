@@ -38,7 +38,7 @@ SAMPLE = 0.01
 """Sample time that deviations of measurements belong to [s]."""
 SLOW = 40.0
 """Vibrations above follow a force at once [Hz]."""
-RINGING = 8.0
+RINGING = 3.0
 """Rate at which the followed arm is drawn to the measured one [1/s]."""
 BANDWIDTH = 2.0
 """Rate at which a vibration that nobody explains is forgotten [1/s]."""
@@ -174,7 +174,7 @@ class ElasticFront:
 
     def carry(
         self, number: int, state: FloatArray, covariance: FloatArray, dt: float, fade: float,
-        rise: FloatArray,
+        rise: FloatArray, calm: float,
     ) -> FloatArray:
         """
         Carry a hypothesis to the newest sample.
@@ -191,6 +191,8 @@ class ElasticFront:
             Part of what presses that is still there behind the sample.
         rise : ndarray of shape (PRESSING, PRESSING)
             What its covariance grows by.
+        calm : float
+            Part of the white force that there is.
 
         Returns
         -------
@@ -201,7 +203,7 @@ class ElasticFront:
         acting = self._acting[number]
         turn_basis(self._before, self._small[0], self._basis, state, covariance)
         carry(state, covariance, self._squares, self._rates, self._basis.T @ self._white,
-              self._basis.T @ acting, dt, self.noise, fade, rise)
+              self._basis.T @ acting, dt, calm * self.noise, fade, rise)
         shown = self._shown @ self._basis
         return np.hstack([shown, np.zeros_like(shown), self._pressing[number].through
                           + self._shown @ self._flexible @ acting])

@@ -42,8 +42,12 @@ from tudor_dynamics.typing import FloatArray
 
 SHORTEST = 0.0039
 """Samples that follow sooner are passed over: no contact is so quick [s]."""
-LASTING = 2.0
-"""Time over which a force is forgotten [s]."""
+LASTING, HELD = 0.7, 2.0
+"""Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
+MOVING = 8.0
+"""Deviations of a sample for which what is left over of a moving arm counts: it is no white noise
+but rings, and taken for white it lets the span with most freedom win. What rigid models leave over
+is measured with the ringing in it."""
 EVIDENCE = 0.6
 """Time over which it is forgotten which span was the likely one [s]."""
 RECENT = 0.03
@@ -57,7 +61,9 @@ STANDING = 0.03
 """Speed below which an arm stands [rad/s or m/s]."""
 CALM = 0.2
 """Part of the usual deviation that a standing arm keeps at least."""
-CALMED = 1.0
+CALMEST = 0.1
+"""Part of the usual variance below which an arm is known to stand."""
+CALMED = 0.5
 """Time over which the noise of a standing arm is learned [s]."""
 TARE = 3.0
 """Time over which a standing arm takes what is left over for an offset [s]."""
@@ -108,7 +114,8 @@ class ContactEstimator:
         if not self.spans:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
-        self._deviation = np.where(np.isfinite(deviation), deviation, 1e9)
+        self._rings = MOVING if isinstance(model, FittedElastic) else 1.0
+        self._deviation = self._rings * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
             ElasticFront(model, self.spans, self._deviation)
             if isinstance(model, FittedElastic) else RigidFront(arm, self.spans))
@@ -122,7 +129,7 @@ class ContactEstimator:
         self._weight = np.zeros(len(self.spans))
         self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
         self._tare = np.zeros(len(arm.gauges))
-        self._stood, self._spread = 0.0, np.zeros(len(arm.gauges))
+        self._spread = self._deviation**2
         self._size = 0.0
         self._last: int | None = None
         self._begin_at = True
@@ -139,7 +146,8 @@ class ContactEstimator:
             covariance[-PRESSING:, -PRESSING:] = span.covariance
         self._weight = self._prior.copy()
         self._tare[:] = 0.0
-        self._stood = self._size = 0.0
+        self._spread[:] = self._deviation**2
+        self._size = 0.0
         self.felt = False
 
     def step(
@@ -184,8 +192,7 @@ class ContactEstimator:
             return None
         n = len(row) // 3
         standing = float(np.abs(row[n:2 * n]).max()) < STANDING
-        variance = self._variance(dt, left, standing)
-        likely = self._correct(dt, row, left - self._tare, variance)
+        likely = self._correct(dt, row, left - self._tare, self._calm(dt, left, standing))
         if isinstance(self._front, ElasticFront):
             self._front.settle(left - self._tare, dt, self._state)
         # free motion says nothing of where a contact is
@@ -202,33 +209,34 @@ class ContactEstimator:
             return np.asarray((measured - self._offset) / gain - self._front.follow(dt, row))
         return None if residual is None else np.asarray(residual / gain)
 
-    def _variance(self, dt: float, left: FloatArray, standing: bool) -> FloatArray:
-        """Learn the offset of an arm that stands untouched; give the variance of the readings."""
+    def _calm(self, dt: float, left: FloatArray, standing: bool) -> FloatArray:
+        """Learn offset and noise of a standing arm; give the part of its usual variance."""
+        usual = self._deviation**2
         if not standing:
-            self._stood = 0.0
+            self._spread[:] = usual
             self._tare *= math.exp(-dt / TARE)
         elif self._size < DOUBTED:
-            self._stood += dt
             off = left - self._tare
             self._tare += min(dt / TARE, 1.0) * off
-            self._spread += min(dt / CALMED, 1.0) * (off**2 - self._spread)
-        usual = self._deviation**2
-        if self._stood > 2.0 * CALMED:
-            usual = np.minimum(usual, 4.0 * self._spread + CALM**2 * usual)
-        return np.asarray(usual * (SAMPLE / dt if self._front.modes else 1.0))
+            # a push that begins is no noise
+            self._spread += min(dt / CALMED, 1.0) * (
+                np.minimum(off**2, 4.0 * self._spread) - self._spread)
+        return np.minimum(1.0, self._spread / usual + (CALM / self._rings)**2)
 
     def _correct(
-        self, dt: float, row: FloatArray, left: FloatArray, variance: FloatArray,
+        self, dt: float, row: FloatArray, left: FloatArray, share: FloatArray,
     ) -> FloatArray:
         front = self._front
-        fade = math.exp(-dt / LASTING)
+        variance = share * self._deviation**2 * (SAMPLE / dt if front.modes else 1.0)
+        calm = float(share.min())
+        fade = math.exp(-dt / (LASTING if front.modes and calm > CALMEST else HELD))
         levers = front.rows(row) if isinstance(front, RigidFront) else None
         likely = np.zeros(len(self.spans))
         for k, span in enumerate(self.spans):
             state, covariance = self._state[k], self._covariance[k]
             rise = (1.0 - fade * fade) * span.covariance
             if isinstance(front, ElasticFront):
-                rows = front.carry(k, state, covariance, dt, fade, rise)
+                rows = front.carry(k, state, covariance, dt, fade, rise, calm)
             else:
                 assert levers is not None
                 rows = levers[k]

@@ -40,8 +40,8 @@ from tudor_dynamics.simulation.loop.pushes import Push
 from tudor_dynamics.simulation.loop.signals import LoopRecord
 from tudor_dynamics.typing import FloatArray
 
-EVERY = 20
-"""Steps of the loop between two samples: 100 Hz."""
+EVERY = 10
+"""Steps of the loop between two samples: 200 Hz."""
 SLOT = 2.0
 """Time for each push in motion [s]."""
 FELT = 1.0
