@@ -52,7 +52,7 @@ EVIDENCE = 0.6
 """Time over which it is forgotten which span was the likely one [s]."""
 RECENT = 0.03
 """The same while nothing is felt [s]."""
-FELT, LEFT, DOUBTED = 49.0, 16.0, 9.0
+FELT, LEFT, DOUBTED = 10.0, 4.0, 4.0
 """Squared standard deviations from which, and until which, something is felt; and from which what
 is left over is taken for no offset."""
 TRUSTED = 1.5
