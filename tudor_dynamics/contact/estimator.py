@@ -44,7 +44,7 @@ SHORTEST = 0.0039
 """Samples that follow sooner are passed over: no contact is so quick [s]."""
 LASTING, HELD = 0.7, 2.0
 """Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
-MOVING = 8.0
+MOVING = 11.0
 """Deviations of a sample for which what is left over of a moving arm counts: it is no white noise
 but rings, and taken for white it lets the span with most freedom win. What rigid models leave over
 is measured with the ringing in it."""
