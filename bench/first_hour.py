@@ -43,8 +43,8 @@ UNSEEN = (
     ('TX40 with its coupling', 'tx40.yaml', ['tx40_exciting@0-60%'], ['tx40_exciting@60-100%'],
      12.6, WRIST))
 KNOWN = (
-    ('EMPS', 'emps.yaml', ['emps_estimation'], ['emps_validation'], 3.34),
-    ('UR10', 'ur10.yaml', ['ur10_exciting@0-60%'], ['ur10_exciting@60-100%'], 6.6),
+    ('EMPS', 'emps.yaml', ['emps_estimation'], ['emps_validation'], 3.1),
+    ('UR10', 'ur10.yaml', ['ur10_exciting@0-60%'], ['ur10_exciting@60-100%'], 6.3),
     ('two blades, 200 g', 'two_blade_arm.yaml', [f'arm_200g_free_{i}' for i in (1, 2, 3)],
      ['arm_200g_free_4'], 7.07))
 MERIT_FLOOR = 79.0

@@ -79,7 +79,7 @@ def test_defaults() -> None:
      ['joints.0.effort.torque_constant', 'greater than 0', '-1.0']),
     ('joints.0.type', 'spherical', ['joints.0.type', "'revolute', 'continuous' or 'prismatic'"]),
     ('joints.0.friction', ['viscous', 'viscous'],
-     ['joints.0.friction', 'a friction term is named twice']),
+     ['joints.0.friction', 'a friction term or displacement is named twice']),
     ('joints.0.friction', ['dry'], ['joints.0.friction.0', "'viscous'", "'dry'"]),
     ('joints.0.limits', {'lower': 1.0, 'upper': 0.5},
      ['joints.0.limits', 'lower limit 1.0 is not below upper limit 0.5']),

@@ -100,12 +100,12 @@ def test_random_split_is_called_optimistic() -> None:
         taught.append(len(motion))
         return Constant(output.mean(axis=0))
 
-    found = random_split(fit, bags, 'strain', seed=1)
+    found = random_split(fit, bags, 'strain', inputs=lambda s: s.motion, seed=1)
     assert 'optimistic' in found.method
     total = sum(bag.samples for bag in bags)
     assert abs(taught[0] - total / 2) <= 2
     assert found.score.samples == total - taught[0]
     stamps = {int(s) for bag in bags for p in bag.stretches for s in p.stamp[p.decimation.keep]}
     assert {int(s) for s in found.traces[0].stamp} <= stamps
-    again = random_split(fit, bags, 'strain', seed=1)
+    again = random_split(fit, bags, 'strain', inputs=lambda s: s.motion, seed=1)
     assert np.array_equal(again.traces[0].t, found.traces[0].t)

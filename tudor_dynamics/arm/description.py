@@ -223,6 +223,9 @@ class Arm:
             for key in ('index', 'interface'):  # digests from before they were known still hold
                 if source[key] is None:
                     del source[key]
+        for joint, spec in zip(content['joints'], self.spec.joints, strict=True):
+            if not spec.bristles:
+                del joint['presliding_distances']
         if self.spec.couplings is not None:
             content['couplings'] = self.spec.couplings.model_dump(mode='json')
         model = self.full_model

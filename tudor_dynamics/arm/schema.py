@@ -39,9 +39,11 @@ MAX_INDEX = 1000
 """Values of an array that may be named."""
 AUTO = 'auto'
 """What stands for a key that is left open: the same as no key."""
-FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity')
+FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity',
+                 'presliding_distances')
 """Keys of a joint that say which friction is identified."""
-FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load')
+FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load',
+                  'presliding')
 
 
 def one_spelling(unit: Any) -> Any:
@@ -159,7 +161,7 @@ class JointSpec(Spec):
     effort: EffortSpec = EffortSpec()
     """Where the effort of its actuator comes from."""
     friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square',
-                            'load'], ...] = ('viscous', 'coulomb')
+                            'load', 'presliding'], ...] = ('viscous', 'coulomb')
     """Terms of friction to identify, each a column of the regressor; ``auto``, or the key left
     out, for ``tudor fit`` to choose by left-out parts, from viscous and coulomb on."""
     asymmetric: bool = False
@@ -170,6 +172,9 @@ class JointSpec(Spec):
     """Speed over which the sign of the velocity is smoothed [rad/s or m/s]."""
     stribeck_velocity: Positive = 0.1
     """Speed at which the Stribeck term has decayed to 1/e [rad/s or m/s]."""
+    presliding_distances: tuple[Positive, ...] = Field((0.003,), min_length=1, max_length=8)
+    """Displacements from rest to sliding of the term ``presliding``: springs that give way, each
+    with a coefficient of its own [rad or m]."""
     hold: Finite = 0.0
     """Position of the joint where it is not active [rad or m]."""
     limits: LimitSpec | None = None
@@ -195,12 +200,17 @@ class JointSpec(Spec):
             return {key: value for key, value in content.items() if key != 'friction'}
         return content
 
-    @field_validator('friction')
+    @field_validator('friction', 'presliding_distances')
     @classmethod
-    def _no_repetition(cls, terms: tuple[str, ...]) -> tuple[str, ...]:
+    def _no_repetition(cls, terms: tuple[str | float, ...]) -> tuple[str | float, ...]:
         if len(set(terms)) != len(terms):
-            raise ValueError(f'a friction term is named twice in {list(terms)}')
+            raise ValueError(f'a friction term or displacement is named twice in {list(terms)}')
         return terms
+
+    @property
+    def bristles(self) -> tuple[float, ...]:
+        """Displacements over which its friction gives way; empty where it does not [rad or m]."""
+        return self.presliding_distances if 'presliding' in self.friction else ()
 
 
 class GaugeSpec(SourceSpec):

@@ -115,10 +115,15 @@ def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
     spec = arm.spec.preprocessing
     if 'filter' not in spec.model_fields_set:
         spec = spec.model_copy(update={'filter': 'zero_phase'})
-    n = len(arm.active_joints)
     outputs = OUTPUTS if arm.gauges else OUTPUTS[:1]
-    return Target(arm, {output: AnalyticalModel(plain_regressor(arm, output, 'exact'), n)
-                        for output in outputs}, spec, Noise(noise))
+    return Target(arm, {output: _planned(arm, output) for output in outputs}, spec, Noise(noise))
+
+
+def _planned(arm: Arm, output: str) -> AnalyticalModel:
+    """Give the model that a motion is planned for: any reversal shows where friction gives way."""
+    sliding = arm.with_joints({joint.name: {'friction': tuple(
+        term for term in joint.friction if term != 'presliding')} for joint in arm.joints})
+    return AnalyticalModel(plain_regressor(sliding, output, 'exact'), len(arm.active_joints))
 
 
 def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
@@ -144,10 +149,13 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
 
     """
     found, noise = {}, {}
+    known: FloatArray | None = None
     for output, kinds in bundle.models.items():
         model = kinds.get('analytical')
         if isinstance(model, AnalyticalModel) and model.payload_range is None:
-            found[output] = model
+            if output == 'effort':
+                known = model.coefficients()
+            found[output] = model if model.bristles is None else _planned(bundle.arm, output)
             noise[output] = np.zeros(len(model.channels))
             for group in model.groups_:
                 noise[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
@@ -156,9 +164,8 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
                          remedy='give --noise in place of --model')
     friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
                 for joint in bundle.arm.spec.joints}
-    effort = found.get('effort')
     return Target(arm.with_joints(friction), found, bundle.preprocessing,
-                  Noise(noise, residual=True), None if effort is None else effort.coefficients())
+                  Noise(noise, residual=True), known)
 
 
 def default_highest(arm: Arm) -> float:

@@ -59,7 +59,8 @@ def yaml_of(full: FullParameters) -> str:
             'rotor_inertia': terms.get('Ia', 0.0),
             'viscous_friction': simple.damping, 'coulomb_friction': simple.friction,
             'friction_terms': friction, 'friction_velocity': spec.friction_velocity,
-            'stribeck_velocity': spec.stribeck_velocity}
+            'stribeck_velocity': spec.stribeck_velocity,
+            'presliding_distances': list(spec.presliding_distances)}
     feed = {name: {'ff_velocity_scale': simple.damping} for name, simple in frictions.items()}
     head = (f'# Drives of {full.arm.name}, as identified by tudor_dynamics {__version__}.\n'
             '# viscous_friction [N m s/rad] and coulomb_friction [N m] are what URDF and MJCF\n'

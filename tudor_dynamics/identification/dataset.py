@@ -26,7 +26,7 @@ from tudor_dynamics.bags import read_recording, Recording
 from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.identification.bag_choice import BagChoice
 from tudor_dynamics.identification.standstill import motion_span, standstill_note
-from tudor_dynamics.models.training import Blocks, TrainingBlock
+from tudor_dynamics.models.training import Blocks, Inputs, TrainingBlock
 from tudor_dynamics.signals import prepare, Stretch
 from tudor_dynamics.signals.timing import retimed, Timing
 from tudor_dynamics.typing import FloatArray
@@ -254,6 +254,7 @@ def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpe
 
 def training_blocks(
     data: Sequence[BagData], output: str, *, with_payload: bool = False,
+    inputs: Inputs | None = None,
 ) -> Blocks:
     """
     Give the training data of one output from several bags.
@@ -266,6 +267,8 @@ def training_blocks(
         Output to be learned.
     with_payload : bool, default=False
         Let the payload of each bag follow its motion.
+    inputs : callable, optional
+        What a model takes of a stretch, as ``MemorylessModel.inputs``; its motion by default.
 
     Returns
     -------
@@ -276,7 +279,7 @@ def training_blocks(
     def blocks() -> Iterator[TrainingBlock]:
         for bag in data:
             for stretch in bag.stretches:
-                for block in stretch.blocks():
+                for block in stretch.blocks(None if inputs is None else inputs(stretch)):
                     motion = block.motion
                     if with_payload:
                         motion = np.column_stack([motion, np.full(len(motion), bag.payload)])

@@ -313,7 +313,8 @@ def _fit_one(
     validation = validate_unseen(fit_bags, model, training, test, holdout, output)
     seen = validate(model, training, output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split
-    split = (random_split(fit_arrays, training, output)
+    split = (random_split(fit_arrays, training, output,
+                          inputs=blank(kind, arm, output, settings).inputs)
              if settings.random_split and not model.has_memory else None)
     verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
     unseen = unseen_cases(fit_bags, model, validation, others, output)

@@ -121,10 +121,10 @@ class RowTrainer:
     def fit(self, bags: Sequence[BagData], output: str) -> Model:
         """Fit the model of one output; see ``Trainer``."""
         with_payload = self.settings.payloads is not None
-        parts = {str(bag.choice): training_blocks([bag], output, with_payload=with_payload)
-                 for bag in bags}
-        return blank(self.kind, self.arm, output, self.settings).fit_parts(
-            parts, self._known.setdefault(output, {}))
+        model = blank(self.kind, self.arm, output, self.settings)
+        parts = {str(bag.choice): training_blocks(
+            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags}
+        return model.fit_parts(parts, self._known.setdefault(output, {}))
 
 
 TRAINERS = {'elastic': ElasticTrainer}

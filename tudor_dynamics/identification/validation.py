@@ -35,6 +35,7 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.metrics import Score, Tally, tally
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.training import Inputs
 from tudor_dynamics.typing import FloatArray
 
 
@@ -259,6 +260,7 @@ def random_split(
     data: Sequence[BagData],
     output: str,
     *,
+    inputs: Inputs,
     seed: int = 0,
 ) -> Validation:
     """
@@ -272,6 +274,8 @@ def random_split(
         Bags that have the output.
     output : {'effort', 'strain'}
         Output that is predicted.
+    inputs : callable
+        What the model takes of a stretch.
     seed : int, default=0
         Seed of the choice.
 
@@ -285,7 +289,7 @@ def random_split(
     motions, values, halves, times, stamps = [], [], [], [], []
     for bag in data:
         for s in bag.stretches:
-            motions.append(s.motion[s.decimation.keep])
+            motions.append(inputs(s)[s.decimation.keep])
             values.append(s.decimation(getattr(s, output)))
             halves.append(generator.permutation(s.n_kept) < s.n_kept // 2)
             times.append(s.t[s.decimation.keep])

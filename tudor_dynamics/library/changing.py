@@ -170,7 +170,8 @@ def _one(
     kept = {name: part for name, part in model.data_.items() if name not in drop}
     factors = triangular(model.data_.values())
     for bag in data:
-        blocks = training_blocks([bag], output, with_payload=model.payload_range is not None)
+        blocks = training_blocks([bag], output, with_payload=model.payload_range is not None,
+                                 inputs=model.inputs)
         kept[str(bag.choice)] = model.products(blocks, triangular=factors)
     return model.like().fit_data(kept)
 

@@ -100,7 +100,7 @@ class Model(ABC):
     Attributes
     ----------
     has_memory : bool
-        Whether an output depends on what was before its sample.
+        Whether it follows whole stretches only; others learn and predict row by row.
     payload_range : (float, float) or None
         Payloads that it was fitted to [kg]; None where it knows of none.
     channels : tuple of str

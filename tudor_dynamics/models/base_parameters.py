@@ -97,18 +97,22 @@ def random_inputs(
     Parameters
     ----------
     regressor : Regressor
-        Rows; an attribute ``extra_inputs`` says how many inputs follow the motion.
+        Rows; an attribute ``extra_inputs`` says how many inputs follow the motion and bristles.
     n_joints, n_samples, seed : int
         As for `random_motion`.
 
     Returns
     -------
-    ndarray of shape (n_samples, 3 n_joints + extra_inputs)
-        Motion, then values between 0 and 1.
+    ndarray of shape (n_samples, 3 n_joints + n_bristles + extra_inputs)
+        Motion; how far bristles are bent, where rows have some; then values between 0 and 1.
 
     """
     motion = random_motion(n_joints, n_samples, seed)
     extra = int(getattr(regressor, 'extra_inputs', 0))
+    if regressor.bristles is not None:
+        bent = np.random.default_rng([seed, 2]).uniform(
+            -1.0, 1.0, (n_samples, regressor.bristles.count))
+        motion = np.hstack([motion, bent])
     if not extra:
         return motion
     more = np.random.default_rng([seed, 1]).uniform(0.0, 1.0, (n_samples, extra))

@@ -54,6 +54,7 @@ class Coupling:
         self.reach = np.eye(n)
         self._mixture: FloatArray | None = None
         self._joints: FloatArray | None = None
+        self._alone = matrix is None
         if spec is None or matrix is None:
             return
         if spec.positions == 'motors':
@@ -77,6 +78,21 @@ class Coupling:
             return motion
         n = len(self._joints)
         return np.hstack([motion[:, i * n:(i + 1) * n] @ self._joints.T for i in range(3)])
+
+    def drive_places(self, q: FloatArray) -> FloatArray:
+        """
+        Give what the motors have turned by, behind their gears.
+
+        Parameters
+        ----------
+        q : ndarray of shape (n_samples, n_joints)
+            Positions as measured [rad or m].
+
+        """
+        if self._alone:
+            return q
+        joints = q if self._joints is None else q @ self._joints.T
+        return joints @ self.speeds.T
 
     def mix(self, rows: FloatArray) -> None:
         """

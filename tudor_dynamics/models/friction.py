@@ -33,10 +33,10 @@ from tudor_dynamics.compiled import compiled
 from tudor_dynamics.typing import FloatArray
 
 (_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
- _CUBE_ROOT, _SQUARE, LOAD) = range(11)
+ _CUBE_ROOT, _SQUARE, LOAD, PRESLIDING) = range(12)
 _TERMS = {'viscous': (_VISCOUS,), 'coulomb': (_COULOMB,), 'offset': (_OFFSET,),
           'stribeck': (_STRIBECK,), 'cube_root': (_CUBE_ROOT,), 'square': (_SQUARE,),
-          'load': (LOAD,)}
+          'load': (LOAD,), 'presliding': (PRESLIDING,)}
 _DIRECTED = {'viscous': (_VISCOUS_FORWARD, _VISCOUS_BACKWARD), 'coulomb': (_FORWARD, _BACKWARD)}
 
 
@@ -59,6 +59,8 @@ def friction_names(joint: JointSpec) -> tuple[str, ...]:
     for term in joint.friction:
         if joint.asymmetric and term in ('viscous', 'coulomb'):
             names += [f'{term}+({joint.name})', f'{term}-({joint.name})']
+        elif term == 'presliding':
+            names += [f'{term}@{distance:g}({joint.name})' for distance in joint.bristles]
         else:
             names.append(f'{term}({joint.name})')
     return tuple(names)
@@ -66,6 +68,7 @@ def friction_names(joint: JointSpec) -> tuple[str, ...]:
 
 def friction_columns(
     joint: JointSpec, dq: FloatArray, load: FloatArray | None = None,
+    bent: FloatArray | None = None,
 ) -> FloatArray:
     """
     Evaluate the friction columns of a joint.
@@ -78,13 +81,17 @@ def friction_columns(
         Velocity of the joint [rad/s or m/s].
     load : ndarray of shape (n_samples,), optional
         What the bodies ask of the joint, for the term ``load`` [N m or N]; 1 by default.
+    bent : ndarray of shape (n_samples, n_bristles or more), optional
+        How far friction that gives way has done so, from -1 to 1; as of a joint that slides by
+        default.
 
     Returns
     -------
     ndarray of shape (n_samples, n_terms)
         Columns in the order of `friction_names`. Coefficients come out in effort units per
-        velocity unit (viscous), effort units (coulomb, offset, stribeck), effort units per
-        root or square of the velocity unit (cube_root, square), and as a part of the load (load).
+        velocity unit (viscous), effort units (coulomb, offset, stribeck, presliding), effort
+        units per root or square of the velocity unit (cube_root, square), and as a part of the
+        load (load).
         In the asymmetric case the negative direction's Coulomb coefficient comes out negative.
 
     """
@@ -92,6 +99,8 @@ def friction_columns(
     out = np.empty((len(dq), len(codes)))
     _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
           out)
+    if bent is not None:
+        out[:, codes == PRESLIDING] = bent[:, :len(joint.bristles)]
     if load is not None:
         out[:, codes == LOAD] *= np.abs(load)[:, None]
     return out
@@ -99,8 +108,10 @@ def friction_columns(
 
 def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
     """Give the terms of a joint as `friction_term` takes them, one a column."""
-    return np.array([code for term in joint.friction for code in (
-        _DIRECTED if joint.asymmetric and term in _DIRECTED else _TERMS)[term]], dtype=np.intp)
+    return np.array([
+        code for term in joint.friction for code in (
+            _DIRECTED if joint.asymmetric and term in _DIRECTED else _TERMS)[term]
+        for _ in (joint.bristles if code == PRESLIDING else (0.0,))], dtype=np.intp)
 
 
 @compiled
@@ -114,6 +125,8 @@ def _fill(dq: FloatArray, codes: NDArray, sharp: float, stribeck: float, out: Fl
 def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
     """
     Evaluate one column at one speed; that of a load still wants its size as a factor.
+
+    Friction that gives way is taken as that of a joint that slides.
 
     Parameters
     ----------
@@ -140,7 +153,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
         # smoothed as the sign is: the root's slope at zero is infinite
         return dq / (dq * dq + sharp * sharp) ** (1.0 / 3.0)
     smooth = math.tanh(dq / sharp)
-    if code == _COULOMB or code == LOAD:
+    if code == _COULOMB or code == LOAD or code == PRESLIDING:
         return smooth
     if code == _STRIBECK:
         return smooth * math.exp(-(dq / stribeck) ** 2)

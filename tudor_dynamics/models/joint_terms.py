@@ -22,8 +22,11 @@ import numpy as np
 
 from tudor_dynamics.arm.schema import JointSpec
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.friction import friction_codes, friction_term, LOAD
+from tudor_dynamics.models.friction import friction_codes, friction_term, LOAD, PRESLIDING
 from tudor_dynamics.typing import FloatArray
+
+NOT_KNOWN = np.empty((0, 0))
+"""What friction that gives way has done, where nothing is known of it."""
 
 
 class JointTerms:
@@ -59,7 +62,10 @@ class JointTerms:
             np.array([[joint.friction_velocity, joint.stribeck_velocity] for joint in joints]),
             scale, own if speeds is None else speeds, own if reach is None else reach)
 
-    def add(self, motion: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
+    def add(
+        self, motion: FloatArray, parameters: FloatArray, out: FloatArray,
+        bent: FloatArray | None = None,
+    ) -> None:
         """
         Add rotor inertias and friction, and bring the sum to the unit of the measurement.
 
@@ -72,13 +78,18 @@ class JointTerms:
             Parameters of each channel.
         out : ndarray of shape (n_samples, n_joints)
             Efforts of the bodies [N m or N]; changed in place.
+        bent : ndarray of shape (n_samples, n_bristles), optional
+            How far friction that gives way has done so, from -1 to 1, the first bristle of each
+            drive before the second ones; as of joints that slide by default.
 
         """
-        _add(self._terms, motion, parameters, out)
+        _add(self._terms, motion, NOT_KNOWN if bent is None else bent, parameters, out)
 
 
 @compiled
-def _add(terms: tuple, motion: FloatArray, parameters: FloatArray, out: FloatArray) -> None:
+def _add(
+    terms: tuple, motion: FloatArray, bent: FloatArray, parameters: FloatArray, out: FloatArray,
+) -> None:
     layout, codes, smoothing, scale, speeds, reach = terms
     n = len(layout)
     loads = np.empty(n)
@@ -93,14 +104,18 @@ def _add(terms: tuple, motion: FloatArray, parameters: FloatArray, out: FloatArr
             for i in range(n):
                 if reach[i, drive] == 0.0:
                     continue
-                column, value = layout[drive, 0], 0.0
+                column, value, bristle = layout[drive, 0], 0.0, drive
                 if layout[drive, 1] != 0:
                     value += parameters[i, column] * ddq
                     column += 1
                 for term in range(layout[drive, 3]):
                     code = codes[layout[drive, 2] + term]
-                    part = parameters[i, column + term] * friction_term(
-                        code, dq, smoothing[drive, 0], smoothing[drive, 1])
+                    if code == PRESLIDING and len(bent) > 0:
+                        part = parameters[i, column + term] * bent[k, bristle]
+                        bristle += n
+                    else:
+                        part = parameters[i, column + term] * friction_term(
+                            code, dq, smoothing[drive, 0], smoothing[drive, 1])
                     value += part * loads[drive] if code == LOAD else part
                 out[k, i] += reach[i, drive] * value
         for i in range(n):

@@ -24,6 +24,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.base import Live, Model, Range, SLIDING
+from tudor_dynamics.models.presliding import Bristles, Trail
 from tudor_dynamics.models.training import block_of, Blocks, TrainingBlock
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -64,9 +65,20 @@ class ModelSettings(Protocol):
 
 
 class MemorylessModel(Model):
-    """A model whose outputs depend on the motion at their sample alone: it learns from rows."""
+    """
+    A model that learns from rows: its outputs depend on the motion at their sample.
+
+    What friction makes of the motion before, where it gives way, is an input beside it.
+
+    Attributes
+    ----------
+    bristles : Bristles or None
+        What follows such friction.
+
+    """
 
     has_memory = False
+    bristles: Bristles | None = None
 
     @classmethod
     @abstractmethod
@@ -162,14 +174,36 @@ class MemorylessModel(Model):
     def predict(self, motion: FloatArray) -> FloatArray:
         """Predict the outputs, each sample by itself; see ``Model``."""
 
+    def inputs(self, stretch: Stretch) -> FloatArray:
+        """
+        Give what the model takes of a stretch: its motion, and what friction makes of the past.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_inputs)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and
+            what else it takes.
+
+        """
+        return stretch.motion if self.bristles is None else self.bristles.follow(stretch)
+
+    def trail(self) -> Trail | None:
+        """Give the same sample by sample; None where the motion is all."""
+        return None if self.bristles is None else Trail(self.bristles)
+
     def follow(self, stretch: Stretch) -> FloatArray:
         """Predict each sample of a stretch by itself; see ``Model``."""
-        return self.predict(stretch.motion)
+        return self.predict(self.inputs(stretch))
 
     def follow_kept(self, stretch: Stretch) -> FloatArray:
         """Predict the samples that are kept, without those between where no filter needs them."""
         if stretch.decimation.sos is None:
-            return self.predict(stretch.decimation(stretch.motion))
+            return self.predict(stretch.decimation(self.inputs(stretch)))
         return super().follow_kept(stretch)
 
     def stiction(self, q: FloatArray) -> FloatArray:
@@ -208,6 +242,8 @@ class RowByRow:
 
     def __init__(self, models: Mapping[str, MemorylessModel]) -> None:
         self._models = models
+        self._trails = {output: trail for output, model in models.items()
+                        if (trail := model.trail()) is not None}
 
     def measure(self, strain: FloatArray) -> None:
         """Take a strain that corrects nothing."""
@@ -216,6 +252,6 @@ class RowByRow:
         self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
     ) -> dict[str, FloatArray]:
         """Predict one sample; see ``Live``."""
-        rows = row[None]
-        return {output: model.predict(rows)[0] for output, model in self._models.items()
-                if wanted is None or output in wanted}
+        followed = {output: trail.step(dt, row) for output, trail in self._trails.items()}
+        return {output: model.predict(followed.get(output, row)[None])[0]
+                for output, model in self._models.items() if wanted is None or output in wanted}

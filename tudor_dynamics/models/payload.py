@@ -81,6 +81,7 @@ class PayloadRegressor:
         self.plain = plain
         self.body = body
         self.loaded = False
+        self.bristles = plain.bristles
         self.channels = plain.channels
         self.groups = plain.groups
         self.unknown = plain.unknown

@@ -32,6 +32,7 @@ from tudor_dynamics.errors import ArmError
 from tudor_dynamics.models.coupling import Coupling
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.joint_terms import JointTerms
+from tudor_dynamics.models.presliding import Bristles
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS, RigidBodies
 from tudor_dynamics.typing import FloatArray
 
@@ -53,6 +54,8 @@ class Regressor(Protocol):
     """Columns whose parameters carry that constant."""
     loaded: bool
     """Whether rows depend on parameters, through friction that grows with the load."""
+    bristles: Bristles | None
+    """What follows friction that gives way, for inputs behind the motion; None without any."""
 
     def assume(self, parameters: FloatArray | None) -> None:
         """
@@ -73,7 +76,8 @@ class Regressor(Protocol):
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
             ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
+            m/s^2]; behind it what friction that gives way has done, as of joints that slide where
+            that is left out (`Bristles`).
         out : ndarray, optional
             Array to be filled, in place of a new one.
 
@@ -151,6 +155,8 @@ class EffortRegressor:
             if np.count_nonzero(self._coupling.reach[:, i]) > 1:
                 self.scaled[part] = True  # several efforts feel it, each in its own unit
         self.loaded = any('load' in joint.friction for joint in arm.joints)
+        self.bristles: Bristles | None = (
+            Bristles(arm) if any(joint.bristles for joint in arm.joints) else None)
         self._assumed: FloatArray | None = None
         self._bodies = RigidBodies(arm.model, arm.velocity_index, arm.velocity_index)
         self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale,
@@ -175,7 +181,7 @@ class EffortRegressor:
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows, in effort units per parameter; see ``Regressor``."""
         n = len(self.channels)
-        motion = self._coupling.of_joints(motion)
+        motion, bent = self._parted(motion)
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
         ddq = motion[:, 2 * n:] @ self._coupling.speeds.T
         rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
@@ -187,7 +193,8 @@ class EffortRegressor:
             if 'load' in joint.friction:
                 load = (bodies[:, i].sum(axis=1) if self._assumed is None else
                         bodies[:, i] @ self._assumed[i, :self._n_bodies])
-            columns = friction_columns(joint, dq[:, i], load)
+            columns = friction_columns(joint, dq[:, i], load,
+                                       None if bent is None else bent[:, i::n])
             if joint.rotor_inertia:
                 columns = np.column_stack([ddq[:, i], columns])
             for channel in np.flatnonzero(self._coupling.reach[:, i]):
@@ -198,10 +205,20 @@ class EffortRegressor:
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
-        motion = self._coupling.of_joints(motion)
+        motion, bent = self._parted(motion)
         out = self._coupling.body_efforts(self._bodies, motion, parameters)
-        self._terms.add(motion, parameters, out)
+        self._terms.add(motion, parameters, out, bent)
         return out
+
+    def _parted(self, motion: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """Give the motion of the joints, and how far bristles are bent where that is known."""
+        wide = 3 * len(self.channels)
+        if motion.shape[1] == wide:
+            return self._coupling.of_joints(motion), None
+        # contiguous, as the compiled functions know it
+        parts = (np.ascontiguousarray(part) for part in np.split(motion, [wide], axis=1))
+        states, bent = parts
+        return self._coupling.of_joints(states), bent
 
 
 class StrainRegressor:
@@ -244,6 +261,7 @@ class StrainRegressor:
         self.unknown: tuple[int, ...] = ()
         self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
         self.loaded = False
+        self.bristles: Bristles | None = None
         self._bodies = RigidBodies(model, *(np.array([
             model.joints[model.getJointId(name)].idx_v for name in group])
             for group in (arm.active_joints, outputs)))

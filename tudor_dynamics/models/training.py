@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.signals.preprocessing import Decimation
+from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
 
 
@@ -48,6 +48,8 @@ class TrainingBlock:
 
 
 Blocks = Callable[[], Iterable[TrainingBlock]]
+Inputs = Callable[[Stretch], FloatArray]
+"""What a model takes of a stretch, a row a sample."""
 
 
 def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
@@ -100,7 +102,7 @@ def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str,
         raise FitError(msg)
 
 
-def check_motion(motion: FloatArray, n_inputs: int) -> None:
+def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) -> None:
     """
     Refuse motion whose columns are not those of the model.
 
@@ -110,6 +112,8 @@ def check_motion(motion: FloatArray, n_inputs: int) -> None:
         ``[q, dq, ddq]`` and what else the model takes, in columns.
     n_inputs : int
         Columns that the model was made for.
+    fewer : int, optional
+        Columns that are enough where nothing is known of the motion before.
 
     Raises
     ------
@@ -117,7 +121,7 @@ def check_motion(motion: FloatArray, n_inputs: int) -> None:
         If the number of columns is another.
 
     """
-    if motion.ndim != 2 or motion.shape[1] != n_inputs:
+    if motion.ndim != 2 or motion.shape[1] not in (n_inputs, fewer):
         msg = (f'motion has shape {motion.shape}; expected (n_samples, {n_inputs}): positions, '
                f'velocities, accelerations of {n_inputs // 3} joints')
         raise FitError(msg)

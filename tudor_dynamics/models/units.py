@@ -21,7 +21,7 @@ from tudor_dynamics.models.base_parameters import PAYLOAD
 
 _BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
 _FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
-             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1'}
+             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1', 'presliding': '{f}'}
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:
@@ -68,7 +68,7 @@ def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> 
         Unit.
 
     """
-    kind = column.split('(')[0].rstrip('+-')
+    kind = _kind(column)
     force, length = ('N', 'm') if prismatic else ('N m', 'rad')
     if kind in _FRICTION:
         return _FRICTION[kind].format(f=unit, x=length)
@@ -111,10 +111,15 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
     efforts = {joint.name: joint.effort for joint in arm.joints}
     effort, prismatic = efforts[name], arm.is_prismatic(name)
     absolute = effort.torque_constant is not None or (
-        column.split('(')[0].rstrip('+-') not in _FRICTION and any(
+        _kind(column) not in _FRICTION and any(
             efforts[other].unit != 'A' or efforts[other].torque_constant is not None
             for other in channels))
     if absolute:
         return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
                               prismatic=prismatic)
     return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)
+
+
+def _kind(column: str) -> str:
+    """Give what a parameter is, without its joint, direction or displacement."""
+    return column.partition('(')[0].partition('@')[0].rstrip('+-')

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.memoryless import MemorylessModel
 from tudor_dynamics.monitoring.pairing import PairedSample
 from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.residuals import Residual
@@ -66,6 +67,7 @@ class MomentumObserver:
         self._observed: FloatArray | None = None
         self._last = 0
         self._carried = 0.0
+        self._trail = model.trail() if isinstance(model, MemorylessModel) else None
 
     def step(self, pair: PairedSample, load: CarriedLoad | None = None) -> Residual | None:
         """
@@ -86,11 +88,13 @@ class MomentumObserver:
 
         """
         motion = pair.motion
-        momentum, expected = self._expect(motion.row[None], self.model.predict)
+        row = motion.row if self._trail is None else self._trail.step(motion.dt, motion.row)
+        n = len(self.model.channels)
+        momentum, expected = self._expect(row[None], n, self.model.predict)
         own = None if load is None else load.worth.get('effort')
         if load is not None and own is not None:
             more = load.mass - load.known
-            swing, change = self._expect(motion.row[None], own.along)
+            swing, change = self._expect(motion.row[None], n, own.along)
             if self._observed is not None:  # what has just come moves as the arm does already
                 self._observed = self._observed + (more - self._carried) * swing[0]
             self._carried = more
@@ -111,9 +115,9 @@ class MomentumObserver:
         ----------
         stamp : ndarray of int64, shape (n_samples,)
             Header stamps [ns].
-        motion : ndarray of shape (n_samples, 3 n_joints)
+        motion : ndarray of shape (n_samples, n_inputs)
             ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
+            m/s^2], and what else the model takes.
         measured : ndarray of shape (n_samples, n_joints)
             Efforts in their units.
 
@@ -123,7 +127,7 @@ class MomentumObserver:
             Residuals, those of the settling included.
 
         """
-        momentum, expected = self._expect(motion, self.model.predict)
+        momentum, expected = self._expect(motion, len(self.model.channels), self.model.predict)
         out = np.zeros_like(measured)
         for k, (time, p, u) in enumerate(zip(stamp.tolist(), momentum, expected + measured,
                                              strict=True)):
@@ -148,17 +152,18 @@ class MomentumObserver:
 
     @staticmethod
     def _expect(
-        motion: FloatArray, efforts: Callable[[FloatArray], FloatArray],
+        motion: FloatArray, n: int, efforts: Callable[[FloatArray], FloatArray],
     ) -> tuple[FloatArray, FloatArray]:
         """Give M dq, and dM/dt dq - n(q, dq): what the momentum does without effort."""
-        count, n = len(motion), motion.shape[1] // 3
+        count = len(motion)
         q, dq = motion[:, :n], motion[:, n:2 * n]
-        batch = np.zeros((7, count, 3 * n))
+        batch = np.zeros((7, count, motion.shape[1]))
+        batch[:, :, 3 * n:] = motion[:, 3 * n:]
         batch[0, :, :2 * n] = motion[:, :2 * n]
         step = STEP / np.maximum(1.0, np.abs(dq).max(axis=1, keepdims=True))
         for k, place in enumerate((q, q + step * dq, q - step * dq)):
             batch[1 + 2 * k:3 + 2 * k, :, :n] = place
-            batch[1 + 2 * k, :, 2 * n:] = dq
-        y = efforts(batch.reshape(7 * count, 3 * n)).reshape(7, count, -1)
+            batch[1 + 2 * k, :, 2 * n:3 * n] = dq
+        y = efforts(batch.reshape(7 * count, -1)).reshape(7, count, -1)
         change = ((y[3] - y[4]) - (y[5] - y[6])) / (2.0 * step)
         return y[1] - y[2], change - y[0]

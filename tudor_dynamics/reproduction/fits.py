@@ -206,15 +206,17 @@ def _at_random(arm: Arm, bags: Sequence[BagData], settings: FitSettings) -> Cach
     """Train on a random half of the samples of all recordings, test on the other."""
     generator = np.random.default_rng(0)
     stretches = [s for bag in bags for s in bag.stretches]
-    motion = np.vstack([s.motion[s.decimation.keep] for s in stretches])
-    train = generator.permutation(len(motion)) < len(motion) // 2
+    count = sum(s.n_kept for s in stretches)
+    train = generator.permutation(count) < count // 2
     content: dict[str, Any] = {}
     for output in OUTPUTS:
         values = np.vstack([s.decimation(getattr(s, output)) for s in stretches])
         for kind in settings.kinds:
             if KINDS[kind].model.has_memory:
                 continue
-            model = blank(kind, arm, output, settings).fit(motion[train], values[train])
+            model = blank(kind, arm, output, settings)
+            motion = np.vstack([model.inputs(s)[s.decimation.keep] for s in stretches])
+            model.fit(motion[train], values[train])
             predicted = model.predict(motion)
             content.setdefault(output, {})[kind] = {
                 'training': figures(arm, output, values[train], predicted[train]),

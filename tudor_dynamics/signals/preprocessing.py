@@ -50,7 +50,7 @@ class Block:
 
     Attributes
     ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
+    motion : ndarray of shape (n_samples, 3 n_joints), or as a model takes it
         ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     effort, strain : ndarray of shape (n_kept, n_channels) or None
         Outputs, already decimated.
@@ -152,9 +152,14 @@ class Stretch:
         """Give the number of samples after decimation."""
         return len(self.decimation.keep)
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self, motion: FloatArray | None = None) -> Iterator[Block]:
         """
         Cut the stretch into blocks of bounded size.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, n_inputs), optional
+            What a model takes in place of `motion`, for all samples.
 
         Yields
         ------
@@ -163,10 +168,11 @@ class Stretch:
 
         """
         keep = self.decimation.keep
+        motion = self.motion if motion is None else motion
         if self.decimation.sos is None:
             for first in range(0, len(keep), BLOCK):
                 index = keep[first:first + BLOCK]
-                yield self._block(index, Decimation(np.arange(len(index))))
+                yield self._block(motion, index, Decimation(np.arange(len(index))))
             return
         step = max(1, int(np.median(np.diff(keep)))) if len(keep) > 1 else 1
         size = max(1, BLOCK // step)
@@ -174,13 +180,14 @@ class Stretch:
             part = keep[first:first + size]
             begin = max(0, int(part[0]) - self.margin)
             end = min(len(self.t), int(part[-1]) + 1 + self.margin)
-            yield self._block(np.arange(begin, end), Decimation(part - begin, self.decimation.sos))
+            yield self._block(motion, np.arange(begin, end),
+                              Decimation(part - begin, self.decimation.sos))
 
-    def _block(self, index: NDArray[np.intp], decimation: Decimation) -> Block:
-        s = self.states
-        motion = np.hstack([s.q[index], s.dq[index], s.ddq[index]])
+    def _block(
+        self, motion: FloatArray, index: NDArray[np.intp], decimation: Decimation,
+    ) -> Block:
         return Block(
-            motion,
+            motion[index],
             None if self.effort is None else decimation(self.effort[index]),
             None if self.strain is None else decimation(self.strain[index]),
             decimation)

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +32,8 @@ from tudor_dynamics.identification.choice.rows import WideRows
 from tudor_dynamics.identification.dataset import BagData, filtered, training_blocks
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.models.presliding import Bristles
+from tudor_dynamics.signals import prepare
 from tudor_dynamics.typing import FloatArray
 
 ROWS = [[0.4, np.pi / 2, 0.1, 0.0], [0.35, 0.0, 0.0, 0.0], [0.2, 0.0, 0.0, 0.0]]
@@ -100,6 +103,20 @@ def test_friction_that_is_there_is_found(term: str, friction: Any) -> None:
     assert sum(term in joint.friction for joint in chosen.arm.joints) >= 2
     choice, = (item for item in chosen.made if item.what == 'friction')
     assert choice.error < 0.8 * choice.error_instead and term in choice.chosen
+
+
+def test_presliding_is_found() -> None:
+    """Springs that give way are found with their displacement, also in a part of a bag."""
+    truth = _arm(friction=['viscous', 'coulomb', 'presliding'], presliding_distances=[0.03])
+    recordings = []
+    for seed in (1, 2):
+        recording = _recording(_arm(), seed)
+        bent = Bristles(truth).follow(prepare(recording, SPEC)[0])[:, 9:]
+        recordings.append(replace(recording, effort=recording.effort + 4.0 * bent))
+    chosen = _choose(_arm(), *recordings)
+    assert all(0.03 in joint.bristles for joint in chosen.arm.joints)
+    choice, = (item for item in chosen.made if item.what == 'friction')
+    assert choice.error < 0.8 * choice.error_instead and 'gives way over 0.03' in choice.chosen
 
 
 def test_what_is_described_stays() -> None:

@@ -95,6 +95,10 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     assert both.latency_median == pytest.approx(0.05)
     free = score([Watched('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
     assert free.false_alarms == 2
+    # marked by eye a moment too late: the push is found at once, and the alarm is no false one
+    early, soon = (score(watched[1:], [stamp[[place]]]) for place in (485, 495))
+    assert (early.found, early.false_alarms) == (0, 1)
+    assert (soon.found, soon.false_alarms, soon.latency_median) == (1, 0, 0.0)
 
 
 def test_a_table_of_pushes(tmp_path: Path) -> None:
@@ -128,7 +132,7 @@ def test_the_push_of_an_event() -> None:
     pushes = (KnownPush(0, 10**9), KnownPush(5 * 10**9, 6 * 10**9))
     assert [push_of(round(t * 1e9), pushes) for t in (0.5, 2.9, 3.1, 5.0, 9.0)] == [
         0, 0, None, 1, None]
-    assert push_of(-1, pushes) is None
+    assert push_of(round(4.95e9), pushes) == 1 and push_of(-2 * 10**8, pushes) is None
 
 
 def test_alarms_at_another_threshold() -> None:

@@ -35,6 +35,7 @@ class Linear:
     columns = ('q', 'dq', 'ddq')
     unknown = ()
     loaded = False
+    bristles = None
     scaled = np.zeros(3, dtype=bool)
 
     def __init__(self, n_channels: int = 1) -> None:

@@ -117,7 +117,8 @@ class _Chooser:
         self.made: list[Choice] = []
         follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
         # a load on the gear is no term of an arm that is followed, nor affine in a payload
-        self.without = (('load',) if summable or follows or settings.payloads is not None else ())
+        self.without = (*(('load',) if summable or follows or settings.payloads is not None
+                          else ()), *(('presliding',) if follows else ()))
         # what follows measured positions has no filter to choose
         self.filter_open = not follows and not spec.model_fields_set & CAUSAL_KEYS
 
@@ -128,7 +129,7 @@ class _Chooser:
         if 'effort' in self.outputs and 'analytical' in self.settings.kinds:
             self._choose_effort()
         changes = {old.name: {key: getattr(new, key) for key in (
-            'friction', 'asymmetric', 'friction_velocity')}
+            'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
             for old, new in zip(self.arm.joints, self.joints, strict=True) if new != old}
         settings = replace(self.settings, shared=self.shared).settled()
         return Choices(self.arm.with_joints(changes), self.spec, settings, tuple(self.made))
@@ -242,6 +243,8 @@ def friction_words(joints: Sequence[JointSpec]) -> str:
             text += ', each way'
         if joint.friction_velocity != USUAL_SWITCH:
             text += f', sign smoothed over {joint.friction_velocity:g}'
+        if joint.bristles:
+            text += f', gives way over {" and ".join(f"{d:g}" for d in joint.bristles)}'
         found.setdefault(text, []).append(joint.name)
     if len(found) == 1:
         return next(iter(found))

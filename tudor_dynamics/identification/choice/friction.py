@@ -28,7 +28,9 @@ ROUNDS = 3
 SWITCHES = (0.05, 0.25, 5.0)
 """Speeds of the smoothed sign that are tried, in that of the description."""
 TERMS = ('load', 'offset', 'stribeck', 'cube_root', 'square')
-"""Terms that are tried beside viscous and Coulomb friction."""
+"""Terms that are tried beside viscous and Coulomb friction, and presliding."""
+DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""Displacements over which friction is tried to give way [rad or m]."""
 Change = Mapping[str, Any]
 
 
@@ -61,6 +63,11 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
                     term == 'offset' and joint.asymmetric):
                 continue
             found[term] = {'friction': (*joint.friction, term)}
+        for distance in () if 'presliding' in left_out else DISTANCES:
+            if distance not in joint.bristles:
+                found[f'presliding {distance:g}'] = {
+                    'friction': tuple(dict.fromkeys((*joint.friction, 'presliding'))),
+                    'presliding_distances': tuple(sorted((*joint.bristles, distance)))}
         if not joint.asymmetric:
             found['asymmetric'] = {'asymmetric': True, 'friction': tuple(
                 term for term in joint.friction if term != 'offset')}
@@ -95,6 +102,9 @@ def all_candidates(
                 every = _changed(one, {'friction': (*joint.friction, *(
                     term for term in TERMS if term not in left_out))})
                 found += [every, _changed(every, {'asymmetric': True})]
+        if is_open(joint) and 'presliding' not in left_out:
+            found.append(_changed(joint, {'friction': ('presliding',),
+                                          'presliding_distances': DISTANCES}))
     return found
 
 

@@ -35,6 +35,7 @@ from tudor_dynamics.models.coupling import Coupling
 from tudor_dynamics.models.estimation.products import Products
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.payload import payload_regressor
+from tudor_dynamics.models.presliding import bent_along
 from tudor_dynamics.models.regressor import plain_regressor
 from tudor_dynamics.typing import FloatArray
 
@@ -43,7 +44,10 @@ PARTS = 5
 _EVEN = ('viscous', 'offset', 'square')
 """Terms that no switch is part of."""
 Term = tuple[str, float, float]
-"""Name of a friction term, with the velocities of its switch and of Stribeck's curve."""
+"""
+Name of a friction term, with the velocities of its switch and of Stribeck's curve; of what gives
+way, with its displacement in place of the switch.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +73,10 @@ class CandidateRows:
 
 def terms_of(joint: JointSpec) -> list[Term]:
     """Give the friction terms of a joint, one a column; velocities that do not count are 0."""
-    names = [name.partition('(')[0] for name in friction_names(joint)]
-    return [(name, 0.0 if name in _EVEN else joint.friction_velocity,
-             joint.stribeck_velocity if name == 'stribeck' else 0.0) for name in names]
+    names = [name.partition('(')[0] for name in friction_names(joint)
+             if not name.startswith('presliding')]
+    return [*[('presliding', distance, 0.0) for distance in joint.bristles], *[(name, 0.0 if name in _EVEN else joint.friction_velocity,
+             joint.stribeck_velocity if name == 'stribeck' else 0.0) for name in names]]
 
 
 def joint_with(joint: JointSpec, term: Term) -> JointSpec:
@@ -110,8 +115,8 @@ class WideRows:
     ) -> None:
         self.output = output
         bare = arm.with_joints({joint.name: {'friction': ()} for joint in arm.joints})
-        self._reach = Coupling(arm).reach if output == 'effort' else np.zeros((0, 0))
-        self._speeds = Coupling(arm).speeds
+        self._coupling = Coupling(arm)
+        self._reach = self._coupling.reach if output == 'effort' else np.zeros((0, 0))
         names = [joint.name for joint in arm.joints]
         self.terms: list[list[Term]] = [[] for _ in names]
         self._joints = arm.joints
@@ -150,10 +155,17 @@ class WideRows:
             if with_payload:
                 motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
             keep, n = stretch.decimation, len(self.terms)
-            dq = stretch.motion[:, n:2 * n] @ self._speeds.T
+            dq = self._coupling.drive_places(stretch.states.dq)
             speed = np.zeros((len(motion), n, self._widest))
+            distances = sorted({term[1] for terms in self.terms for term in terms
+                                if term[0] == 'presliding'})
+            bent = bent_along(stretch, self._coupling, np.tile(
+                np.array(distances).reshape(-1, 1), n))
             for i, terms in enumerate(self.terms):
                 for k, term in enumerate(terms):
+                    if term[0] == 'presliding':
+                        speed[:, i, k] = bent[:, distances.index(term[1]), i]
+                        continue
                     names = friction_names(joint := joint_with(self._joints[i], term))
                     place = [name.partition('(')[0] for name in names].index(term[0])
                     speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]

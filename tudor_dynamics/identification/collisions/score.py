@@ -34,8 +34,12 @@ from tudor_dynamics.typing import FloatArray
 
 LATE = 0.3
 """Behind the end of a push an event still counts as found [s]."""
+EARLY = 0.1
+"""Before the begin of a push an event already belongs to it: pushes by hand are marked by eye, and
+clocks of sensors differ [s]."""
 AFTERMATH = 2.0
 """Behind the end of a push an event is no false alarm: the arm still rings [s]."""
+_EARLY = round(EARLY * 1e9)
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class CollisionScore:
     detection_rate : float or None
         Their ratio; None without pushes.
     latency_median, latency_p95 : float or None
-        From the start of the push to certainty, over those found [s].
+        From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
     false_alarms : int or None
         Events without a push, in bags whose pushes are known; None without such bags.
     hours : float
@@ -164,10 +168,10 @@ def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) ->
     Returns
     -------
     int or None
-        Place of the last push that had begun; None where it is over for longer.
+        Place of the last push that had begun, or is about to; None where it is over for longer.
 
     """
-    begun = [i for i, push in enumerate(pushes) if push.begin <= stamp]
+    begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
     if not begun or stamp > pushes[begun[-1]].end + round(late * 1e9):
         return None
     return begun[-1]
@@ -199,10 +203,11 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
         for push in item.truth.pushes:
             pushes += 1
             span -= (push.end - push.begin) * 1e-9 + AFTERMATH
-            hits = times[(times >= push.begin) & (times <= push.end + round(LATE * 1e9))]
+            begun = times >= push.begin - _EARLY
+            hits = times[begun & (times <= push.end + round(LATE * 1e9))]
             if len(hits):
-                latencies.append(float(hits[0] - push.begin) * 1e-9)
-            near |= (times >= push.begin) & (times <= push.end + round(AFTERMATH * 1e9))
+                latencies.append(max(0.0, float(hits[0] - push.begin) * 1e-9))
+            near |= begun & (times <= push.end + round(AFTERMATH * 1e9))
         false += int(np.sum(~near))
         free += max(span, 0.0)
     hours = free / 3600.0

@@ -55,13 +55,14 @@ def check_arm(arm: Arm) -> None:
     ------
     FitError
         If it has no gauges, no links, none that is flexible, or a gauge on a rigid one; if its
-        drives are coupled, or friction is to grow with the load.
+        drives are coupled, or friction is to grow with the load or to give way.
 
     """
     reason = ''
-    loaded = [joint.name for joint in arm.joints if 'load' in joint.friction]
-    if arm.coupling is not None or loaded:
-        what = f'friction: load of {", ".join(loaded)}' if loaded else 'couplings'
+    beyond = sorted({term for joint in arm.joints for term in joint.friction
+                     if term in ('load', 'presliding')})
+    if arm.coupling is not None or beyond:
+        what = f'friction: {", ".join(beyond)}' if beyond else 'couplings'
         msg = (f'{arm.source}: the elastic model knows nothing of {what}; leave that out of the '
                'description, or elastic out of --models')
         raise FitError(msg)

@@ -145,7 +145,8 @@ def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) ->
     for number, spec in enumerate(task.specs):
         data = bag if number == 0 else filtered(bag, spec)
         for output, model in models.items():
-            blocks = training_blocks([data], output, with_payload=task.with_payload)
+            blocks = training_blocks([data], output, with_payload=task.with_payload,
+                                     inputs=model.inputs)
             parts[number, output] = model.products(blocks, triangular=True)
     return KeptBag(facts_of(bag), parts)
 

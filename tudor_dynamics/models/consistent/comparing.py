@@ -237,7 +237,7 @@ def relative_errors(model: AnalyticalModel, stretches: Sequence[Stretch]) -> Flo
     parameters = model.coefficients()
     judged = [stretch for stretch in stretches if stretch.effort is not None]
     y = np.vstack([stretch.decimation(np.asarray(stretch.effort)) for stretch in judged])
-    p = np.vstack([stretch.decimation(model.regressor.outputs(stretch.motion, parameters))
+    p = np.vstack([stretch.decimation(model.regressor.outputs(model.inputs(stretch), parameters))
                    for stretch in judged])
     size = np.linalg.norm(y, axis=0)
     return np.asarray(np.linalg.norm(p - y, axis=0) / np.where(size > 0.0, size, np.nan))
