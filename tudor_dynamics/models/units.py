@@ -21,7 +21,8 @@ from tudor_dynamics.models.base_parameters import PAYLOAD
 
 _BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
 _FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
-             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1', 'presliding': '{f}'}
+             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1',
+             'presliding': '{f}'}
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:

@@ -73,10 +73,13 @@ class CandidateRows:
 
 def terms_of(joint: JointSpec) -> list[Term]:
     """Give the friction terms of a joint, one a column; velocities that do not count are 0."""
-    names = [name.partition('(')[0] for name in friction_names(joint)
-             if not name.startswith('presliding')]
-    return [*[('presliding', distance, 0.0) for distance in joint.bristles], *[(name, 0.0 if name in _EVEN else joint.friction_velocity,
-             joint.stribeck_velocity if name == 'stribeck' else 0.0) for name in names]]
+    found: list[Term] = [('presliding', distance, 0.0) for distance in joint.bristles]
+    for name in friction_names(joint):
+        kind = name.partition('(')[0]
+        if not kind.startswith('presliding'):
+            found.append((kind, 0.0 if kind in _EVEN else joint.friction_velocity,
+                          joint.stribeck_velocity if kind == 'stribeck' else 0.0))
+    return found
 
 
 def joint_with(joint: JointSpec, term: Term) -> JointSpec:
