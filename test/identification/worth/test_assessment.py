@@ -76,10 +76,11 @@ def worth(result: FitResult) -> Assessment:
 
 
 def test_uses(worth: Assessment) -> None:
-    """Each model is judged for prediction, collisions and payload, with figures."""
+    """Each model is judged for prediction, feed-forward, collisions and payload, with figures."""
     names = [(use.output, use.name) for use in worth.uses]
     assert names == [
-        ('effort', 'prediction'), ('effort', 'collision detection (effort)'),
+        ('effort', 'prediction'), ('effort', 'feed-forward'),
+        ('effort', 'collision detection (effort)'),
         ('effort', 'collision detection (momentum)'), ('effort', 'payload'),
         ('strain', 'prediction'), ('strain', 'collision detection (strain)'),
         ('strain', 'payload')]
@@ -87,6 +88,8 @@ def test_uses(worth: Assessment) -> None:
     said = next(use for use in worth.uses if use.name == 'collision detection (strain)')
     assert 'g1' in said.why and 'um/m in motion' in said.why and 's of free motion' in said.why
     assert all(use.level is Grade.GOOD for use in worth.uses if use.name == 'payload')
+    left = next(use for use in worth.uses if use.name == 'feed-forward')
+    assert left.level is Grade.GOOD and 'left to the controller (j1' in left.why
     plain = worth.as_dict()
     assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a model may be used for, one verdict each: prediction, collision detection, payload."""
+"""What a model may be used for, one verdict each: prediction, feed-forward, collisions, payload."""
 
 from __future__ import annotations
 
@@ -37,9 +37,13 @@ GOOD_SHARE, USABLE_SHARE = 0.25, 1.0
 """Threshold over the range of the output, at half of the largest speed."""
 GOOD_WEIGHT, USABLE_WEIGHT = 0.05, 0.2
 """Error of a mean over `MEAN` over the range of what weight makes."""
+GOOD_LEFT, USABLE_LEFT = 0.3, 0.7
+"""Relative error of the efforts: what of them feed-forward leaves to the controller."""
 MEAN = 1.0
 """Time over which a payload is averaged [s]."""
 POSES = 2000
+WEIGHTLESS = 1e-9
+"""Part of what an output is at rest from which on it changes with the pose."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class Use:
     output, kind : str
         Model, by what it predicts and what it is.
     name : str
-        ``prediction``, ``collision detection (METHOD)`` or ``payload``.
+        ``prediction``, ``feed-forward``, ``collision detection (METHOD)`` or ``payload``.
     level : Grade or None
         May it be used; None where that cannot be said.
     why : str
@@ -116,6 +120,8 @@ def uses_of(
     """
     found = [Use(item.output, item.kind, 'prediction', item.verdict.level,
                  '; '.join(item.verdict.reasons))]
+    if item.output == 'effort':
+        found.append(_feedforward(item))
     for method, learned in thresholds.items():
         found.append(_collisions(item, arm, method, learned))
     for method, why in missing.items():
@@ -123,6 +129,23 @@ def uses_of(
                          f'no thresholds: {why}'))
     payload = _payload(item, arm)
     return found if payload is None else [*found, payload]
+
+
+def _feedforward(item: FittedOutput) -> Use:
+    """
+    Say what a controller has left to do behind efforts that are fed forward.
+
+    It gives what is missing either way: an effort of which a model knows a half is no good
+    prediction, and half of the work.
+    """
+    score = item.validation.score
+    level = (Grade.GOOD if score.relative_error <= GOOD_LEFT else Grade.USABLE
+             if score.relative_error <= USABLE_LEFT else Grade.DO_NOT_USE)
+    each = ', '.join(f'{name} {100.0 * own.relative_error:.0f} %'
+                     for name, own in score.channels.items())
+    return Use(item.output, item.kind, 'feed-forward', level,
+               f'{100.0 * score.relative_error:.0f} % of the efforts are left to the controller '
+               f'({each})')
 
 
 def _collisions(
@@ -194,6 +217,8 @@ def _payload(item: FittedOutput, arm: Arm) -> Use | None:
         error = (trace.measured - trace.predicted)[:whole]
         means.append(error.reshape(-1, step, error.shape[1]).mean(axis=1))
     error = np.sqrt(np.mean(np.vstack(means) ** 2, axis=0)) if means else np.full(len(span), 1.0)
+    if not np.any(span > WEIGHTLESS * np.max(np.abs(weight), initial=1e-300)):
+        return None  # a level axis carries no weight
     share = 2.0 * error / np.maximum(span, 1e-300)
     best = int(np.argmin(share))
     name, unit = model.channels[best], output_units(arm, item.output)[model.channels[best]]
