@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a model may be used for, one verdict each: prediction, feed-forward, collisions, payload."""
+"""What models may be used for, one verdict each: prediction, feed-forward, collisions, payload."""
 
 from __future__ import annotations
 
