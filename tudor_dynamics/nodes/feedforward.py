@@ -30,7 +30,7 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.feedforward.feedforward import Feedforward
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.payload_stage import CarriedLoad
-from tudor_dynamics.nodes.common.base import OK, strong, WARN
+from tudor_dynamics.nodes.common.base import DEPTH, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
@@ -43,6 +43,8 @@ from tudor_dynamics.nodes.common.wire import JointSample
 
 class FeedforwardNode(ModelNode):
     """Feed-forward node; ``**kwargs`` go to rclpy's Node."""
+
+    depth = DEPTH  # an old command is worth nothing
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('feedforward', **kwargs)

@@ -28,6 +28,7 @@ from tudor_dynamics.nodes.common.interfaces import NODES
 SHARED = {'Subscribed': ('/parameter_events',),
           'Published': ('/diagnostics', '/parameter_events', '/rosout')}
 ARMS = {'oscillation_damper', 'force_controller', 'reference_generator', 'arm_simulator'}
+JUDGING = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor'}
 MODELS = {'joint_state_filter', 'dynamics_predictor', 'collision_detector', 'monitor',
           'feedforward'}
 
@@ -63,6 +64,7 @@ def test_tables(name: str, world: World, root: Path, model: Path) -> None:
         return  # topics are those of the bag, or of monitor; needs kilograms
     node = world.add(node_class(name), **values)
     assert not node.fault
+    assert node.depth == (100 if name in JUDGING else 10)
     # what the node itself has: what the middleware has heard of it comes late, and may be of
     # another node of this name
     for part, own in (('Subscribed', node.subscriptions), ('Published', node.publishers)):
