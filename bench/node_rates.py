@@ -49,7 +49,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.model_node import DEEP
+from tudor_dynamics.nodes.common.base import DEEP
 from tudor_dynamics.nodes.common.runner import new_executor, spin_for
 from tudor_dynamics.nodes.common.wire import JointStateEncoder
 

@@ -29,7 +29,7 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
 from tudor_dynamics.monitoring.warm_up import warm_up_filter
-from tudor_dynamics.nodes.common.base import TudorNode
+from tudor_dynamics.nodes.common.base import DEEP, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
 from tudor_dynamics.nodes.common.listened import ListenedPublishers
@@ -40,6 +40,8 @@ from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, Mot
 
 class JointStateFilterNode(TudorNode):
     """Filter node; ``**kwargs`` go to rclpy's Node."""
+
+    depth = DEEP
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('joint_state_filter', **kwargs)

@@ -45,6 +45,13 @@ from tudor_dynamics.nodes.common.wire import (
 
 DEPTH = 10
 """One is too few: at 1 kHz it loses samples."""
+DEEP = 100
+"""
+Messages that may wait where every one is worth something however late it comes.
+
+A machine halts for 20 ms now and then: 40 samples at 2 kHz. What commands an arm needs the newest
+one alone, and has queues as short as those of other nodes.
+"""
 UNUSABLE = {
     'unknown_names': 'the names in it are not those of the arm',
     'short_array': 'its arrays are shorter than its names',

@@ -29,18 +29,9 @@ from tudor_dynamics.arm.sources import array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import DEEP, ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import RELOAD
 from tudor_dynamics.nodes.common.wire import ArrayDecoder, JointSample
-
-
-DEEP = 100
-"""
-Messages that may wait where every one is worth something however late it comes.
-
-A machine halts for 20 ms now and then: 40 samples at 2 kHz. What commands an arm needs the newest
-one alone, and has queues as short as those of other nodes.
-"""
 
 
 class ModelNode(TudorNode):
