@@ -19,12 +19,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
 from ros_world import feed, values_of, World
 from sample_arms import LENGTH_2, multisine, recording_of
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from tudor_dynamics.arm import PreprocessingSpec
@@ -33,11 +36,20 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.regressor import StrainRegressor
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.monitoring.detector import Level
 from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.payload_stage import PayloadStage
+from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.settings import MonitorSettings
+from tudor_dynamics.monitoring.state_filter import Motion
+from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
+from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
+from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
+from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
+from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
+from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
 
 RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
@@ -54,8 +66,16 @@ def bundle(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = PayloadModel(payload_regressor(StrainRegressor(arm, 'paper'), arm), 2,
                          (0.0, 0.4)).fit(inputs, values)
     out = tmp_path_factory.mktemp('payload') / 'model'
+    taps = np.zeros((LAGS + WINDOW, 2, 2))
+    taps[0] = np.eye(2)
+    profile = np.zeros((4, 9))
+    profile[:, 0] = 6.0
+    thresholds = MethodThresholds(
+        arm.gauge_names, 0.01, taps, profile, (Tail(3.0, 0.5, 0.0, 0.2, 6.0, 50.0),) * 4, 120.0,
+        np.full(2, 1.0), np.full(2, 1.8), np.zeros(2))
     facts = {'validation': {'strain': {'analytical': {'training': {'channels': {
-        'g1': {'rmse': 5.0}, 'g2': {'rmse': 3.0}}}}}}}
+        'g1': {'rmse': 5.0}, 'g2': {'rmse': 3.0}}}}}},
+        'thresholds': {'strain': {'analytical': thresholds_to_dict(thresholds)}}}
     save_bundle(ModelBundle(arm, PreprocessingSpec(measured_velocity=True),
                             {'strain': {'analytical': model}}, facts), out)
     return out
@@ -87,6 +107,11 @@ def offline(bundle: Path, seen: Recording) -> list[tuple[float, float]]:
     return found
 
 
+def named(_: int, messages: dict[str, Any]) -> None:
+    """Give the joints of a recording their names."""
+    messages['joint_states'].name = ['j1', 'j2']
+
+
 def test_picked_up(bundle: Path, seen: Recording) -> None:
     """A load is recognised within a second, and known to 10 g soon; before, there is none."""
     found = np.array(offline(bundle, seen))
@@ -104,8 +129,6 @@ def test_over_topics(world: World, bundle: Path, seen: Recording) -> None:
     world.listen('payload', InertiaStamped, latched())
     world.meet('joint_states', 'link_strains')
 
-    def named(_: int, messages: dict[str, Any]) -> None:
-        messages['joint_states'].name = ['j1', 'j2']
     feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
     mass, std = offline(bundle, seen)[-1]
     assert node.port.load.mass == pytest.approx(mass, abs=1e-9)
@@ -137,3 +160,91 @@ def test_without_a_scale(world: World, model: Path) -> None:
     """Strains of unknown gain tell no kilograms: the diagnosis says what would."""
     node = world.add(PayloadEstimatorNode, model=str(model))
     assert 'two payloads' in node.fault
+
+
+def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
+    """A load that nobody announced is a collision first, and then none; the mass is known."""
+    node = world.add(MonitorNode, model=str(bundle), payload_source='estimate')
+    world.listen('collision', Bool, latched())
+    world.listen('payload', InertiaStamped, latched())
+    world.meet('joint_states', 'link_strains')
+    feed(world, seen, lambda: node.meter.count // 2, change=named, batch=1, gauges=['g1', 'g2'])
+    assert world.spin(lambda: [item.data for item in world.heard['collision']] == [
+        False, True, False])
+    assert world.spin(lambda: abs(world.heard['payload'][-1].inertia.m - LOAD) < 0.01)
+    status = values_of(world.status(
+        'monitor', lambda item: values_of(item).get('collisions that were loads') == '1'))
+    assert status['level'] == 'free' and status['loads announced'] == '0'
+
+
+def test_detector_estimates(world: World, bundle: Path, seen: Recording) -> None:
+    """A detector of its own tells the load to its predictor, and takes the collision back."""
+    chain = [world.add(JointStateFilterNode, model=str(bundle)),
+             world.add(DynamicsPredictorNode, model=str(bundle), payload_source='topic'),
+             world.add(CollisionDetectorNode, model=str(bundle), payload_source='estimate')]
+    world.listen('collision', Bool, latched())
+    world.meet('joint_states', 'link_strains')
+    wanted = {'/joint_motion': 2, '/predicted_strains': 1}
+    assert world.spin(lambda: all(
+        item.get_subscription_count() >= wanted.get(item.topic_name, 0)
+        for node in chain for item in node.publishers))
+    watch = chain[2].watch
+    feed(world, seen, lambda: min(sum(watch.counts['strain'].values()), chain[2].meter.count),
+         change=named, batch=1, gauges=['g1', 'g2'])
+    load = chain[2].port.load
+    mass, std = offline(bundle, seen)[-1]
+    assert load.mass == pytest.approx(mass, abs=1e-9) and load.std == pytest.approx(std, abs=1e-9)
+    assert world.spin(lambda: abs(chain[1]._port.load.mass - mass) < 0.2 * std)
+    assert [item.data for item in world.heard['collision']] == [False, True, False]
+
+
+def test_detector_hears(world: World, bundle: Path) -> None:
+    """With the load on a topic it is that which counts; one that jumps is told as a load once."""
+    node = world.add(CollisionDetectorNode, model=str(bundle), payload_source='topic')
+    publisher = world.probe.create_publisher(InertiaStamped, 'payload', latched())
+    message = InertiaStamped()
+    message.inertia.m = 0.25
+    assert world.spin(lambda: publisher.get_subscription_count() == 1)
+    publisher.publish(message)
+    assert world.spin(lambda: node.port.load.mass == 0.25)
+    assert node.watch.payload is node.port.load
+    first = node.port.load.step(residual_at(1_000_000_000), Level.COLLISION)
+    assert first is not None and first.change == pytest.approx(0.25)
+    assert node.port.load.step(residual_at(1_010_000_000), Level.COLLISION) is None
+
+
+def residual_at(stamp: int) -> Residual:
+    """Give a sample of nothing."""
+    return Residual(Motion(stamp, 1.0, 0.01, np.zeros(6)), np.zeros(2), np.zeros(2), np.zeros(2))
+
+
+def test_gripper(world: World, bundle: Path) -> None:
+    """What grippers publish announces loads: a state, fingers that are none of the arm, goals."""
+    def goal(number: int, status: int) -> GoalStatusArray:
+        item = GoalStatus(status=status)
+        item.goal_info.goal_id.uuid = [number] * 16
+        return GoalStatusArray(status_list=[item])
+
+    def fingers(place: float, joint: float) -> JointState:
+        return JointState(name=['finger', 'j1'], position=[place, joint])
+    messages = {
+        'std_msgs/msg/Bool': [Bool(data=False), Bool(data=False), Bool(data=True)],
+        'sensor_msgs/msg/JointState': [fingers(0.04, 0.0), fingers(0.0401, 0.5),
+                                       fingers(0.02, 0.5)],
+        'action_msgs/msg/GoalStatusArray': [
+            goal(1, GoalStatus.STATUS_SUCCEEDED), goal(2, GoalStatus.STATUS_CANCELED),
+            goal(3, GoalStatus.STATUS_EXECUTING)]}
+    for kind, sent in messages.items():
+        topic = f'gripper_{type(sent[0]).__name__.lower()}'
+        node = world.add(MonitorNode, model=str(bundle), payload_source='estimate',
+                         gripper_topic=topic, gripper_type=kind)
+        publisher = world.probe.create_publisher(type(sent[0]), topic, 10)
+        assert world.spin(lambda: publisher.get_subscription_count() == 1)
+        announced = []
+        for message in sent:
+            count = node.gripper.heard
+            publisher.publish(message)
+            assert world.spin(lambda: node.gripper.heard > count)
+            announced.append(node.port.values()['loads announced'])
+        assert announced == ['0', '0', '1'] and node.port.load.expecting
+        world.end(node)

@@ -29,7 +29,7 @@ from tudor_dynamics.monitoring.familiarity import UNLIKE
 from tudor_dynamics.monitoring.link_names import channel_links
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.pairing import PairedSample, Pairing
-from tudor_dynamics.monitoring.payload_stage import CarriedLoad
+from tudor_dynamics.monitoring.payload_stage import CarriedLoad, PayloadStage
 from tudor_dynamics.monitoring.residuals import Residual, ResidualStage
 from tudor_dynamics.monitoring.settings import Found, METHODS, MonitorSettings, SOURCE
 from tudor_dynamics.monitoring.state_filter import Motion
@@ -105,7 +105,17 @@ class Watch:
                 self.contact = contact_estimator(bundle, settings.kind, self.methods)
             except ModelError as err:
                 self.no_contact = str(err)
+        self._load_method = None if payload is None else self._follows(payload)
         self.use_thresholds(thresholds, settings)
+
+    def _follows(self, payload: CarriedLoad) -> str:
+        """Choose the method whose samples the load goes by."""
+        own = [name for name in self.methods if SOURCE[name] == payload.output]
+        if not own and isinstance(payload, PayloadStage):
+            msg = (f'the load is told by {payload.output}, which none of the methods '
+                   f'{list(self.methods)} listens to: add it to methods')
+            raise ModelError(msg)
+        return min(own or self.methods, key=lambda name: name != payload.output)
 
     def use_thresholds(
         self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
@@ -282,7 +292,7 @@ class Watch:
 
     def _carry(self, method: str, residual: Residual, found: Found) -> None:
         """Let the load follow; a collision that is one is taken back."""
-        if self.payload is None or method != self.payload.output:
+        if self.payload is None or method != self._load_method:
             return
         load = self.payload.step(residual, self.level)
         if load is not None:

@@ -27,8 +27,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import Watch
-from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.load_node import LoadNode
 from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, PointSample
@@ -38,7 +38,7 @@ WAITING = 200
 """Motions that may wait for their prediction."""
 
 
-class CollisionDetectorNode(DetectNode):
+class CollisionDetectorNode(LoadNode):
     """Detector node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -55,11 +55,13 @@ class CollisionDetectorNode(DetectNode):
     def prepare(self, bundle: ModelBundle) -> Watch:
         """Build the detector."""
         warm_up(bundle, self.settings())
-        return Watch(bundle, self.settings())
+        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
+        return Watch(bundle, self.settings(), payload=load)
 
     def use(self, bundle: ModelBundle, prepared: Watch) -> None:
         """Put another model into use."""
         topics = self.sensor_topics(bundle)
+        self.port.use(prepared.payload)
         self.adopt(bundle, prepared, JOINT_MOTION, (self._motion_drops,), PREDICTED)
         self._motion_reader = MotionReader(bundle.arm.active_joints, self._motion_drops)
         self._motions = {output: OrderedDict() for output in prepared.outputs}

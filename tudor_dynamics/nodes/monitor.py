@@ -30,15 +30,14 @@ from tudor_dynamics.monitoring.monitor import Monitor
 from tudor_dynamics.monitoring.settings import Found
 from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.monitoring.watch import Watch
-from tudor_dynamics.nodes.common.detect_node import DetectNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
+from tudor_dynamics.nodes.common.load_node import LoadNode
 from tudor_dynamics.nodes.common.messages import NamedReader
-from tudor_dynamics.nodes.common.payload_port import PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
 
 
-class MonitorNode(DetectNode):
+class MonitorNode(LoadNode):
     """Monitor node; ``**kwargs`` go to rclpy's Node."""
 
     def __init__(self, name: str = 'monitor', **kwargs: Any) -> None:
@@ -51,12 +50,7 @@ class MonitorNode(DetectNode):
         self._joint_drops: Counter[str] = Counter()
         self._inputs: dict[str, Any] = {}
         self._carried: dict[str, list[str]] = {}
-        self.port = PayloadPort(self, self.payload_source())
         self.start()
-
-    def payload_source(self) -> str:
-        """Give where the load is known from."""
-        return str(self.value('payload_source'))
 
     def prepare(self, bundle: ModelBundle) -> Monitor:
         """Build the monitor."""
@@ -127,19 +121,6 @@ class MonitorNode(DetectNode):
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)
-
-    def tell(self, found: Found) -> None:
-        """Publish what was found, and the load."""
-        super().tell(found)
-        for load in found.loads:
-            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
-        if found.residuals:
-            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Add the load."""
-        level, message, values = super().status()
-        return level, message, {**values, **self.port.values()}
 
     def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
         """Take a whole measurement into account, also in the model."""

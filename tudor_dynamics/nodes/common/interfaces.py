@@ -117,6 +117,12 @@ PAYLOAD_SOURCE = Param(
     'payload_source', 'parameter', 'where the load is known from: the parameter payload, the own '
     'estimate, which payload then is the beginning of, or the topic payload',
     choices=('parameter', 'estimate', 'topic'))
+GRIPPERS = ('std_msgs/msg/Bool', 'sensor_msgs/msg/JointState', 'action_msgs/msg/GoalStatusArray')
+GRIPPER = (
+    Param('gripper_topic', '', 'topic of a gripper that announces loads where these are estimated '
+          'or heard; none by default'),
+    Param('gripper_type', GRIPPERS[0], 'its type: whether it is closed, where its fingers are, or '
+          'the goals of its action (such as gripper_cmd/_action/status)', choices=GRIPPERS))
 LOAD_FROM = Param(
     'payload_source', 'parameter', 'where the load is known from: the parameter payload, or the '
     'topic payload', choices=('parameter', 'topic'))
@@ -249,10 +255,10 @@ SIMULATE = (
 NODES: dict[str, tuple[Param, ...]] = {
     'joint_state_filter': (*FILTER, *COMMON),
     'dynamics_predictor': (*PREDICT, LOAD_FROM, OBSERVER, *COMMON),
-    'collision_detector': (*PREDICT, *DETECT, *COMMON),
-    'monitor': (*PREDICT, PAYLOAD_SOURCE, OBSERVER, GAP, *DETECT, *COMMON),
+    'collision_detector': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, *DETECT, *COMMON),
+    'monitor': (*PREDICT, PAYLOAD_SOURCE, *GRIPPER, OBSERVER, GAP, *DETECT, *COMMON),
     'monitors': (*MANY, ROBOT),
-    'payload_estimator': (*PREDICT, OBSERVER, GAP, *DETECT, *COMMON),
+    'payload_estimator': (*PREDICT, *GRIPPER, OBSERVER, GAP, *DETECT, *COMMON),
     'feedforward': (*PREDICT, LOAD_FROM, *AHEAD, ROBOT),
     'oscillation_damper': (*DAMP, ROBOT, COMMAND_TIMEOUT),
     'force_controller': (*FORCE, *COMMON),

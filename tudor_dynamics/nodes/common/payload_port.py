@@ -54,7 +54,7 @@ class PayloadPort:
     def __init__(self, node: TudorNode, source: str) -> None:
         self._node, self.source = node, source
         self.load: CarriedLoad | None = None
-        self._taken_back = 0
+        self._taken_back = self._announced = 0
         self._last: tuple[int, float] | None = None
         if source == 'estimate':
             self._publisher = node.publish_on(InertiaStamped, PAYLOAD_TOPIC, latch=True)
@@ -138,8 +138,14 @@ class PayloadPort:
         if not isinstance(self.load, PayloadStage):
             msg = 'there is no model yet that could tell a load; see the diagnostics'
             raise TudorError(msg)
-        self.load.expect()
+        self.announce()
         return 'a load may come or go within 3 s without being a collision'
+
+    def announce(self) -> None:
+        """Let a load come or go now; of no effect where the load is a parameter."""
+        if self.load is not None:
+            self.load.expect()
+            self._announced += 1
 
     def values(self) -> dict[str, str]:
         """Give what diagnostics tell of the load."""
@@ -149,6 +155,7 @@ class PayloadPort:
         found = {'payload [kg]': f'{load.mass:.4f}', 'payload source': self.source}
         if isinstance(load, PayloadStage):
             found['payload std [kg]'] = f'{load.std:.4f}'
-            found['payload told by'] = load.output
-            found['collisions that were loads'] = str(self._taken_back)
+            found['payload told by'] = load.output + (', bent links' if load.bent else '')
+        found['collisions that were loads'] = str(self._taken_back)
+        found['loads announced'] = str(self._announced)
         return found
