@@ -37,10 +37,8 @@ from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.regressor import StrainRegressor
 from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.monitoring.detector import Level
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.payload_stage import PayloadStage
+from tudor_dynamics.monitoring.followed_load import follow_load
 from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.monitoring.state_filter import Motion
 from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
@@ -95,16 +93,8 @@ def seen() -> Recording:
 
 def offline(bundle: Path, seen: Recording) -> list[tuple[float, float]]:
     """Follow the load with the object of the node."""
-    models = load_bundle(bundle)
-    stage = PayloadStage(models, 0.0)
-    monitor = Monitor(models.at(0.0), MonitorSettings(), payload=stage)
-    assert seen.strain is not None and seen.dq is not None
-    found = []
-    for k, stamp in enumerate(seen.stamp.tolist()):
-        monitor.add_joints(stamp, seen.q[k], seen.dq[k])
-        monitor.add_measured('strain', stamp, seen.strain[k])
-        found.append((stage.mass, stage.std))
-    return found
+    found = follow_load(load_bundle(bundle), seen, 0.0)
+    return list(zip(found.mass.tolist(), found.std.tolist(), strict=True))
 
 
 def named(_: int, messages: dict[str, Any]) -> None:
@@ -175,6 +165,7 @@ def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
     status = values_of(world.status(
         'monitor', lambda item: values_of(item).get('collisions that were loads') == '1'))
     assert status['level'] == 'free' and status['loads announced'] == '0'
+    assert node._reset() == 'armed' and node.port.load.mass == 0.0
 
 
 def test_detector_estimates(world: World, bundle: Path, seen: Recording) -> None:

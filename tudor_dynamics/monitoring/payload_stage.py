@@ -35,6 +35,8 @@ from tudor_dynamics.typing import FloatArray
 
 EXPECTED = 3.0
 """Time for which a load that was announced may come [s]."""
+APART = 0.4
+"""Time between two samples behind which all begins anew [s]."""
 WARMED_UP = 0.1
 """Time between samples that compile what runs beside the robot [s]."""
 
@@ -248,7 +250,9 @@ class PayloadStage(CarriedLoad):
             self.observer.reset()
         if not all_finite(residual.measured):
             return None
-        dt = 0.0 if motion.dt == 0.0 else max(motion.stamp - before, 0) * 1e-9
+        dt = (motion.stamp - before) * 1e-9
+        if motion.dt == 0.0 or not 0.0 < dt < APART:
+            dt = 0.0  # the first one, also behind a gap while filters settled
         sensed = self._sense.step(dt, motion.row, residual.measured)
         if sensed is None:
             return None

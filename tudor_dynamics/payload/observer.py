@@ -37,7 +37,7 @@ WANDERS = 0.005
 ZERO, ZERO_WANDERS = 1.0, 0.03
 """Of a channel in its noise: as it is not known at first, and over a second."""
 BEGUN = 2.0
-"""Time for which the load that is there at the beginning is learned [s]."""
+"""Time for which the load that is there at the beginning is learned, touched or not [s]."""
 RECENT, ANNOUNCED = 1.2, 4.0
 """Past in which a change is looked for, and the same while one is announced [s]."""
 SEEN, SOONEST = 0.2, 0.6
@@ -181,7 +181,7 @@ class LoadObserver:
                 return found.mass
             self._odd = found is not None and found.came - found.touched > ODD
             self._kept.append((self._x.copy(), self._p.copy()))
-        if not (held or self._odd):
+        if self._seconds < BEGUN or not (held or self._odd):
             observe_load(self._x, self._p, left, worth, dt, (WANDERS * self._reference) ** 2,
                          ZERO_WANDERS ** 2)
         return 0.0

@@ -23,8 +23,8 @@ import numpy as np
 from tudor_dynamics.signals.filters import low_pass, low_pass_gain
 from tudor_dynamics.typing import FloatArray
 
-SETTLED = 10.0
-"""Lags of one stage until the beginning is forgotten."""
+SETTLED = 16.0
+"""Lags of one stage until the beginning is forgotten, to 1e-4 of an acceleration."""
 
 
 class SmoothStates:

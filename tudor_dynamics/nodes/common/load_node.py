@@ -49,6 +49,11 @@ class LoadNode(DetectNode):
     def _arm_joints(self) -> tuple[str, ...]:
         return () if self.bundle is None else tuple(self.bundle.arm.full_model.names)
 
+    def _reset(self) -> str:
+        """Begin anew, with the load as well: nothing touches the arm now."""
+        self.port.begin_anew()
+        return super()._reset()
+
     def tell(self, found: Found) -> None:
         """Publish what was found, and the load."""
         super().tell(found)

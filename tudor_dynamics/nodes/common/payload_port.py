@@ -147,6 +147,11 @@ class PayloadPort:
             self.load.expect()
             self._announced += 1
 
+    def begin_anew(self) -> None:
+        """Learn the load from nothing, where it is estimated."""
+        if isinstance(self.load, PayloadStage):
+            self.load.observer.reset()
+
     def values(self) -> dict[str, str]:
         """Give what diagnostics tell of the load."""
         load = self.load

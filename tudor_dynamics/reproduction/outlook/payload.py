@@ -79,8 +79,9 @@ def section(setting: Setting) -> Section:
     return Section(
         ('A model of two payloads knows what each further kilogram does to every output. Offline '
          'the mass is what explains, by least squares, what the model without payload leaves '
-         'over; online a Kalman filter does so sample by sample, and a load is told from a touch '
-         'by whether all gauges tell the same mass, and both halves of the time do.',), floors,
+         'over; online a Kalman filter does so sample by sample, by where links are that bend, '
+         'which their strain tells. The instant at which a load comes is sought, and it is told '
+         'from a touch by how little it leaves unexplained.',), floors,
         (Picture('payload_offline', 'Payload', 'Masses of recordings',
                  'Each recording by itself, with two standard deviations; the model has seen 0 '
                  'and 400 g.', lambda: _draw_offline(true, mass, std)),

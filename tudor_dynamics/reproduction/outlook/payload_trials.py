@@ -27,9 +27,7 @@ from tudor_dynamics.bags import read_recording
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.fit import fit_models, FitSettings
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.payload_stage import PayloadStage
-from tudor_dynamics.monitoring.settings import MonitorSettings
+from tudor_dynamics.monitoring.followed_load import follow_load, FollowedLoad
 from tudor_dynamics.payload.offline import estimate_payload
 from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Setting
@@ -41,7 +39,6 @@ from tudor_dynamics.simulation.loop.load_changes import carried_at, LoadChange, 
 from tudor_dynamics.simulation.loop.push_truth import random_pushes
 from tudor_dynamics.simulation.loop.pushes import Push
 from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_seeds
-from tudor_dynamics.typing import FloatArray
 
 ENDS = (0.0, 0.4)
 """Payloads that the model is fitted to [kg]."""
@@ -136,36 +133,12 @@ def offline(setting: Setting, bundle: ModelBundle) -> list[list[float]]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """
-    A recording that was watched.
-
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        Time since its beginning [s].
-    mass : ndarray of shape (n_samples,)
-        What is thought to be carried [kg].
-    events : tuple of float
-        Times of collisions [s].
-    loads : tuple of float
-        Times at which something turned out to be a load [s].
-
-    """
-
-    t: FloatArray
-    mass: FloatArray
-    events: tuple[float, ...]
-    loads: tuple[float, ...]
-
-
 def watch(
     bundle: ModelBundle, path: Path, known: float, *, estimate: bool,
     announced: Sequence[float] = (),
-) -> Seen:
+) -> FollowedLoad:
     """
-    Replay a recording through a monitor.
+    Replay a recording through a monitor; see `follow_load`.
 
     Parameters
     ----------
@@ -181,24 +154,8 @@ def watch(
         Times at which a load is announced [s].
 
     """
-    recording = read_recording(str(path), bundle.arm)
-    stage = PayloadStage(bundle, known) if estimate else None
-    monitor = Monitor(bundle.at(known), MonitorSettings(), payload=stage)
-    begin, waiting = int(recording.stamp[0]), list(announced)
-    mass, events, loads = np.full(len(recording.stamp), known), [], []
-    assert recording.strain is not None
-    for k, stamp in enumerate(recording.stamp.tolist()):
-        if waiting and (stamp - begin) * 1e-9 >= waiting[0] and stage is not None:
-            del waiting[0]
-            stage.expect()
-        velocity = None if recording.dq is None else recording.dq[k]
-        for found in (monitor.add_joints(stamp, recording.q[k], velocity),
-                      monitor.add_measured('strain', stamp, recording.strain[k])):
-            events += [(event.stamp - begin) * 1e-9 for event in found.events]
-            loads += [(load.stamp - begin) * 1e-9 for load in found.loads]
-        if stage is not None:
-            mass[k] = stage.mass
-    return Seen(recording.t, mass, tuple(events), tuple(loads))
+    return follow_load(bundle, read_recording(str(path), bundle.arm), known, estimate=estimate,
+                       announced=announced)
 
 
 def _recorded(setting: Setting, name: str, specs: Sequence[StimulusSpec]) -> list[Path]:
@@ -248,10 +205,10 @@ def picked_up(setting: Setting, bundle: ModelBundle, *, announced: bool) -> dict
             at = np.searchsorted(seen.t, [change.time + SOON, change.time + LATER])
             errors.append([float(seen.mass[min(i, len(seen.mass) - 1)] - change.mass)
                            for i in at])
-            told += any(change.time <= t <= change.time + SOON for t in seen.loads)
+            told += any(change.time <= t <= change.time + SOON for t in seen.times)
             events += any(change.time - EARLY <= t <= change.time + SOON for t in seen.events)
         corrections += sum(not any(c.time <= t <= c.time + SOON for c in loads)
-                           for t in seen.loads)
+                           for t in seen.times)
     return {'errors': errors, 'told': told, 'events': events, 'corrections': corrections,
             't': seen.t[::10].tolist(), 'mass': seen.mass[::10].tolist(),
             'true': carried_at(loads, 0.0, seen.t[::10]).tolist()}
@@ -298,6 +255,6 @@ def pushed(setting: Setting, bundle: ModelBundle, *, estimate: bool) -> dict[str
             hits = [t - push.time for t in seen.events if push.time <= t <= end + 0.5]
             found += bool(hits)
             latency += hits[:1]
-            told += any(push.time <= t <= end + 0.7 for t in seen.loads)
+            told += any(push.time <= t <= end + 0.7 for t in seen.times)
     return {'pushes': total, 'found': found, 'told': told,
             'latency': float(np.median(latency)) if latency else None}
