@@ -23,6 +23,7 @@ elastic one also the vibration that the contact causes, which the filters carry 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,9 +53,28 @@ EVIDENCE = 0.6
 """Time over which it is forgotten which span was the likely one [s]."""
 RECENT = 0.03
 """The same while nothing is felt [s]."""
-FELT, LEFT, DOUBTED = 10.0, 4.0, 4.0
-"""Squared standard deviations from which, and until which, something is felt; and from which what
-is left over is taken for no offset."""
+
+
+class Doubt(NamedTuple):
+    """
+    What counts as felt, in squared standard deviations.
+
+    Attributes
+    ----------
+    felt, left : float
+        From which, and until which, something is felt.
+    offset : float
+        From which what is left over is taken for no offset.
+
+    """
+
+    felt: float
+    left: float
+    offset: float
+
+
+RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)
+"""Deviations of elastic models are widened for what rings; beside a rigid one all of it rings."""
 TRUSTED = 1.5
 """Standard deviations up to which an innovation counts by its square."""
 STANDING = 0.03
@@ -114,7 +134,8 @@ class ContactEstimator:
         if not self.spans:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
-        self._rings = MOVING if isinstance(model, FittedElastic) else 1.0
+        self._rings, self._doubt = ((MOVING, ELASTIC) if isinstance(model, FittedElastic)
+                                    else (1.0, RIGID))
         self._deviation = self._rings * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
             ElasticFront(model, self.spans, self._deviation)
@@ -215,7 +236,7 @@ class ContactEstimator:
         if not standing:
             self._spread[:] = usual
             self._tare *= math.exp(-dt / TARE)
-        elif self._size < DOUBTED:
+        elif self._size < self._doubt.offset:
             off = left - self._tare
             self._tare += min(dt / TARE, 1.0) * off
             # a push that begins is no noise
@@ -258,7 +279,7 @@ class ContactEstimator:
         best = max(own, key=lambda k: float(belief.weight[k]))
         size = max(significance(belief, k) for k in range(len(self.spans)))
         self._size = size
-        self.felt = size > (LEFT if self.felt else FELT)
+        self.felt = size > (self._doubt.left if self.felt else self._doubt.felt)
         share = belief.weight[own] / belief.weight[own].sum()
         values = share @ belief.pressing[own]
         spread = sum(part * (belief.covariance[k] + np.outer(

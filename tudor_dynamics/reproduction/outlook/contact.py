@@ -84,14 +84,14 @@ def section(setting: Setting) -> Section:
     far = _median(motion, 'place_error')
     weak = _median(motion, 'relative_error')
     right = float(np.mean([row['link_right'] for row in motion]))
-    told = float(np.mean([row['told'] for row in motion]))
+    told, felt = (float(np.mean([row[name] for row in motion])) for name in ('told', 'felt'))
     return Section(
         ('Each span between gauges has a Kalman filter of its own that looks for a force there; '
          'their likelihoods say which link and span it is. Truth and estimate are the force '
          'across the link, which is what its gauges feel, and its place; a push of which the '
          'wrong link, or no place, is told counts as one that is off by the whole link.',
          f'In motion the right link is told of {100.0 * right:.0f} % of the pushes, and a place '
-         f'of {100.0 * told:.0f} %.'),
+         f'of {100.0 * told:.0f} %; while it lasts, {100.0 * felt:.0f} % are felt.'),
         (Floor('at rest, beyond the second gauge: median error of the place', 'within 10 mm',
                f'{1e3 * place:.1f} mm', place <= CLOSE),
          Floor('the same: of the force', 'within 0.2 N', f'{force:.2f} N', force <= STRONG),
@@ -175,12 +175,11 @@ def _judge(
         truth = _across(bundle.arm, push, seen.q_true[part], seen.t[part])
         if not len(part) or abs(truth.mean()) < FELT:
             continue
-        record = estimator.record()
-        for k in part:
-            estimate = found[k]
-            if estimate is not None:
-                record.add(estimate)
-        rows.append(_row(push, float(truth.mean()), record.summary(), estimator))
+        record, during = estimator.record(), [item for item in found[part[0]:part[-1] + 1] if item]
+        for estimate in during:
+            record.add(estimate)
+        rows.append({'felt': any(item.felt for item in during)} | _row(
+            push, float(truth.mean()), record.summary(), estimator))
     return rows
 
 
