@@ -76,7 +76,7 @@ def relative_error(model, parameters, bags):
         for stretch in bag.stretches:
             measured.append(stretch.decimation(stretch.effort))
             predicted.append(stretch.decimation(
-                model.regressor.outputs(stretch.motion, parameters)))
+                model.regressor.outputs(model.inputs(stretch), parameters)))
     y, p = np.vstack(measured), np.vstack(predicted)
     return 100.0 * np.linalg.norm(y - p) / np.linalg.norm(y)
 
