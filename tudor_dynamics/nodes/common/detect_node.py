@@ -22,14 +22,12 @@ from dataclasses import replace
 from threading import Thread
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Header
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.coverage import Coverage
-from tudor_dynamics.monitoring.detector import CollisionEvent, DetectorSettings, Level
+from tudor_dynamics.monitoring.detector import DetectorSettings, Level
 from tudor_dynamics.monitoring.gathering import Gathering
 from tudor_dynamics.monitoring.health import MOVING, SensorHealth
 from tudor_dynamics.monitoring.judged import Sight
@@ -39,11 +37,12 @@ from tudor_dynamics.monitoring.thresholds.calibration import Calibration
 from tudor_dynamics.monitoring.thresholds.excess import Rates
 from tudor_dynamics.monitoring.watch import Watch
 from tudor_dynamics.nodes.common.base import ERROR, OK, WARN
+from tudor_dynamics.nodes.common.collision_told import CollisionTold
 from tudor_dynamics.nodes.common.contact_told import ContactTold
 from tudor_dynamics.nodes.common.interfaces import (
-    CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, FIELD, RESET, RESIDUALS, THRESHOLDS)
+    CALIBRATE, COLLISION, FIELD, RESET, RESIDUALS, THRESHOLDS)
 from tudor_dynamics.nodes.common.listened import ListenedPublisher, ListenedPublishers
-from tudor_dynamics.nodes.common.messages import NamedReader, time_message
+from tudor_dynamics.nodes.common.messages import NamedReader
 from tudor_dynamics.nodes.common.model_node import ModelNode
 from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder
 from tudor_dynamics.small_arrays import largest_size
@@ -72,8 +71,6 @@ class DetectNode(ModelNode):
         self.health: dict[str, SensorHealth] = {}
         self._calibration: Calibration | None = None
         self._note = ''
-        self._told: dict[Level, bool] = {}
-        self._last_event: CollisionEvent | None = None
         self._readers: dict[tuple[str, str], NamedReader] = {}
         self._sensor_drops: dict[str, Counter[str]] = {}
         self._unserved = ''
@@ -85,13 +82,10 @@ class DetectNode(ModelNode):
         self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
                             for m in METHODS}
         self._encoders: dict[str, JointStateEncoder] = {}
-        self._flags = {Level.COLLISION: self.publish_on(Bool, COLLISION, latch=True),
-                       Level.CONTACT: self.publish_on(Bool, CONTACT, latch=True)}
-        self._events = self.publish_on(Header, COLLISION_EVENT)
+        self._collision = CollisionTold(self)
         self._contact = ContactTold(self)
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
-        self._tell_level(Level.FREE)
 
     def settings(self) -> MonitorSettings:
         """Give the settings that the parameters stand for."""
@@ -222,41 +216,20 @@ class DetectNode(ModelNode):
             if publisher.wanted:
                 self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
-            self._tell_event(event)
+            self._collision.event(event)
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
             self._contact.tell(self.watch, estimate)
         if self.watch is not None and found.excesses:
-            self._tell_level(self.watch.level)
+            self._collision.level(self.watch.level)
 
     def _publish(self, publisher: ListenedPublisher, method: str, stamp: int, values: Any) -> None:
         publisher.publish(self._encoders[method].encode(stamp, values))
 
-    def _tell_level(self, level: Level) -> None:
-        for of, publisher in self._flags.items():
-            state = level >= of
-            if self._told.get(of) is not state:
-                self._told[of] = state
-                publisher.publish(Bool(data=state))
-
-    def _tell_event(self, event: CollisionEvent) -> None:
-        self._last_event = event
-        header = Header(frame_id=event.link)
-        header.stamp = time_message(event.onset)
-        self._events.publish(header)
-        values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
-                  'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
-                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()},
-                  **{f'ratio {k}': f'{v:.3f}' for k, v in event.ratios.items()}}
-        self.publish_diagnostics(DiagnosticStatus(
-            level=WARN, name=f'{self.get_name()}: collision', hardware_id=self.hardware(),
-            message=f'collision at {event.link}, by {event.method}',
-            values=[KeyValue(key=k, value=v) for k, v in values.items()]))
-
     def _reset(self) -> str:
         if self.watch is not None:
             self.watch.detector.reset()
-        self._tell_level(Level.FREE)
+        self._collision.level(Level.FREE)
         return 'armed'
 
     def _calibrate(self) -> str:
@@ -331,10 +304,7 @@ class DetectNode(ModelNode):
             values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
         for method, (factor, channel) in self.watch.widened.items():
             values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
-        values |= self._contact.values(self.watch)
-        if self._last_event is not None:
-            values['last collision [ns]'] = str(self._last_event.onset)
-            values['last link'] = self._last_event.link
+        values |= self._contact.values(self.watch) | self._collision.values()
         own, text = self._judge_itself()
         if level in (OK, WARN) and own > level:
             level, message = own, text
@@ -345,7 +315,7 @@ class DetectNode(ModelNode):
     def _judge_itself(self) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
         assert self.watch is not None
-        rivals = self.rivals(self._flags[Level.COLLISION])
+        rivals = self._collision.rivals()
         dead = [name for health in self.health.values() for name in health.dead()]
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages

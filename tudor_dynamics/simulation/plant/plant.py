@@ -25,6 +25,7 @@ from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 from tudor_dynamics.simulation.plant import integrator as gen
 from tudor_dynamics.simulation.plant.dynamics import Dynamics
+from tudor_dynamics.simulation.plant.inputs import check_settings, put, put_force
 from tudor_dynamics.simulation.plant.reported_step import (
     Joints, report, reported_places, step_and_report)
 from tudor_dynamics.simulation.plant.state import (
@@ -68,12 +69,7 @@ class Plant(Dynamics):
         tolerance: float = 1e-6,
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
-        if not (np.isfinite(dt) and dt > 0.0):
-            msg = f'the step must be positive, found {dt} s'
-            raise SimulationError(msg)
-        if not 0.0 <= rho <= 1.0:
-            msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
-            raise SimulationError(msg)
+        check_settings(dt, rho)
         super().__init__(mechanism)
         self.tables.settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
         self._q = mechanism.q_index
@@ -318,24 +314,11 @@ class Plant(Dynamics):
         tables.vectors[gen.ACC] = tables.vectors[gen.OLD_DDZ] = tables.vectors[gen.DDZ]
 
     def _put(self, vector: FloatArray, values: ArrayLike, name: str) -> None:
-        try:
-            vector[self._q] = values
-        except (TypeError, ValueError):
-            msg = (f'{name} is {repr(values)[:60]}; expected {self._q.size} numbers, for the '
-                   f'joints {list(self.mechanism.joints)}')
-            raise SimulationError(msg) from None
+        put(vector, self._q, values, name, self.mechanism.joints)
 
     def _set_force(self, force: FloatArray) -> None:
         wrench = self.tables.chain.wrench
-        if force.shape == wrench.shape:
-            wrench[:] = force
-        elif force.shape in ((3,), (6,)):
-            wrench[:] = 0.0
-            wrench[self.mechanism.tip, :force.size] = force
-        else:
-            msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
-                   f'or {wrench.shape} for all points')
-            raise SimulationError(msg)
+        put_force(wrench, force, self.mechanism.tip)
         if not np.isfinite(wrench).all():
             self._fail(gen.BAD_INPUT)
         self.loaded = True
