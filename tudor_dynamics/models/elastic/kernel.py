@@ -35,6 +35,8 @@ from tudor_dynamics.models.elastic.statics import (
     ACC, DDZ, DZ, Equations, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
 from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import solve
+from tudor_dynamics.simulation.mechanics.generalised_alpha import (
+    alpha_step, averaged, place_after, speed_after)
 from tudor_dynamics.simulation.mechanics.loads import section_loads
 from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
 from tudor_dynamics.small_arrays import unowned
@@ -151,11 +153,8 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
     path, aim, aim_rate = driven.drives.path, gears.aim, gears.aim_rate
     m = free.shape[0]
     h = dt / steps
-    alpha_m, alpha_f = (2.0 * RHO - 1.0) / (RHO + 1.0), RHO / (RHO + 1.0)
-    gamma = 0.5 + alpha_f - alpha_m
-    beta = 0.25 * (gamma + 0.5) ** 2
-    gain = (1.0 - alpha_f) / (1.0 - alpha_m)
-    speed_gain, place_gain = h * gamma * gain, h * h * beta * gain
+    alpha = alpha_step(RHO, h)
+    gain, speed_gain, place_gain = alpha.gain, alpha.speed_gain, alpha.place_gain
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_ddz, old_acc, force = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[FORCE]
     for step in range(steps):
@@ -166,10 +165,9 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
         for a in range(m):
             i = free[a]
             old_ddz[i], old_acc[i] = ddz[i], acc[i]
-            acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i]
-                      - alpha_m * old_acc[i]) / (1.0 - alpha_m)
-            z[i] += h * (dz[i] + h * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
-            dz[i] += h * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
+            acc[i] = averaged(alpha, ddz[i], old_ddz[i], old_acc[i])
+            z[i] = place_after(alpha, z[i], dz[i], old_acc[i], acc[i])
+            dz[i] = speed_after(alpha, dz[i], old_acc[i], acc[i])
         for correction in range(CORRECTIONS):
             residual(vectors, gears, chain, loaded)
             if step == 0 and correction == 0:

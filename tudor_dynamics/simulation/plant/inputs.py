@@ -32,7 +32,7 @@ def check_settings(dt: float, rho: float) -> None:
     Parameters
     ----------
     dt : float
-        Step [s].
+        Length of a step [s].
     rho : float
         Spectral radius at high frequencies.
 

@@ -33,6 +33,8 @@ from tudor_dynamics.simulation.mechanics import layout as at
 from tudor_dynamics.simulation.mechanics.chain import Chain
 from tudor_dynamics.simulation.mechanics.cholesky import cholesky, factor_norm, solve
 from tudor_dynamics.simulation.mechanics.equations import inverse_dynamics
+from tudor_dynamics.simulation.mechanics.generalised_alpha import (
+    alpha_step, averaged, place_after, speed_after)
 from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
 from tudor_dynamics.simulation.mechanics.stiffness import add_stretch
 from tudor_dynamics.simulation.plant.prediction import (
@@ -138,22 +140,17 @@ def _attempt(order: int, plant: PlantTables, loaded: bool) -> int:
     vectors, matrices, settings = plant.vectors, plant.matrices, plant.settings
     prescribed, torque, motion = plant.prescribed, plant.torque, plant.motion
     n = prescribed.shape[0]
-    dt, rho = settings[STEP], settings[RHO]
-    alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
-    gamma = 0.5 + alpha_f - alpha_m
-    beta = 0.25 * (gamma + 0.5) ** 2
-    gain = (1.0 - alpha_f) / (1.0 - alpha_m)
-    speed_gain, place_gain = dt * gamma * gain, dt * dt * beta * gain
+    alpha = alpha_step(settings[RHO], settings[STEP])
+    gain, speed_gain, place_gain = alpha.gain, alpha.speed_gain, alpha.place_gain
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
     old_z, old_dz = vectors[OLD_Z], vectors[OLD_DZ]
     old_ddz, old_acc, past = vectors[OLD_DDZ], vectors[OLD_ACC], vectors[OLD_DDZ:]
     force, delta = vectors[FORCE], vectors[DELTA]
     for i in range(n):
         ddz[i] = 0.0 if order < 0 else extrapolated(past, order, i)
-        acc[i] = ((1.0 - alpha_f) * ddz[i] + alpha_f * old_ddz[i] - alpha_m * old_acc[i]) / (
-            1.0 - alpha_m)
-        z[i] = old_z[i] + dt * (old_dz[i] + dt * ((0.5 - beta) * old_acc[i] + beta * acc[i]))
-        dz[i] = old_dz[i] + dt * ((1.0 - gamma) * old_acc[i] + gamma * acc[i])
+        acc[i] = averaged(alpha, ddz[i], old_ddz[i], old_acc[i])
+        z[i] = place_after(alpha, old_z[i], old_dz[i], old_acc[i], acc[i])
+        dz[i] = speed_after(alpha, old_dz[i], old_acc[i], acc[i])
         if prescribed[i]:
             z[i], dz[i], ddz[i], acc[i] = motion[0, i], motion[1, i], motion[2, i], motion[2, i]
     status, size, last, fresh = NOT_CONVERGED, 0.0, 0.0, False
