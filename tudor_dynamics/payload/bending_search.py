@@ -123,7 +123,7 @@ def find_bending(
     model : AnalyticalModel
         Of the strain with rigid links; of all payloads where those of the stretches differ.
     watched : sequence of Watched
-        Free motion.
+        Stretches of free motion with their strain.
 
     Returns
     -------

@@ -120,7 +120,7 @@ class RigidSense:
         self._now = self._usual = self._seconds = 0.0
 
     def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed | None:
-        """Take a sample; see `Sense`."""
+        """Take a sample; see ``Sense``."""
         acceleration = row[2 * (len(row) // 3):]
         size = float(acceleration @ acceleration)
         if dt > 0.0:
@@ -159,7 +159,7 @@ class BentSense:
         self._elapsed = 0.0
 
     def step(self, dt: float, row: FloatArray, measured: FloatArray) -> Sensed | None:
-        """Take a sample; see `Sense`."""
+        """Take a sample; see ``Sense``."""
         self._elapsed = self._elapsed + dt if dt > 0.0 else 0.0
         states = self._states.step(dt, np.concatenate([row[:self._joints], measured]))
         if self._elapsed < self._states.settle:
