@@ -28,6 +28,8 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import lru_cache
+import importlib
 import json
 from pathlib import Path
 import sys
@@ -43,9 +45,12 @@ from faults.sets import of_loads, of_sets  # noqa: E402
 from faults.signals import of_channels, of_time, of_units_and_names, still_ends  # noqa: E402
 import numpy as np  # noqa: E402
 
+from tudor_dynamics.cli.console import add_running  # noqa: E402
+from tudor_dynamics.cluster import on_cluster  # noqa: E402
 from tudor_dynamics.doctor.bags import examine_bags  # noqa: E402
 from tudor_dynamics.errors import TudorWarning  # noqa: E402
 from tudor_dynamics.identification.finding import KINDS  # noqa: E402
+from tudor_dynamics.parallel import in_processes  # noqa: E402
 
 NOTHING = 'nothing'
 LEAST_NAMED, MOST_FALSE = 0.95, 0.01
@@ -106,6 +111,15 @@ class Study:
             print(f'missed: {fault.row} in {bag.name}, {fault.channels} {fault.time} '
                   f'{fault.size}: ' + '; '.join(str(item) for item in said), file=sys.stderr)
 
+    def add(self, other):
+        """Add what was found in other bags."""
+        for part in (True, False):
+            for kind, row in other.rows[part].items():
+                self.rows[part][kind] = self.rows[part].get(kind, Row()) + row
+            self.clean[part] += other.clean[part]
+            self.false[part] += other.false[part]
+        self.seconds += other.seconds
+
     def spare(self, bag, name, findings):
         """Count what is said of a clean bag."""
         said = told(bag, findings)
@@ -115,19 +129,63 @@ class Study:
 
 
 def study(args):
-    """Put every fault into every bag that it fits."""
+    """Put every fault into every bag that it fits, a bag to each process."""
+    count = len(chosen_bags(args))
+    pieces_of_work = [(str(Path(__file__).parent), args, number) for number in range(count + 1)]
+    with on_cluster(args.cluster):
+        found = in_processes(in_worker, pieces_of_work, args.jobs)
+    for more in found[1:]:
+        found[0].add(more)
+    return found[0]
+
+
+def in_worker(piece, count):
+    """Do the work of one bag where this file need not be on the path."""
+    folder, args, number = piece
+    sys.path.append(folder)
+    done = importlib.import_module('doctor').part_of_study(args, number)
+    count(1)
+    return done
+
+
+def chosen_bags(args):
+    """Give the clean bags that are asked for."""
+    return [bag for bag in read_bags(args.own) if args.bags is None or bag.name in args.bags]
+
+
+@lru_cache
+def read_bags(own):
+    """Read the clean bags, once in each process."""
+    return clean_bags(own)
+
+
+def part_of_study(args, number):
+    """Put faults into one bag; behind the last bag, those that need several."""
     found = Study(args.missed)
-    bags = [bag for bag in clean_bags(args.own) if args.bags is None or bag.name in args.bags]
-    for number, bag in enumerate(bags):
-        rng = np.random.default_rng([args.seed, number])
-        for piece in pieces(bag):
-            found.spare(bag, str(piece.data.choice), found.examine(bag.arm, [piece.data]))
-        for source in (of_descriptions, one_joint_of_many, of_units_and_names, of_drives, of_time,
-                       of_channels, still_ends):
-            for fault in source(bag, rng):
-                if args.only in (None, fault.row):
-                    found.judge(bag, fault, found.examine(fault.arm, fault.bags))
-    rng = np.random.default_rng([args.seed, len(bags)])
+    bags = chosen_bags(args)
+    rng = np.random.default_rng([args.seed, number])
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', TudorWarning)
+        if number < len(bags):
+            in_one_bag(found, args, bags[number], rng)
+        else:
+            in_several_bags(found, args, bags, rng)
+    return found
+
+
+def in_one_bag(found, args, bag, rng):
+    """Examine a bag as it is, and with each fault that it fits."""
+    for piece in pieces(bag):
+        found.spare(bag, str(piece.data.choice), found.examine(bag.arm, [piece.data]))
+    for source in (of_descriptions, one_joint_of_many, of_units_and_names, of_drives, of_time,
+                   of_channels, still_ends):
+        for fault in source(bag, rng):
+            if args.only in (None, fault.row):
+                found.judge(bag, fault, found.examine(fault.arm, fault.bags))
+
+
+def in_several_bags(found, args, bags, rng):
+    """Examine bags beside each other, and loads beside models."""
     for bag, fault in of_sets(bags, rng):
         if args.only in (None, fault.row):
             found.judge(bag, fault, found.examine(fault.arm, fault.bags))
@@ -137,7 +195,6 @@ def study(args):
                 found.spare(bag, f'{bag.name} beside a model', findings)
             else:
                 found.judge(bag, fault, findings)
-    return found
 
 
 def summary(found):
@@ -202,10 +259,9 @@ def main():
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--missed', action='store_true', help='say what was missed')
     parser.add_argument('--json', action='store_true')
+    add_running(parser)
     args = parser.parse_args()
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', TudorWarning)
-        content = summary(study(args))
+    content = summary(study(args))
     if args.json:
         print(json.dumps(content, indent=2))
     else:
