@@ -39,7 +39,8 @@ from tudor_dynamics.models.estimation.products import Products, summed
 from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.regressor import plain_regressor, Regressor
-from tudor_dynamics.models.storage.coefficients import Group, groups_of, groups_to_list
+from tudor_dynamics.models.storage.coefficients import (
+    Group, groups_of, groups_to_list, on_all_columns)
 from tudor_dynamics.models.storage.parts import AnalyticalPart, read
 from tudor_dynamics.models.training import Blocks, check_block, check_motion
 from tudor_dynamics.models.units import output_units
@@ -260,12 +261,7 @@ class AnalyticalModel(MemorylessModel):
             raise NotFittedError(msg)
         if self._full is not None and self._full_of is self.groups_:
             return self._full
-        full = np.zeros((len(self.channels), len(self.regressor.columns)))
-        for group in self.groups_:
-            for i, channel in enumerate(group.base.channels):
-                full[channel, group.base.kept] = group.estimate.parameters
-                if group.constants is not None:
-                    full[channel, self.regressor.scaled] /= group.constants.values[i]
+        full = on_all_columns(self.groups_, self.regressor)
         # kept: beside a running robot this is asked for at every sample
         full.flags.writeable = False
         self._full, self._full_of = full, self.groups_

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +30,7 @@ from tudor_dynamics.models.estimation.torque_constants import Constants
 from tudor_dynamics.models.regressor import Regressor
 from tudor_dynamics.models.storage.parts import GroupPart
 from tudor_dynamics.models.units import column_unit
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +53,32 @@ class Group:
     base: BaseSet
     estimate: Estimate
     constants: Constants | None = None
+
+
+def on_all_columns(groups: Sequence[Group], regressor: Regressor) -> FloatArray:
+    """
+    Spread base parameters over the columns of a regressor.
+
+    Parameters
+    ----------
+    groups : sequence of Group
+        Parameters of channels.
+    regressor : Regressor
+        What they belong to.
+
+    Returns
+    -------
+    ndarray of shape (n_channels, n_columns)
+        Parameters of each channel, 0 where a column is none of its own.
+
+    """
+    full = np.zeros((len(regressor.channels), len(regressor.columns)))
+    for group in groups:
+        for i, channel in enumerate(group.base.channels):
+            full[channel, group.base.kept] = group.estimate.parameters
+            if group.constants is not None:
+                full[channel, regressor.scaled] /= group.constants.values[i]
+    return full
 
 
 def groups_to_list(
