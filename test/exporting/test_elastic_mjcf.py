@@ -27,9 +27,10 @@ import tudor_dynamics as td
 from tudor_dynamics.arm.loading import arm_from_dict
 from tudor_dynamics.bounded_yaml import load_yaml
 from tudor_dynamics.exporting.description import description_of
-from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of
+from tudor_dynamics.exporting.elastic_drives import elastic_drives
 from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf, not_in_mjcf
 from tudor_dynamics.models.elastic.fitted import driven_arm
+from tudor_dynamics.models.elastic.model import elastic_of
 
 mujoco = pytest.importorskip('mujoco')
 

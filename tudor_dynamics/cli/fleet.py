@@ -60,6 +60,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--out', metavar='DIR', required=True, help='folder for all results')
     parser.add_argument('--no-models', action='store_true',
                         help='compare alone, without a bundle of each arm')
+    parser.add_argument('--elastic', action='store_true',
+                        help='compare stiffnesses of gears and links as well: half a minute for '
+                             'the first date of an arm, ten seconds for each other one')
     parser.add_argument('--strict', action='store_true',
                         help='refuse bags that cannot be used, in place of leaving them out')
     parser.add_argument('--json', action='store_true', help='print what DIR/fleet.json has')
@@ -76,7 +79,8 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     total = 4 * sum(len(arm.bags) for arm in plan.arms) + 3
     with steps(total) as step, on_cluster(args.cluster):
-        fleet = study(plan, Run(path.parent, out, args.jobs, models=not args.no_models), step)
+        fleet = study(plan, Run(path.parent, out, args.jobs, models=not args.no_models,
+                                elastic=args.elastic), step)
     if args.strict and fleet.unused:
         raise FitError(f'--strict: {fleet.unused[0]}', remedy='leave it out, or --strict')
     content = finite(fleet.as_dict())

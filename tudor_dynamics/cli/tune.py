@@ -27,7 +27,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.models.tuning.design import design, fixed_ratios, Wish
 from tudor_dynamics.models.tuning.small_motion import TunedArm
@@ -82,16 +82,15 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'--out {out}: expected a file that ends in .yaml')
     picture = picture_path(args.picture or out.with_suffix('.png'))
     arm = load_arm(args.arm)
-    model: ElasticModel | None = None
+    model = None
     own = arm.spec.payload.mass if arm.spec.payload is not None else 0.0
     payloads = (own,)
     if args.model:
         bundle = load_bundle(args.model, arm=arm)
-        found = bundle.models.get('strain', {}).get('elastic')
-        if not isinstance(found, ElasticModel):
+        model = elastic_of(bundle, 'strain')
+        if model is None:
             raise UsageError(f'{args.model}: there is no elastic model of the strain; fit one '
                              'with --models elastic')
-        model = found
         if bundle.payload_range is not None:
             payloads = tuple(np.linspace(*bundle.payload_range, GRID).round(6).tolist())
         elif bundle.payload is not None:

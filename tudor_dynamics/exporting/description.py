@@ -34,11 +34,12 @@ from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.arm.loading import validation_message
 from tudor_dynamics.arm.schema import ArmSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.exporting.elastic_drives import elastic_drives, elastic_of, ElasticDrive
+from tudor_dynamics.exporting.elastic_drives import elastic_drives, ElasticDrive
 from tudor_dynamics.exporting.friction import both_ways
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
+from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
 import yaml
 

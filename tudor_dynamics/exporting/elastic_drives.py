@@ -22,7 +22,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.exporting.friction import Simple, simple_friction
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.model import elastic_of
 
 
 SPEED = 1.0
@@ -46,27 +46,6 @@ class ElasticDrive:
 
     constant: float
     terms: dict[str, float]
-
-
-def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
-    """
-    Find the elastic model of an output.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of an arm.
-    output : {'effort', 'strain'}
-        What it predicts.
-
-    Returns
-    -------
-    ElasticModel or None
-        None where there is no such model in the bundle.
-
-    """
-    model = bundle.models.get(output, {}).get('elastic')
-    return model if isinstance(model, ElasticModel) else None
 
 
 def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:

@@ -38,7 +38,7 @@ from tudor_dynamics.feedforward.units import factors, Unit, unit_names
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.model import elastic_of, ElasticModel
 from tudor_dynamics.models.payload import SAME
 from tudor_dynamics.payload.worth import load_worth, LoadWorth
 from tudor_dynamics.signals.splines import states
@@ -145,7 +145,7 @@ class Feedforward:
         if not 0.0 <= payload < float('inf'):
             msg = f'a payload of {payload} kg is impossible; give 0 or more'
             raise ModelError(msg)
-        elastic = isinstance(self._of_all, ElasticModel)
+        elastic = self._of_all.has_memory
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
         elif self._worth is None and abs(more) > SAME:
@@ -301,8 +301,5 @@ def _derivatives(
 
 def _physical(bundle: ModelBundle) -> dict[str, float]:
     """Give the physical parameters that were identified; none where the description has to do."""
-    for output in ('strain', 'effort'):
-        model = bundle.models.get(output, {}).get('elastic')
-        if isinstance(model, ElasticModel):
-            return model.values
-    return {}
+    model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
+    return {} if model is None else model.values

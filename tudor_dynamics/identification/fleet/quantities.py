@@ -33,6 +33,8 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData
 from tudor_dynamics.identification.elastic.ringdowns import clear_ring, standstills
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.models.units import output_units
 from tudor_dynamics.typing import FloatArray
 
@@ -253,4 +255,28 @@ def ring_quantities(found: Sequence[tuple[str, float, float]]) -> list[Quantity]
         told += [Quantity(name, gauge, unit, float(value), float(error)) for name, unit, value,
                  error in zip(('ring-down frequency', 'ring-down damping'), ('Hz', ''), middle,
                               errors, strict=True)]
+    return told
+
+
+def stiffness_quantities(found: Sequence[PhysicalParameter]) -> list[Quantity]:
+    """
+    Take the stiffnesses of gears and links that the recordings have told.
+
+    Parameters
+    ----------
+    found : sequence of PhysicalParameter
+        As identified for an arm at a date.
+
+    Returns
+    -------
+    list of Quantity
+        With standard errors, which are wide where gear and link can hardly be told apart.
+
+    """
+    told = []
+    for item in found:
+        if item.shown and kind_of(item.name).adds < 0:
+            part, _, joint = item.name.rstrip(')').partition('(')
+            told.append(Quantity(f'stiffness: {part}', joint, item.unit, item.value,
+                                 item.standard_error))
     return told

@@ -39,7 +39,8 @@ class Seen:
     date : date
         When it was recorded.
     output : str
-        What it was found in: ``effort``, ``strain``, or ``ring`` of the strain at rest.
+        What it was found in: ``effort``, ``strain``, ``ring`` of the strain at rest, or the
+        ``elastic`` model.
     quantity : Quantity
         What it is, with its standard error.
 

@@ -28,6 +28,7 @@ from tudor_dynamics.identification.bag_choice import BagChoice, found_choices
 from tudor_dynamics.identification.bag_facts import Unused
 from tudor_dynamics.identification.choice.choose import choose
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered, load
+from tudor_dynamics.identification.elastic.trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.fleet.aged import aged
 from tudor_dynamics.identification.fleet.quantities import (
@@ -42,6 +43,7 @@ from tudor_dynamics.library.fleet.beside import named_aged, named_beside, parted
 from tudor_dynamics.library.fleet.outcome import Fleet, Named, Seen
 from tudor_dynamics.library.fleet.pieces import Model, model_pieces, ring_pieces
 from tudor_dynamics.library.fleet.plan import FleetArm, FleetPlan
+from tudor_dynamics.library.fleet.stiffness import stiffnesses
 from tudor_dynamics.models.analytical import AnalyticalModel
 
 Progress = Callable[[str], None]
@@ -69,6 +71,8 @@ class Run:
         Number of processes.
     models : bool
         Whether each arm gets a model of its last date.
+    elastic : bool
+        Whether stiffnesses are compared, by a search for each date.
 
     """
 
@@ -76,6 +80,7 @@ class Run:
     out: Path
     jobs: int = 1
     models: bool = True
+    elastic: bool = False
 
 
 @dataclass(eq=False)
@@ -88,6 +93,12 @@ class _Date:
     models: dict[str, AnalyticalModel] = field(default_factory=dict)
     others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
     parts: dict[str, list[Part]] = field(default_factory=dict)
+
+    @property
+    def loads(self) -> list[tuple[BagChoice, float | None]]:
+        """Pair bags with what the arm carried [kg]."""
+        mass = {sight.choice.path: sight.payload for sight in self.sights}
+        return [(choice, mass[choice.path]) for choice in self.bags if choice.path in mass]
 
 
 def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
@@ -128,6 +139,8 @@ class _Study:
 
     def done(self) -> Fleet:
         """Go through all bags."""
+        if self.run.elastic:
+            check_arm(next(iter(self.arms.values())))
         self._see()
         sample = self._sample()
         first = next(iter(self.arms.values()))
@@ -145,6 +158,13 @@ class _Study:
                 for output, model in date.models.items()
                 for item in quantities(some[output], model, date.others[output])]
         seen += self._rings(chosen.preprocessing)
+        if self.run.elastic:
+            told, without = stiffnesses(
+                self.arms, {when: date.loads for when, date in self.dates.items()},
+                chosen.preprocessing, self.run.base.absolute(), self.run.jobs,
+                lambda done: self.progress('stiffness'))
+            seen += told
+            self.unused += without
         named = [*named_beside(seen), *self._aged(outputs)]
         models = self._models(chosen.preprocessing, chosen.settings) if self.run.models else {}
         order = list(self.arms)

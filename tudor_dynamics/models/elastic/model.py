@@ -29,6 +29,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.effort import friction_jumps
 from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
 from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
@@ -93,3 +94,24 @@ class ElasticModel(FittedElastic, Model):
     def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> ElasticModel:
         """Build it from physical parameters and coefficients; see ``Model``."""
         return elastic_from_dict(cls, content, arm, output)
+
+
+def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
+    """
+    Find the elastic model of an output.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models of an arm.
+    output : {'effort', 'strain'}
+        What it predicts.
+
+    Returns
+    -------
+    ElasticModel or None
+        None where there is no such model in the bundle.
+
+    """
+    model = bundle.models.get(output, {}).get('elastic')
+    return model if isinstance(model, ElasticModel) else None
