@@ -46,8 +46,8 @@ FIRST = (SearchPhase(2.0, COARSE, 10, 1e-3), SearchPhase(1.0, COARSE, 10, 1e-3))
 LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-4),) * 2
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 A last phase in which nothing draws, as the model will be used, explains the training bags better
-and others worse: of an arm that crosses its plays undamped, parameters that differ by a tenth of
-their standard error explain a recording better or worse by two points of fit."""
+and those of a real arm worse; of an arm that crosses its plays undamped, parameters that differ by
+a tenth of their standard errors explain a recording better or worse by points of fit."""
 LATE = 0.03
 """Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
 CANDIDATES = 2
