@@ -20,6 +20,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import datetime
 
+from matplotlib.dates import DateFormatter
+from matplotlib.ticker import MaxNLocator
+
 from tudor_dynamics.library.fleet.outcome import Fleet, Seen, WORDS
 from tudor_dynamics.report.figure import label, new_figure, plain_text, to_uri
 from tudor_dynamics.report.page import rendered
@@ -102,7 +105,8 @@ def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> str:
         plain_text(axes.set_title, title)
         axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
                               items[0].quantity.unit))
-        axes.xaxis_date()
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
+        axes.xaxis.set_major_formatter(DateFormatter('%Y-%m-%d'))
         if named:
             for text in axes.legend(loc='best').get_texts():
                 text.set_parse_math(False)
