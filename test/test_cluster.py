@@ -62,7 +62,10 @@ class Machines:
                     '--no-dashboard', '--local-directory', '/tmp')
 
     def _begin(self, *words: str) -> None:
-        environment = os.environ | {'PYTHONPATH': str(TESTS)}
+        # on a busy machine a process may need longer to answer than the defaults of 30 s allow
+        environment = os.environ | {
+            'PYTHONPATH': str(TESTS), 'DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT': '150s',
+            'DASK_DISTRIBUTED__COMM__TIMEOUTS__TCP': '150s'}
         process = subprocess.Popen(
             [sys.executable, '-m', 'dask', *words], stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL, env=environment, start_new_session=True)
@@ -85,6 +88,12 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
+def states() -> list[str]:
+    """Give the states of the nannies."""
+    found = cluster._client.run(lambda dask_worker: dask_worker.status.name, nanny=True)
+    return list(found.values())
+
+
 def processes(folder: Path) -> set[str]:
     """Give the processes that have begun a piece."""
     return {file.name.partition('-')[2] for file in folder.iterdir() if '-' in file.name}
@@ -104,6 +113,8 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
         thread.start()
         machines.worker()
         wait_for(lambda: any(tmp_path.iterdir()) or not thread.is_alive())
+        # a nanny that is still beginning its worker gives up when that dies
+        wait_for(lambda: states() == ['running'])
         number, _, pid = next(tmp_path.iterdir()).name.partition('-')
         os.kill(int(pid), signal.SIGKILL)
         machines.worker()

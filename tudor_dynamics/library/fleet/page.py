@@ -106,7 +106,8 @@ def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> str:
         axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
                               items[0].quantity.unit))
         axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
-        axes.xaxis.set_major_formatter(DateFormatter('%Y-%m-%d'))
+        days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_formatter(days)
         if named:
             for text in axes.legend(loc='best').get_texts():
                 text.set_parse_math(False)
