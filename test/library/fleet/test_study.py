@@ -23,7 +23,11 @@ import shutil
 from fleet_making import write_fleet
 import pytest
 
+from tudor_dynamics.arm import Arm
 from tudor_dynamics.cli.main import main
+from tudor_dynamics.identification.choice.choose import Choices
+from tudor_dynamics.identification.fit import FitSettings
+from tudor_dynamics.identification.streamed.task import Task
 from tudor_dynamics.library.fleet.plan import load_plan
 from tudor_dynamics.library.fleet.study import Run, study
 from tudor_dynamics.models.storage.bundle_io import load_bundle
@@ -129,3 +133,33 @@ def test_wrong_plans(
     told = capsys.readouterr().err
     assert words in told and len(told.splitlines()) == 1
     assert not (tmp_path / 'out').exists()
+
+
+def test_all_that_was_chosen_of_friction_is_taken(
+    plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also over which way it gives way."""
+    given: list[Arm] = []
+
+    def chosen(arm: Arm, *_: object, **__: object) -> Choices:
+        given.append(arm.with_joints({'elbow': {
+            'friction': ('viscous', 'presliding'), 'presliding_distances': (0.001, 0.02)}}))
+        return Choices(given[0], arm.spec.preprocessing, FitSettings().settled(), ())
+
+    monkeypatch.setattr('tudor_dynamics.library.fleet.study.choose', chosen)
+    monkeypatch.setattr('tudor_dynamics.library.fleet.study.gather', taken := Taken())
+    with pytest.raises(Taken.Here):
+        study(load_plan(plan), Run(plan.parent, tmp_path, models=False))
+    assert taken.joints == given[0].joints
+
+
+class Taken:
+    """Keeps the joints that bags are gone through with."""
+
+    class Here(Exception):
+        """Raised there, as the rest is of no concern."""
+
+    def __call__(self, asked: list[tuple[Task, object]], *_: object) -> None:
+        """Stand in for the pass over all bags."""
+        self.joints = asked[0][0].arm.joints
+        raise self.Here

@@ -30,16 +30,15 @@ import numpy as np
 from tudor_dynamics.arm import Arm, JointSpec, PreprocessingSpec
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.identification.choice.friction import (
-    all_candidates, choose_friction, is_open)
+    all_candidates, choices_of, choose_friction, is_open)
 from tudor_dynamics.identification.choice.left_out import LeftOut, paid
 from tudor_dynamics.identification.choice.outcome import Choice
 from tudor_dynamics.identification.choice.rows import WideRows
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Progress
 
-Progress = Callable[[str], None]
 CAUSAL_KEYS = {'filter', 'output_cutoff', 'velocity_cutoff', 'acceleration_cutoff'}
 """Keys of the preprocessing any of which says which filter is wanted."""
 USUAL_SWITCH = JointSpec.model_fields['friction_velocity'].default
@@ -128,9 +127,8 @@ class _Chooser:
             self._choose_filter()
         if 'effort' in self.outputs and 'analytical' in self.settings.kinds:
             self._choose_effort()
-        changes = {old.name: {key: getattr(new, key) for key in (
-            'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
-            for old, new in zip(self.arm.joints, self.joints, strict=True) if new != old}
+        changes = {old.name: choices_of(new) for old, new in zip(
+            self.arm.joints, self.joints, strict=True) if new != old}
         settings = replace(self.settings, shared=self.shared).settled()
         return Choices(self.arm.with_joints(changes), self.spec, settings, tuple(self.made))
 

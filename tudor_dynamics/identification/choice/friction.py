@@ -34,6 +34,25 @@ DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
 Change = Mapping[str, Any]
 
 
+def choices_of(joint: JointSpec) -> dict[str, Any]:
+    """
+    Give all keys of a joint that a choice of its friction sets.
+
+    Parameters
+    ----------
+    joint : JointSpec
+        Joint with the friction that was chosen.
+
+    Returns
+    -------
+    dict of str to Any
+        Keys of the description with their values, as ``Arm.with_joints`` takes them.
+
+    """
+    return {key: getattr(joint, key) for key in (
+        'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
+
+
 def is_open(joint: JointSpec) -> bool:
     """Say whether the description leaves the friction terms of a joint to be chosen."""
     return not joint.model_fields_set & {'friction', 'asymmetric'}

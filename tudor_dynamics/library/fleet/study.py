@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import datetime
 from pathlib import Path
@@ -27,6 +27,7 @@ from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
 from tudor_dynamics.identification.bag_choice import BagChoice, found_choices
 from tudor_dynamics.identification.bag_facts import Unused
 from tudor_dynamics.identification.choice.choose import choose
+from tudor_dynamics.identification.choice.friction import choices_of
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered, load
 from tudor_dynamics.identification.elastic.trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings
@@ -45,8 +46,8 @@ from tudor_dynamics.library.fleet.pieces import Model, model_pieces, ring_pieces
 from tudor_dynamics.library.fleet.plan import FleetArm, FleetPlan
 from tudor_dynamics.library.fleet.stiffness import stiffnesses
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.typing import Progress
 
-Progress = Callable[[str], None]
 When = tuple[str, datetime.date]
 """Arm and date."""
 
@@ -147,8 +148,7 @@ class _Study:
         chosen = choose(first, sample, first.spec.preprocessing, FitSettings(), self.progress,
                         summable=True)
         outputs = common_outputs(sample)
-        friction = {joint.name: {key: getattr(joint, key) for key in (
-            'friction', 'asymmetric', 'friction_velocity')} for joint in chosen.arm.joints}
+        friction = {joint.name: choices_of(joint) for joint in chosen.arm.joints}
         self.arms = {name: arm.with_joints(friction) for name, arm in self.arms.items()}
         bags = [filtered(bag, chosen.preprocessing) for bag in sample]
         some = {output: self._measures(output, bags, chosen.settings) for output in outputs}
