@@ -27,7 +27,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from tudor_dynamics.bags import Recording
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.monitors import MonitorsNode
+from tudor_dynamics.nodes.monitors import GuardedMonitorNode, MonitorsNode
 
 ARMS = ('left', 'right')
 
@@ -122,12 +122,23 @@ def test_one_that_fails_is_made_anew(
         msg = 'impossible'
         raise ZeroDivisionError(msg)
 
+    tries: list[object] = []
+
+    def made_at_the_second_try(**options: object) -> GuardedMonitorNode:
+        tries.append(options)
+        if len(tries) == 1:
+            msg = 'not now'
+            raise MemoryError(msg)
+        return GuardedMonitorNode(**options)
+
+    monkeypatch.setattr('tudor_dynamics.nodes.monitors.GuardedMonitorNode',
+                        made_at_the_second_try)
     monkeypatch.setattr(first.monitor, 'add_joints', fail)
     fleet.send(('left',))
     assert world.spin(lambda: host.arms[0].failures == 1)
     assert fleet.flows('right') and host.arms[1].node is kept
     assert world.spin(lambda: host.arms[0].node is not None)
-    assert host.arms[0].node is not first
+    assert host.arms[0].node is not first and len(tries) == 2
     assert fleet.flows(*ARMS)
     status = world.status('monitors', lambda found: found.level == found.WARN)
     assert '/left: failed before' in status.message

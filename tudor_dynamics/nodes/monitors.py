@@ -95,6 +95,8 @@ class WatchedArm:
         elif self._made is not None:
             self.node, self._made, self._maker, self.fault = self._made, None, None, ''
             host.executor.add_node(self.node)
+        elif self._maker is not None and not self._maker.is_alive():
+            self._maker, self._due = None, now + pause  # it could not be made: once more, later
         elif self.failures and node is None and self._maker is None and now >= self._due:
             # in a thread: a model is loaded, which takes longer than the queues of the others last
             self._maker = Thread(target=self.make, daemon=True)
