@@ -24,7 +24,8 @@ import time
 from patience import PATIENCE
 
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.parallel import Count, Progress
+from tudor_dynamics.parallel import Count
+from tudor_dynamics.typing import Progress
 
 
 def square(piece: int, count: Count) -> int:

@@ -36,7 +36,7 @@ from tudor_dynamics import cluster
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.parallel import in_processes, spread, width
+from tudor_dynamics.parallel import in_processes, shared_out, width
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')
@@ -147,7 +147,7 @@ def test_searches_go_there(machines: Machines) -> None:
     """What threads would have done is done by workers, in order."""
     said: list[str] = []
     with on_cluster(machines.address):
-        assert spread(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+        assert shared_out(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
     assert said == ['1 of 2 searches done', '2 of 2 searches done']
 
 

@@ -28,7 +28,7 @@ from piece_making import killed, spelled, square
 import pytest
 
 from tudor_dynamics.errors import BagError, ProcessError
-from tudor_dynamics.parallel import _watch, in_processes, in_threads, spread
+from tudor_dynamics.parallel import _watch, in_processes, in_threads, shared_out
 
 
 @pytest.mark.parametrize('jobs', [1, 2])
@@ -43,9 +43,9 @@ def test_pieces_keep_their_order(jobs: int) -> None:
 def test_pieces_say_what_they_do() -> None:
     """Which of several a word is of is told; one alone speaks for itself."""
     said: list[str] = []
-    assert spread(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
+    assert shared_out(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
     assert sorted(said) == ['spelling ab (1 of 2)', 'spelling cd (2 of 2)']
-    assert spread(spelled, ['ef'], said.append) == ['e f'] and said[-1] == 'spelling ef'
+    assert shared_out(spelled, ['ef'], said.append) == ['e f'] and said[-1] == 'spelling ef'
 
 
 def test_work_that_is_done_before_the_first_look_is_counted(tmp_path: Path) -> None:

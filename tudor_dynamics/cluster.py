@@ -149,11 +149,12 @@ def in_cluster(
     try:
         while len(results) < len(pieces):
             # a piece may be large: no more than a few are on their way
-            while taken < len(pieces) and len(running) < AHEAD * (1 + threads()):
-                future = _client.submit(_piece, work, pieces[taken], known, pure=False)
-                running[future] = taken
+            room = AHEAD * (1 + threads()) - len(running)
+            for number in range(taken, min(taken + max(room, 0), len(pieces))):
+                future = _client.submit(_piece, work, pieces[number], known, pure=False)
+                running[future] = number
                 done.add(future)
-                taken += 1
+            taken = len(results) + len(running)
             future = next(done)
             results[running.pop(future)], more = future.result()
             steps += more

@@ -42,12 +42,11 @@ import numpy as np
 
 from tudor_dynamics import cluster
 from tudor_dynamics.errors import ProcessError
+from tudor_dynamics.typing import Progress
 
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
 Count = cluster.Count
-Progress = Callable[[str], None]
-"""Told what is done next."""
 
 GRACE = 10.0
 """For a worker to end by itself once its parent has gone [s]."""
@@ -88,7 +87,7 @@ def in_threads(
         return list(pool.map(work, pieces))
 
 
-def spread(
+def shared_out(
     work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], told: Progress,
 ) -> list[Result]:
     """

@@ -13,9 +13,11 @@
 # limitations under the License.
 
 
-"""Arrays by what they hold; their shapes stand in the docstrings."""
+"""Types with one name everywhere: arrays by what they hold (shapes stand in the docstrings)."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,3 +25,5 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 IndexArray = NDArray[np.intp]
+Progress = Callable[[str], None]
+"""Told what is done next."""

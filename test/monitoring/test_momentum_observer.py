@@ -47,6 +47,9 @@ class RigidModel:
         self.data = self.model.createData()
         self.scale = np.array(scale)
 
+    def trail(self) -> None:
+        """Depend on nothing that was before a sample."""
+
     def predict(self, motion: np.ndarray) -> np.ndarray:
         """Inverse dynamics of each row."""
         return np.array([pin.rnea(self.model, self.data, *row.reshape(3, 2))

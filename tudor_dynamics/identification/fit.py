@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import warnings
 
@@ -41,9 +41,8 @@ from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.estimation.estimators import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.typing import FloatArray, Progress
 
-Progress = Callable[[str], None]
 
 DEFAULT_KINDS = ('analytical',)
 """The elastic model takes longer, and needs to know the links."""
@@ -313,8 +312,7 @@ def _fit_one(
     validation = validate_unseen(fit_bags, model, training, test, holdout, output)
     seen = validate(model, training, output, 'the training bags themselves')
     # single samples have no past: a model with a memory has no random split
-    split = (random_split(fit_arrays, training, output,
-                          inputs=blank(kind, arm, output, settings).inputs)
+    split = (random_split(fit_arrays, training, output, inputs=model.inputs)
              if settings.random_split and not model.has_memory else None)
     verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
     unseen = unseen_cases(fit_bags, model, validation, others, output)

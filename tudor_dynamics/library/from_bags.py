@@ -17,7 +17,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 import os
@@ -43,8 +43,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
 from tudor_dynamics.report.page import report_bytes
+from tudor_dynamics.typing import Progress
 
-Progress = Callable[[str], None]
 
 HELD_OUT = 0.4
 """Part at the end of an only bag that is kept for validation."""

@@ -37,8 +37,8 @@ from tudor_dynamics.identification.streamed.sums import ErrorSums, fold_of, Fold
 from tudor_dynamics.identification.streamed.task import Place, Sight, Task, Trial
 from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
 from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.typing import Progress
 
-Progress = Callable[[str], None]
 
 FROM = 33
 """Bags from which a fit is streamed without being asked to."""

@@ -25,6 +25,7 @@ import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
+from tudor_dynamics.models.presliding import Trail
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -128,6 +129,28 @@ class Model(ABC):
             Outputs in their units.
 
         """
+
+    def inputs(self, stretch: Stretch) -> FloatArray:
+        """
+        Give what `predict` takes of a stretch: its motion, unless a kind needs more.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Motion without a gap.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_inputs)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and
+            what else it takes.
+
+        """
+        return stretch.motion
+
+    def trail(self) -> Trail | None:
+        """Give the same sample by sample; None where the motion is all."""
+        return None
 
     def follow_kept(self, stretch: Stretch) -> FloatArray:
         """

@@ -175,25 +175,11 @@ class MemorylessModel(Model):
         """Predict the outputs, each sample by itself; see ``Model``."""
 
     def inputs(self, stretch: Stretch) -> FloatArray:
-        """
-        Give what the model takes of a stretch: its motion, and what friction makes of the past.
-
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and
-            what else it takes.
-
-        """
+        """Give the motion, and what friction makes of the past; see ``Model``."""
         return stretch.motion if self.bristles is None else self.bristles.follow(stretch)
 
     def trail(self) -> Trail | None:
-        """Give the same sample by sample; None where the motion is all."""
+        """Follow what friction makes of the past; see ``Model``."""
         return None if self.bristles is None else Trail(self.bristles)
 
     def follow(self, stretch: Stretch) -> FloatArray:

@@ -33,7 +33,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.memoryless import MemorylessModel
 from tudor_dynamics.monitoring.pairing import PairedSample
 from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.monitoring.residuals import Residual
@@ -67,7 +66,7 @@ class MomentumObserver:
         self._observed: FloatArray | None = None
         self._last = 0
         self._carried = 0.0
-        self._trail = model.trail() if isinstance(model, MemorylessModel) else None
+        self._trail = model.trail()
 
     def step(self, pair: PairedSample, load: CarriedLoad | None = None) -> Residual | None:
         """

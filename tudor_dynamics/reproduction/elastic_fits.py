@@ -23,7 +23,7 @@ for the next heavier one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tudor_dynamics.arm import Arm
@@ -33,8 +33,8 @@ from tudor_dynamics.identification.elastic.trainer import ElasticTrainer
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.reproduction.result_cache import Cached
+from tudor_dynamics.typing import Progress
 
-Progress = Callable[[str], None]
 
 KIND = 'elastic'
 FOUND = 'identified'

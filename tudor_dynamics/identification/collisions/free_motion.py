@@ -26,7 +26,6 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError, TudorWarning
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.memoryless import MemorylessModel
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
 from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
 from tudor_dynamics.monitoring.thresholds.learning import FreeMotion, learn_thresholds
@@ -96,8 +95,7 @@ def free_motion(
         for s in stretches:
             measured, motion = getattr(s, output), s.motion
             if momentum:
-                taken = model.inputs(s) if isinstance(model, MemorylessModel) else motion
-                residual = MomentumObserver(model).process(s.stamp, taken, measured)
+                residual = MomentumObserver(model).process(s.stamp, model.inputs(s), measured)
             else:
                 residual = measured - model.observe(s, correcting.get(id(bag)))
             keep = s.decimation.keep

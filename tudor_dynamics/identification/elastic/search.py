@@ -36,8 +36,8 @@ from tudor_dynamics.identification.elastic.result import Identified, result_of, 
 from tudor_dynamics.identification.elastic.starts import COARSE, compare_starts
 from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP
 from tudor_dynamics.models.elastic.parameters import kind_of
-from tudor_dynamics.parallel import Progress, spread
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.parallel import shared_out
+from tudor_dynamics.typing import FloatArray, Progress
 
 ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
@@ -135,7 +135,7 @@ def identify(
         compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
                                   progress)
         some = [record.thinned(2.0 * COARSE) for record in _some(records)]
-        first = spread(_descended, [
+        first = shared_out(_descended, [
             _Descent('first search', arm, some, prompt, start, FIRST)
             for start in compared.best[:CANDIDATES]], progress)
         fits = [end.fit for end in first]
@@ -153,8 +153,9 @@ def identify(
             if chosen((fits[best], late.fit)):
                 finalists.append((known, late.x))
         runs = compared.runs + sum(end.runs for end in first)
-    done = spread(_descended, [_Descent('all parameters', arm, records, known, x, LAST)
-                               for known, x in finalists], progress)
+    done = shared_out(_descended, [
+        _Descent('all parameters', arm, records, known, x, LAST) for known, x in finalists],
+        progress)
     which = chosen([end.fit for end in done])
     known, end = finalists[which][0], done[which]
     return result_of(_problem(arm, records, known), end.x, starts,

@@ -33,8 +33,8 @@ from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.effort import effort_rows
 from tudor_dynamics.models.elastic.fitted import driven_arm, follow_motion, PhysicalParameter
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.parallel import Progress, spread
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.parallel import shared_out
+from tudor_dynamics.typing import FloatArray, Progress
 
 UNTOLD = 0.2
 """Relative standard error beyond which a stiffness is not told."""
@@ -244,16 +244,19 @@ class ElasticTrainer:
         self._all = self._all or parts[0]
         todo: dict[tuple[str, ...], Sequence[BagData]] = {}
         for bags in parts:
+            if _names(bags) in self._found:
+                continue
             for some in (self._less(bags), bags):
                 if some and _names(some) not in self._found:
                     todo[_names(some)] = some
+        if todo:
+            check_arm(self.arm)
         while todo:
             ready = {key: bags for key, bags in todo.items()
                      if _names(self._less(bags)) not in todo}
-            check_arm(self.arm)
             searches = [_Search(self.arm, records_of(bags), self._begin(bags),
                                 self._known.get(key)) for key, bags in ready.items()]
-            self._found.update(zip(ready, spread(_searched, searches, self.progress),
+            self._found.update(zip(ready, shared_out(_searched, searches, self.progress),
                                    strict=True))
             todo = {key: bags for key, bags in todo.items() if key not in ready}
             whole = _names(self._all)

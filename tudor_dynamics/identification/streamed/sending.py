@@ -111,20 +111,21 @@ def send(
         If a bag has gone since it was looked at.
 
     """
-    single = [replace(trial, bags=(seen,)) for trial in trials for seen in trial.bags]
-    away = [trial for trial in single if not kept(trial, trial.bags[0]).exists()]
+    single = [(replace(trial, bags=(seen,)), kept(trial, seen).exists())
+              for trial in trials for seen in trial.bags]
+    away = [trial for trial, done in single if not done]
     before = len(single) - len(away)
     answers = iter(in_processes(unpacked, _Parcels(work, away), 1,
-                                lambda done: progress(before + done)))
+                                lambda more: progress(before + more)))
     found: Found = []
-    for trial in single:
-        if not kept(trial, trial.bags[0]).exists():
-            facts, files = next(answers)
-            for name, content in files.items():
-                write_whole(trial.task.folder / name, content)
-            found += facts
-        else:
+    for trial, done in single:
+        if done:
             found += work(trial, lambda _: None)
+            continue
+        facts, files = next(answers)
+        for name, content in files.items():
+            write_whole(trial.task.folder / name, content)
+        found += facts
     return found
 
 
@@ -142,7 +143,7 @@ def packed(work: Work, trial: Trial) -> Parcel:
     Returns
     -------
     Parcel
-        All that a worker needs; files that the trial has found out before are in it as well.
+        All that a worker needs.
 
     Raises
     ------
