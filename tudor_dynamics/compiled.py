@@ -34,6 +34,8 @@ MARK = b'\n@compiled\n'
 """What a file with inner loops contains."""
 NUMBERS = 'layout.py'
 """File with nothing but numbers that inner loops use."""
+OWN = Path(__file__).name
+"""This file, which says how to compile."""
 
 KEPT = 'tudor_dynamics-'
 """How directories with compiled functions begin."""
@@ -51,7 +53,7 @@ def kernel_files() -> dict[Path, bytes]:
     """
     contents = {file: file.read_bytes() for file in sorted(PACKAGE.rglob('*.py'))}
     return {file: content for file, content in contents.items()
-            if MARK in content or file.name == NUMBERS}
+            if MARK in content or file.name == NUMBERS or file.name == OWN}
 
 
 def kept_in() -> Path:
@@ -120,7 +122,9 @@ def compiled(function: Function) -> Function:
     """
     Compile a function of scalars and arrays; the result is kept on disk between runs.
 
-    NaN keep their meaning (a run that diverges must be seen), the order of sums may change.
+    Sums keep their order and products are rounded. A function that several others call is compiled
+    into each of them, and which copy serves depends on what was called first: with any freedom in
+    rounding, results would depend on what a process has done before.
 
     Parameters
     ----------
@@ -134,6 +138,5 @@ def compiled(function: Function) -> Function:
 
     """
     with _kept():
-        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy',
-                         fastmath={'contract', 'reassoc', 'nsz'})
+        jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')
         return cast(Function, jit(function))
