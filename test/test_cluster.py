@@ -50,6 +50,7 @@ class Machines:
 
     def __init__(self, stack: ExitStack) -> None:
         self._stack = stack
+        self._workers = 0
         with socket.socket() as taken:
             taken.bind(('127.0.0.1', 0))
             self.address = f'tcp://127.0.0.1:{taken.getsockname()[1]}'
@@ -58,8 +59,15 @@ class Machines:
 
     def worker(self) -> None:
         """Begin a worker with a nanny, which begins it anew when it dies."""
+        self._workers += 1
         self._begin('worker', self.address, '--nworkers', '1', '--nthreads', '1',
                     '--no-dashboard', '--local-directory', '/tmp')
+
+    def ready(self) -> str:
+        """Give the address, with a worker at least."""
+        if not self._workers:
+            self.worker()
+        return self.address
 
     def _begin(self, *words: str) -> None:
         # on a busy machine a process may need longer to answer than the defaults of 30 s allow
@@ -134,7 +142,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
 
 def test_errors_come_back(machines: Machines) -> None:
     """An error is what it was, and what kills one worker after the other says so."""
-    with on_cluster(machines.address):
+    with on_cluster(machines.ready()):
         with pytest.raises(BagError, match='^-1: negative; give another$') as caught:
             in_processes(square, [1, -1, 2], 2)
         assert caught.value.place == '-1'
@@ -146,7 +154,7 @@ def test_errors_come_back(machines: Machines) -> None:
 def test_searches_go_there(machines: Machines) -> None:
     """What threads would have done is done by workers, in order."""
     said: list[str] = []
-    with on_cluster(machines.address):
+    with on_cluster(machines.ready()):
         assert shared_out(spelled, ['ab', 'cd'], said.append) == ['a b', 'c d']
     assert said == ['1 of 2 searches done', '2 of 2 searches done']
 
@@ -155,7 +163,7 @@ def test_other_versions_are_refused(
     machines: Machines, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A worker that would compute something else computes nothing."""
-    with on_cluster(machines.address):
+    with on_cluster(machines.ready()):
         monkeypatch.setattr(cluster, 'versions', lambda: {'numpy': '1.0'})
         with pytest.raises(ProcessError, match=r'a worker has numpy [0-9.]+, not 1\.0'):
             in_processes(square, [1], 1)
@@ -188,7 +196,7 @@ def test_figures_are_those_of_this_machine(
 ) -> None:
     """Recordings and a fit bag by bag come out the same, byte by byte, by relative names too."""
     monkeypatch.chdir(tmp_path)
-    there = ['--cluster', machines.address]
+    there = ['--cluster', machines.ready()]
     for name, more in (('here', ['--jobs', '1']), ('there', there)):
         assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '2',
                      '--seconds', '8', '--out', f'{name}/bags', *more]) == 0

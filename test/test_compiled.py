@@ -47,6 +47,35 @@ def outer(x):
 """
 CALL = 'from tiny.outer import outer; print(outer(2.0), sum(outer.stats.cache_hits.values()))'
 
+MOTIONS = """
+import sys
+import numpy as np
+from tudor_dynamics.arm import load_arm
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.simulation.plant.plant import Plant
+
+
+def plant():
+    moved = Plant(build_mechanism(arm), 0.0005)
+    moved.reset([0.0, 0.3, 0.4])
+    for step in range(400):
+        moved.step([0.0, 0.5, 0.3 * np.sin(0.01 * step)])
+    return moved.coordinates
+
+
+def model():
+    driven = DrivenArm(arm)
+    driven.follow(np.tile([0.6, 0.5], (20, 1)), 0.01 * np.arange(20))
+    return driven.tables.equations.vectors
+
+
+arm = load_arm(sys.argv[1])
+done = {name: globals()[name]().tobytes().hex() for name in sys.argv[2:]}
+print(done['plant'], done['model'])
+"""
+"""What a plant and a model come to, whichever moves first."""
+
 
 def call(folder: Path, **environment: str) -> list[str]:
     """Call the outer function in a process of its own: result and hits of the cache."""
@@ -75,6 +104,15 @@ def test_a_changed_callee_is_compiled_again(tmp_path: Path) -> None:
     (package / 'inner.py').write_text(INNER.format(factor=5.0))
     assert call(tmp_path, NUMBA_CACHE_DIR='') == ['11.0', '0']
     assert len(list((package / '__pycache__').glob('tudor_dynamics-*'))) == 1
+
+
+def test_bits_do_not_depend_on_what_was_called_before(root: Path) -> None:
+    """Functions that two others contain exist twice, and the first that is loaded serves both."""
+    first, second = (subprocess.run(
+        [sys.executable, '-c', MOTIONS, str(root / 'config/tudor.yaml'), *order],
+        capture_output=True, text=True, check=True).stdout.split()
+        for order in (('plant', 'model'), ('model', 'plant')))
+    assert len(first) == 2 and first == second
 
 
 def test_nothing_can_be_kept(tmp_path: Path) -> None:
