@@ -12,58 +12,62 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Stiffnesses of a fleet: a search for the elastic model of each arm at each of its dates."""
+"""
+Stiffnesses of a fleet: a search for the elastic model of each arm at each of its dates.
+
+What a search has found is kept beside the sums of the bags, under a name of all that it depends
+on: bags, arm, filters, sources, and the date before, where the search began.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 import datetime
+import json
 from pathlib import Path
 import warnings
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
 from tudor_dynamics.errors import TudorError, TudorWarning
-from tudor_dynamics.identification.bag_choice import BagChoice
+from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.bag_facts import Unused
-from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.elastic.record import records_of
 from tudor_dynamics.identification.elastic.search import identify
 from tudor_dynamics.identification.fleet.quantities import Quantity, stiffness_quantities
+from tudor_dynamics.identification.streamed.task import PARTS, Sight, Task
 from tudor_dynamics.library.fleet.outcome import Seen
+from tudor_dynamics.models.elastic.fitted import PhysicalParameter
 from tudor_dynamics.parallel import Count, in_processes
+from tudor_dynamics.source_digest import source_digest
 
-Loads = Sequence[tuple[BagChoice, float | None]]
-"""Bags, and what the arm carried in each [kg]."""
+BEHIND = (*PARTS, 'simulation')
+"""Parts of the package that a search depends on."""
+LARGEST = 1_000_000
+"""Bytes of what a search has found."""
+Physical = tuple[PhysicalParameter, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """The dates of an arm, in order."""
 
-    arm: Arm
-    spec: PreprocessingSpec
-    base: Path
-    dates: tuple[Loads, ...]
+    task: Task
+    dates: tuple[Sequence[Sight], ...]
 
 
 def stiffnesses(
-    arms: Mapping[str, Arm], bags: Mapping[tuple[str, datetime.date], Loads],
-    spec: PreprocessingSpec, base: Path, jobs: int, progress: Callable[[int], None],
+    tasks: Mapping[str, Task], bags: Mapping[tuple[str, datetime.date], Sequence[Sight]],
+    jobs: int, progress: Callable[[int], None],
 ) -> tuple[list[Seen], list[Unused]]:
     """
-    Search for the stiffnesses of arms over time.
+    Search for the stiffnesses of arms over time; what was found before is taken up.
 
     Parameters
     ----------
-    arms : mapping of str to Arm
-        Arms by name.
-    bags : mapping of (str, date) to sequence of (BagChoice, float or None)
+    tasks : mapping of str to Task
+        Arms by name, with their filters, and where it is kept what their bags came to.
+    bags : mapping of (str, date) to sequence of Sight
         What was recorded of an arm at a date.
-    spec : PreprocessingSpec
-        Filters and rate.
-    base : Path
-        Directory that names are relative to.
     jobs : int
         Number of processes.
     progress : callable
@@ -75,10 +79,10 @@ def stiffnesses(
         Stiffnesses that the recordings have told; dates of which none were found.
 
     """
-    whens = [sorted(when for when in bags if when[0] == name) for name in arms]
+    whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
     found = in_processes(_over_time, [
-        _Piece(arm, spec, base, tuple(bags[when] for when in mine))
-        for arm, mine in zip(arms.values(), whens, strict=True)], jobs, progress)
+        _Piece(task, tuple(bags[when] for when in mine))
+        for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
     seen: list[Seen] = []
     unused: list[Unused] = []
     for when, told in ((when, told) for mine, some in zip(whens, found, strict=True)
@@ -97,14 +101,33 @@ def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
         warnings.simplefilter('ignore', TudorWarning)
         for bags in piece.dates:
             try:
-                known = identify(piece.arm, records_of([
-                    load(replace(choice, path=str(piece.base / choice.path)), piece.arm,
-                         piece.spec, payload=mass) for choice, mass in bags]), warm=warm)
+                known = _known(piece.task, bags, warm)
             except TudorError as err:
                 found.append(err.advice)
             else:
                 # it is the same arm: the next date begins where this one ended
-                warm = {item.name: item.value for item in known.physical}
-                found.append(stiffness_quantities(known.physical))
+                warm = {item.name: item.value for item in known}
+                found.append(stiffness_quantities(known))
             count(1)
     return found
+
+
+def _known(task: Task, bags: Sequence[Sight], warm: Mapping[str, float] | None) -> Physical:
+    """Take up what was found in the bags of a date, or search for it and keep it."""
+    file = task.file(bags[0], '.json', json.dumps(
+        ['elastic', source_digest(BEHIND), warm, [task.file(bag, '').name for bag in bags[1:]]]))
+    known = _read(file)
+    if known is None:
+        known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
+                         warm=warm).physical
+        write_whole(file, json.dumps([asdict(item) for item in known]).encode())
+    return known
+
+
+def _read(file: Path) -> Physical | None:
+    """Read what a search has found; None where nothing whole is there."""
+    try:
+        return tuple(PhysicalParameter(**item)
+                     for item in json.loads(read_bounded(file, LARGEST))) or None
+    except (OSError, ValueError, TypeError):
+        return None

@@ -88,18 +88,22 @@ class Run:
 class _Date:
     """An arm at a date: its parts, their sums and models."""
 
+    whole: list[Sight] = field(default_factory=list)
     sights: list[Sight] = field(default_factory=list)
-    bags: list[BagChoice] = field(default_factory=list)
-    checksums: list[str] = field(default_factory=list)
     models: dict[str, AnalyticalModel] = field(default_factory=dict)
     others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
     parts: dict[str, list[Part]] = field(default_factory=dict)
 
     @property
-    def loads(self) -> list[tuple[BagChoice, float | None]]:
-        """Pair bags with what the arm carried [kg]."""
-        mass = {sight.choice.path: sight.payload for sight in self.sights}
-        return [(choice, mass[choice.path]) for choice in self.bags if choice.path in mass]
+    def bags(self) -> tuple[BagChoice, ...]:
+        """Give the bags as they were named."""
+        return tuple(seen.choice for seen in self.whole)
+
+    @property
+    def used(self) -> tuple[Sight, ...]:
+        """Give the bags that at least one part of is used."""
+        names = {sight.choice.path for sight in self.sights}
+        return tuple(seen for seen in self.whole if seen.choice.path in names)
 
 
 def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
@@ -160,8 +164,8 @@ class _Study:
         seen += self._rings(chosen.preprocessing)
         if self.run.elastic:
             told, without = stiffnesses(
-                self.arms, {when: date.loads for when, date in self.dates.items()},
-                chosen.preprocessing, self.run.base.absolute(), self.run.jobs,
+                self._tasks(chosen.preprocessing, chosen.settings, ('strain',)),
+                {when: date.used for when, date in self.dates.items()}, self.run.jobs,
                 lambda done: self.progress('stiffness'))
             seen += told
             self.unused += without
@@ -212,9 +216,7 @@ class _Study:
                 continue
             masses.setdefault(sight.payload, str(choice))
             when = self.dates.setdefault((arm.name, date), _Date())
-            when.bags.append(choice)
-            when.checksums.append(sight.checksum)
-            when.sights.append(sight)
+            when.whole.append(sight)
         if len(masses) > 1:
             said = ', '.join(f'{mass} kg ({bag})' for mass, bag in list(masses.items())[:2])
             raise UsageError(f'bags of several payloads cannot be compared: {said}',
@@ -222,7 +224,7 @@ class _Study:
         if not self.dates:
             raise FitError(f'no bag can be used: {self.unused[0]}', remedy='correct the plan')
         for date_ in self.dates.values():
-            date_.sights = parted(date_.sights, PARTS)
+            date_.sights = parted(date_.whole, PARTS)
 
     def _sample(self) -> list[BagData]:
         """Read some bags, evenly among arms and dates."""
@@ -255,13 +257,18 @@ class _Study:
         assert isinstance(model, AnalyticalModel)
         return measures(arm, output, model, bags)
 
+    def _tasks(
+        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
+    ) -> dict[str, Task]:
+        return {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
+                           (self.run.out / 'sums').absolute())
+                for name, arm in self.arms.items()}
+
     def _gather(
         self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
     ) -> None:
         """Multiply out all parts, and fit each date."""
-        tasks = {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
-                            (self.run.out / 'sums').absolute())
-                 for name, arm in self.arms.items()}
+        tasks = self._tasks(spec, settings, outputs)
         asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
         facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
         for (name, when), date in list(self.dates.items()):
@@ -298,7 +305,7 @@ class _Study:
                 date.parts.setdefault(output, []).append(part)
 
     def _rings(self, spec: PreprocessingSpec) -> list[Seen]:
-        asked = [(self.arms[name], spec, self.run.base.absolute(), tuple(date.bags))
+        asked = [(self.arms[name], spec, self.run.base.absolute(), date.bags)
                  for (name, _), date in self.dates.items()]
         found = ring_pieces(asked, self.run.jobs, lambda done: self.progress('ring-downs'))
         return [Seen(*when, 'ring', item) for when, rings in zip(self.dates, found, strict=True)
@@ -322,9 +329,9 @@ class _Study:
         for name, date in self.dates:
             last[name] = max(last.get(name, date), date)
         asked = [Model(self.arms[name], spec, settings, self.run.base.absolute(),
-                       tuple(self.dates[name, date].bags),
-                       tuple(self.dates[name, date].checksums), self.run.out.absolute(), name)
-                 for name, date in last.items()]
+                       self.dates[name, date].bags,
+                       tuple(seen.checksum for seen in self.dates[name, date].whole),
+                       self.run.out.absolute(), name) for name, date in last.items()]
         told = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
         self.unused += [item for item in told if isinstance(item, Unused)]
         return {item.name: f'models/{item.name}' for item, made in zip(asked, told, strict=True)
