@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 import datetime
-from pathlib import Path
 
 from elastic_making import lone_arm, lone_recording, LONE_TRUTH
 import pytest

@@ -112,7 +112,7 @@ def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
     return found
 
 
-def _known(task: Task, bags: Sequence[Sight], warm: Mapping[str, float] | None) -> Physical:
+def _known(task: Task, bags: Sequence[Sight], warm: dict[str, float] | None) -> Physical:
     """Take up what was found in the bags of a date, or search for it and keep it."""
     file = task.file(bags[0], '.json', json.dumps(
         ['elastic', source_digest(BEHIND), warm, [task.file(bag, '').name for bag in bags[1:]]]))
