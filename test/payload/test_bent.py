@@ -16,21 +16,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 import json
 
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
-from sample_arms import multisine
+from sample_arms import multisine, recording_of
 
+from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.regressor import StrainRegressor
-from tudor_dynamics.payload.bending_search import bends, find_bending, Watched
+from tudor_dynamics.payload.bending_search import bends, find_bending, relearned
 from tudor_dynamics.payload.bent import bent_links, BentLinks, FACT
+from tudor_dynamics.payload.estimate import PayloadEstimate
+from tudor_dynamics.payload.offline import estimate_payload
 from tudor_dynamics.payload.sense import BentSense
+from tudor_dynamics.payload.watched import smoothed, Watched
 from tudor_dynamics.payload.worth import LoadWorth
+from tudor_dynamics.signals import prepare, Stretch
 
 DT, BENDING = 0.01, np.array([[-2e-4, 0.0], [-3e-4, -5e-4]])
 
@@ -113,3 +119,51 @@ def test_sensed(every: int) -> None:
     worth = np.array([item.worth for item in kept]).ravel()
     assert left @ worth / (worth @ worth) == pytest.approx(0.2, abs=0.005)
     assert sense.step(0.0, np.zeros(6), strain[0]) is None
+
+
+def stretches(watched: Watched) -> list[Stretch]:
+    """Give the same recording as models of rigid links take it."""
+    return prepare(recording_of(watched.q, 1.0 / DT, strain=watched.strain), PreprocessingSpec())
+
+
+@lru_cache
+def rigid() -> PayloadModel:
+    """Fit rigid links to the motors of those that bend, with 0 and 400 g."""
+    motion, strain = [], []
+    for k, mass in enumerate((0.0, 0.4)):
+        for item in stretches(bent_motion(40.0, mass, k)):
+            kept = item.decimation.keep
+            motion.append(np.column_stack([item.motion[kept], np.full(len(kept), mass)]))
+            strain.append(item.decimation(item.strain))
+    return model().fit(np.vstack(motion), np.vstack(strain))
+
+
+def test_recordings() -> None:
+    """Of a recording the load is told by where links are; without it, by where motors are."""
+    arm, masses = two_gauge_arm(), (0.1, 0.2, 0.3)
+
+    def told(mass: float, seed: int, bent: BentLinks | None, least: float) -> PayloadEstimate:
+        watched = bent_motion(30.0, mass, seed)
+        return estimate_payload(arm, {'strain': rigid()}, stretches(watched), bent=bent, watched=[
+            replace(watched, dt=watched.dt[:round(least / DT)], q=watched.q[:round(least / DT)],
+                    strain=watched.strain[:round(least / DT)])])
+    bent = [told(mass, 20 + k, found(), 30.0) for k, mass in enumerate(masses)]
+    motors = [told(mass, 20 + k, None, 30.0) for k, mass in enumerate(masses)]
+    assert all(item.outputs[0].bent for item in bent) and not motors[0].outputs[0].bent
+    off, others = (np.array([item.mass for item in each]) - masses for each in (bent, motors))
+    assert np.abs(off).max() < 2.5e-3 and np.abs(others).max() > 0.1
+    assert bent[0].outputs[0].after < 0.3 * motors[0].outputs[0].after
+    # where the filter never settles, motors are what there is
+    assert told(0.1, 20, found(), 0.4).mass == motors[0].mass
+
+
+def test_learned_anew() -> None:
+    """Another part of the motion gives another model of links that bend as before."""
+    part = [bent_motion(20.0, m, 30 + k) for k, m in enumerate((0.0, 0.4))]
+    again = relearned(found(), part)
+    assert again.bending is found().bending
+    ours, theirs = again.model.coefficients(), found().model.coefficients()
+    assert not np.array_equal(ours, theirs) and ours == pytest.approx(theirs, rel=0.2, abs=2.0)
+    item = smoothed(part[:1], again.cutoff)[0]
+    left = item.strain - again.model.at(0.0).predict(again.motion(item.states))
+    assert np.abs(left).max() < 0.02 * np.ptp(item.strain)

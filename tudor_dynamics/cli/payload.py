@@ -26,7 +26,7 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.dataset import BagData, load
 from tudor_dynamics.identification.payloads import parse_payloads
-from tudor_dynamics.library.payload import payload_of, telling
+from tudor_dynamics.identification.worth.carried import payload_of, telling
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.monitoring.followed_load import follow_load

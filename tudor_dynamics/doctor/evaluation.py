@@ -26,8 +26,8 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.payloads import model_for
+from tudor_dynamics.identification.worth.carried import payload_of
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.payload.offline import estimate_payload
 
 
 def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Finding, ...]:
@@ -70,9 +70,7 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Fi
 
 def _measured(finding: Finding, bundle: ModelBundle, bag: BagData) -> Finding:
     """Say of a load what is known of it: how much, and as surely as that is known."""
-    models = {output: kinds['analytical'] for output, kinds in bundle.models.items()
-              if 'analytical' in kinds}
-    told = estimate_payload(bundle.arm, models, bag.stretches, known=bundle.payload or 0.0)
+    told = payload_of(bundle, [bag], 'analytical')
     size = None if math.isnan(told.mass) else told.mass - told.known
     return replace(finding, what=f'{finding.what}; {told.sentence}', size=size,
                    unit='' if size is None else 'kg')

@@ -27,11 +27,12 @@ from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.metrics import Score
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
-from tudor_dynamics.identification.worth.bent import bent_facts
+from tudor_dynamics.identification.worth.bent import bent_links_of
 from tudor_dynamics.identification.worth.comparison import spread
 from tudor_dynamics.identification.worth.payload_errors import payload_errors
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.payload.bent import FACT
 
 
 def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelBundle:
@@ -52,6 +53,7 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
 
     """
     assessment = assess(result) if assessment is None else assessment
+    bent = bent_links_of(result)
     facts = {
         'training': [bag.as_dict() for bag in result.learned],
         'test': [bag.as_dict() for bag in result.judged],
@@ -62,11 +64,11 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
         'findings': [item.as_dict() for item in result.findings],
         **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {}),
         **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
-        'payload_errors': payload_errors(result), **bent_facts(result)}
+        'payload_errors': payload_errors(result, bent),
+        **({} if bent is None else {FACT: bent.as_dict(result.arm)})}
     causal = None
     if result.causal is not None:
         facts['causal_validation'] = figures(result.causal)
-        facts['causal_payload_errors'] = payload_errors(result.causal)
         causal = CausalModels(result.causal.preprocessing, _models(result.causal))
     return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
 

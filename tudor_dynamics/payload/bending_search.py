@@ -23,18 +23,15 @@ BIT 15, 1975); angles per strain are what it moves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.payload.bent import BentLinks, links_of
-from tudor_dynamics.signals.smooth_states import SmoothStates
+from tudor_dynamics.payload.watched import CUTOFF, Smoothed, smoothed, Watched
 from tudor_dynamics.typing import FloatArray
 
-CUTOFF = 5.0
-"""Of the filter: first modes pass, second ones, in which links bend otherwise, do not [Hz]."""
 TURN = 1e-3
 """Angle by which a gauge's usual strain is tried [rad or m]."""
 STEPS = 12
@@ -44,46 +41,10 @@ SEARCHED = 6000
 """Samples that the search needs."""
 EXPLAINED = 0.9
 """Part of what rigid links leave over that bent ones may leave at most, in some gauge."""
-FINE = 0.02
-"""Time between samples of which the density is asked [s]: aliases of noise would add to it."""
 LONG = 0.5
 """Time over which means of what is left over do not depend on each other [s]."""
 SMALLEST = 1e-7
 """Share of the largest eigenvalue below which rows tell nothing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Watched:
-    """
-    A gapless stretch of a recording.
-
-    Attributes
-    ----------
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    q : ndarray of shape (n_samples, n_joints)
-        Positions of the active joints [rad or m].
-    strain : ndarray of shape (n_samples, n_gauges)
-        Readings in their units.
-    payload : float
-        What is carried [kg].
-
-    """
-
-    dt: FloatArray
-    q: FloatArray
-    strain: FloatArray
-    payload: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """A stretch behind the filter, thinned out: states of joints and gauges, as of the filter."""
-
-    states: FloatArray
-    strain: FloatArray
-    payload: float
-    step: float
 
 
 def bends(arm: Arm) -> FloatArray:
@@ -131,9 +92,7 @@ def find_bending(
         None where links hardly bend, or there is too little motion.
 
     """
-    rate = sum(len(item.dt) for item in watched) / SEARCHED
-    stretches = [found for item in watched
-                 if (found := _filtered(item, max(1, int(rate)))) is not None]
+    stretches = _searched(watched)
     allowed = bends(arm)
     strains = np.vstack([item.strain for item in stretches]) if stretches else np.zeros(
         (0, len(arm.gauges)))
@@ -148,22 +107,32 @@ def find_bending(
     if not (search.size(turns) < EXPLAINED * rigid).any():
         return None
     bending = search.bending(turns)
-    fine = [found for item in watched if (found := _filtered(
-        item, max(1, round(FINE / float(np.median(item.dt)))))) is not None]
-    return _learned(model, stretches, fine, bending)
+    return _learned(model, stretches, smoothed(watched, CUTOFF), bending)
 
 
-def _filtered(item: Watched, every: int) -> _Stretch | None:
-    smooth = SmoothStates(CUTOFF)
-    begin = int(np.searchsorted(np.cumsum(item.dt), smooth.settle))
-    states = smooth.process(item.dt, np.hstack([item.q, item.strain]))[:, begin::every]
-    if states.shape[1] < 2:
-        return None
-    return _Stretch(states, states[0, :, item.q.shape[1]:], item.payload,
-                    every * float(np.median(item.dt)))
+def relearned(bent: BentLinks, watched: Sequence[Watched]) -> BentLinks:
+    """
+    Fit the model of links that bend as they are known to, to other motion.
+
+    Parameters
+    ----------
+    bent : BentLinks
+        How they bend.
+    watched : sequence of Watched
+        Stretches of free motion with their strain.
+
+    """
+    return _learned(bent.model, _searched(watched), smoothed(watched, bent.cutoff), bent.bending)
 
 
-def _motion(stretch: _Stretch, model: AnalyticalModel, bending: FloatArray) -> FloatArray:
+def _searched(watched: Sequence[Watched]) -> list[Smoothed]:
+    """Filter stretches, and keep as many samples as the search needs."""
+    every = max(1, int(sum(len(item.dt) for item in watched) / SEARCHED))
+    return [found for item in watched
+            for found in smoothed([item], CUTOFF, every * float(np.median(item.dt)))]
+
+
+def _motion(stretch: Smoothed, model: AnalyticalModel, bending: FloatArray) -> FloatArray:
     """Give the input of a model at where links are."""
     motion = links_of(stretch.states, bending)
     if model.n_inputs > motion.shape[1]:
@@ -175,7 +144,7 @@ class _Search:
     """Least squares of all gauges, each by what it leaves over."""
 
     def __init__(
-        self, model: AnalyticalModel, stretches: Sequence[_Stretch], allowed: FloatArray,
+        self, model: AnalyticalModel, stretches: Sequence[Smoothed], allowed: FloatArray,
         usual: FloatArray,
     ) -> None:
         self._model, self._stretches = model, stretches
@@ -253,7 +222,7 @@ class _Search:
 
 
 def _learned(
-    model: AnalyticalModel, stretches: Sequence[_Stretch], fine: Sequence[_Stretch],
+    model: AnalyticalModel, stretches: Sequence[Smoothed], fine: Sequence[Smoothed],
     bending: FloatArray,
 ) -> BentLinks:
     found = model.like().fit(np.vstack([_motion(item, model, bending) for item in stretches]),

@@ -49,6 +49,8 @@ class OutputMass:
         without a scale as a part of the arm's own moment.
     before, after : float
         Relative residual without and with the load.
+    bent : bool
+        Whether it is told by where links are that bend.
 
     """
 
@@ -57,6 +59,7 @@ class OutputMass:
     std: float
     before: float
     after: float
+    bent: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +128,7 @@ class PayloadEstimate:
             'relative_std': plain(self.relative_std),
             'outputs': {item.output: {
                 'mass': plain(item.mass), 'std': plain(item.std), 'before': plain(item.before),
-                'after': plain(item.after)} for item in self.outputs}}
+                'after': plain(item.after), 'bent_links': item.bent} for item in self.outputs}}
 
     @property
     def sentence(self) -> str:

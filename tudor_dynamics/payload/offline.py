@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -25,12 +25,14 @@ import numpy as np
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.payload.bent import BentLinks
 from tudor_dynamics.payload.estimate import OutputMass, PayloadEstimate, Verdict
 from tudor_dynamics.payload.inertia import consistent, COUNT
 from tudor_dynamics.payload.least_squares import Solution, solve_load
-from tudor_dynamics.payload.readings import readings
+from tudor_dynamics.payload.readings import bent_readings, Readings, readings
 from tudor_dynamics.payload.rows import carrier_frame, LoadRows, tip
 from tudor_dynamics.payload.scale import find_scale, friction_terms, Scale, Source
+from tudor_dynamics.payload.watched import smoothed, Watched
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -59,6 +61,8 @@ def estimate_payload(
     known: float = 0.0,
     errors: Mapping[str, float] | None = None,
     whole: bool = True,
+    bent: BentLinks | None = None,
+    watched: Sequence[Watched] = (),
 ) -> PayloadEstimate:
     """
     Estimate what the arm carries.
@@ -78,6 +82,10 @@ def estimate_payload(
         had not seen [kg]; without a scale as a part of the arm's own moment.
     whole : bool, default=True
         Look for place and inertia too, where the scale allows it.
+    bent : BentLinks, optional
+        How links bend: their model takes the place of that of the strain.
+    watched : sequence of Watched
+        The same recording as it was read, for where links are that bend.
 
     Returns
     -------
@@ -92,11 +100,12 @@ def estimate_payload(
     """
     of_all = any(model.payload_range is not None or model.has_memory for model in models.values())
     told = []
-    for output, model in models.items():
+    for output in models:
         if any(getattr(stretch, output) is None for stretch in stretches) or not stretches:
             continue
-        found = (_by_model(arm, output, model, stretches, known) if of_all else
-                 _by_rows(arm, output, model, stretches, whole=whole))
+        seen = _seen(output, models[output], stretches, bent, watched)
+        found = (_by_model(arm, output, seen, known) if of_all else
+                 _by_rows(arm, output, seen, whole=whole))
         error = (errors or {}).get(output, 0.0)
         told.append(replace(found, error=error * (
             1.0 if found.scale.factor.any() else found.reference)))
@@ -120,6 +129,7 @@ class _Told:
     reference: float
     error: float
     size: float
+    bent: bool
 
     @property
     def mass(self) -> float:
@@ -137,7 +147,7 @@ class _Told:
         return OutputMass(
             self.output, worth * self.mass, worth * math.sqrt(self.variance),
             float(np.sqrt(np.mean(self.point.before ** 2))) / size,
-            float(np.sqrt(np.mean(self.point.after ** 2))) / size)
+            float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.bent)
 
 
 def _own(arm: Arm, output: str, motion: FloatArray, channels: int) -> list[FloatArray]:
@@ -153,15 +163,34 @@ def _size(measured: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.var(measured, axis=0))))
 
 
-def _by_model(
-    arm: Arm, output: str, model: Model, stretches: Sequence[Stretch], known: float,
-) -> _Told:
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A model of an output, and the recording beside it with a payload put in."""
+
+    model: Model
+    beside: Callable[[Model], Readings]
+    bent: bool
+
+
+def _seen(
+    output: str, model: Model, stretches: Sequence[Stretch], bent: BentLinks | None,
+    watched: Sequence[Watched],
+) -> _Seen:
+    """Choose the model that leaves the least over: that of links that bend."""
+    if bent is not None and output == 'strain':
+        smooth = smoothed(watched, bent.cutoff)
+        if smooth:
+            return _Seen(bent.model, lambda plain: bent_readings(bent, plain, smooth), True)
+    return _Seen(model, lambda plain: readings(plain, stretches, output), False)
+
+
+def _by_model(arm: Arm, output: str, seen: _Seen, known: float) -> _Told:
     """Let a model say what more payload would do: a line, or its tangent where it bends."""
+    model = seen.model
     low, high = model.payload_range or (known, known + STEP)
     mass, step = low, high - low
     for _ in range(TURNS if model.has_memory else 1):
-        here = readings(model.at(mass), stretches, output)
-        more = readings(model.at(mass + step), stretches, output)
+        here, more = seen.beside(model.at(mass)), seen.beside(model.at(mass + step))
         rows = (more.predicted - here.predicted) / step
         found = solve_load(here.measured - here.predicted, rows[:, :, None],
                            _own(arm, output, here.motion, rows.shape[1]), here.rate)
@@ -171,14 +200,13 @@ def _by_model(
     source = Source.ELASTIC if model.has_memory else Source.PAYLOADS
     reference = high - low if model.payload_range is not None else math.inf
     scale = Scale(np.ones(rows.shape[1]), 0.0, source)
-    return _Told(output, scale, solution, None, reference, 0.0, _size(here.measured))
+    return _Told(output, scale, solution, None, reference, 0.0, _size(here.measured), seen.bent)
 
 
-def _by_rows(
-    arm: Arm, output: str, model: Model, stretches: Sequence[Stretch], *, whole: bool,
-) -> _Told:
+def _by_rows(arm: Arm, output: str, seen: _Seen, *, whole: bool) -> _Told:
     """Explain what a model of one payload leaves over by the rows of the last body."""
-    here = readings(model, stretches, output)
+    model = seen.model
+    here = seen.beside(model)
     scale = find_scale(arm, output, here.motion, here.predicted)
     rows = LoadRows(arm, output)
     left, own = here.measured - here.predicted, _own(arm, output, here.motion,
@@ -201,7 +229,7 @@ def _by_rows(
         one = slice(most, most + 1)
         solution = solve_load(left[:, one], point[:, one, None], own[one], here.rate)
         size = _size(here.measured[:, one])
-    return _Told(output, scale, solution, body, reference, 0.0, size)
+    return _Told(output, scale, solution, body, reference, 0.0, size, seen.bent)
 
 
 def _relative(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:

@@ -22,6 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.payload.bent import BentLinks
+from tudor_dynamics.payload.watched import Smoothed
 from tudor_dynamics.signals import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -73,3 +75,27 @@ def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Reading
                                    zip(*pieces, strict=True))
     seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
     return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9))
+
+
+def bent_readings(bent: BentLinks, model: Model, stretches: Sequence[Smoothed]) -> Readings:
+    """
+    Put the strain of links that bend beside a model of it.
+
+    Parameters
+    ----------
+    bent : BentLinks
+        How they bend.
+    model : Model
+        Of the strain by where links are: that of ``bent`` with a payload put in.
+    stretches : sequence of Smoothed
+        Stretches behind the filter, one at least.
+
+    Returns
+    -------
+    Readings
+        The motion is that of the links.
+
+    """
+    motion = np.vstack([bent.motion(item.states) for item in stretches])
+    return Readings(motion, np.vstack([item.strain for item in stretches]), model.predict(motion),
+                    1.0 / float(np.median([item.step for item in stretches])))

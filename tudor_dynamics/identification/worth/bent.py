@@ -16,22 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
-
 import numpy as np
 
 from tudor_dynamics.errors import TudorError
+from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult
+from tudor_dynamics.identification.standstill import motion_span
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.payload import PayloadModel
-from tudor_dynamics.payload.bending_search import find_bending, Watched
-from tudor_dynamics.payload.bent import FACT, KIND
+from tudor_dynamics.payload.bending_search import find_bending
+from tudor_dynamics.payload.bent import BentLinks, KIND
 from tudor_dynamics.payload.scale import Source
+from tudor_dynamics.payload.watched import CUTOFF, Watched
 from tudor_dynamics.payload.worth import LoadWorth
+from tudor_dynamics.signals.smooth_states import SmoothStates
 
 
-def bent_facts(result: FitResult) -> dict[str, Any]:
+def bent_links_of(result: FitResult) -> BentLinks | None:
     """
     Find how links bend, where that helps to tell loads.
 
@@ -42,32 +43,51 @@ def bent_facts(result: FitResult) -> dict[str, Any]:
 
     Returns
     -------
-    dict
-        For the facts of the bundle; empty where strain tells no kilograms, or links hardly bend.
+    BentLinks or None
+        None where strain tells no kilograms, or links hardly bend.
 
     """
     model = next((item.model for item in result.fitted
                   if (item.output, item.kind) == ('strain', KIND)), None)
     if not isinstance(model, AnalyticalModel):
-        return {}
+        return None
     try:
         if (not isinstance(model, PayloadModel)
                 and LoadWorth(result.arm, 'strain', model).source is Source.NOTHING):
-            return {}
-        found = find_bending(result.arm, model, list(_watched(result)))
+            return None
+        return find_bending(result.arm, model, [
+            item for bag in result.training for item in watched(bag)])
     except TudorError:
-        return {}  # rigid links tell loads as well, if less so
-    return {} if found is None else {FACT: found.as_dict(result.arm)}
+        return None  # rigid links tell loads as well, if less so
 
 
-def _watched(result: FitResult) -> Iterator[Watched]:
-    for bag in result.training:
-        recording = bag.recording
-        for segment in recording.segments:
-            strain = None if recording.strain is None else recording.strain[segment]
-            stamps = recording.stamp[segment]
-            if strain is None or len(stamps) < 2 or not np.isfinite(strain).all():
-                continue
-            dt = np.diff(stamps) * 1e-9
-            yield Watched(np.concatenate([dt[:1], dt]), recording.q[segment], strain,
-                          bag.payload or 0.0)
+def watched(bag: BagData) -> list[Watched]:
+    """
+    Give the stretches of a bag that move, as they were read, and what filters settle on.
+
+    Parameters
+    ----------
+    bag : BagData
+        Bag that was read.
+
+    Returns
+    -------
+    list of Watched
+        Empty where the bag has no strain.
+
+    """
+    recording = bag.recording
+    if recording.strain is None:
+        return []
+    begin, end = motion_span(recording)
+    t, found = recording.t, []
+    for segment in recording.segments:
+        first = max(segment.start, int(np.searchsorted(t, begin - SmoothStates(CUTOFF).settle)))
+        inside = slice(first, min(segment.stop, int(np.searchsorted(t, end, 'right'))))
+        strain, stamps = recording.strain[inside], recording.stamp[inside]
+        if len(stamps) < 2 or not np.isfinite(strain).all():
+            continue
+        dt = np.diff(stamps) * 1e-9
+        found.append(Watched(np.concatenate([dt[:1], dt]), recording.q[inside], strain,
+                             bag.payload or 0.0))
+    return found

@@ -24,7 +24,10 @@ from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification.dataset import BagData, part
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.trainers import RowTrainer
+from tudor_dynamics.identification.worth.bent import watched
 from tudor_dynamics.models.base import Model
+from tudor_dynamics.payload.bending_search import relearned
+from tudor_dynamics.payload.bent import BentLinks
 from tudor_dynamics.payload.estimate import Verdict
 from tudor_dynamics.payload.offline import estimate_payload
 
@@ -34,7 +37,7 @@ PARTS = 4
 """Into which all training bags are cut; each part is left out once."""
 
 
-def payload_errors(result: FitResult) -> dict[str, float]:
+def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str, float]:
     """
     Let models of a part of the training motion tell the known load of the rest.
 
@@ -45,6 +48,9 @@ def payload_errors(result: FitResult) -> dict[str, float]:
     ----------
     result : FitResult
         Fit with its bags.
+    bent : BentLinks, optional
+        How links bend, where strain tells loads by that: as found on all the motion, with a model
+        of a part of it.
 
     Returns
     -------
@@ -70,8 +76,11 @@ def payload_errors(result: FitResult) -> dict[str, float]:
             known = [bag for j, bags in enumerate(pieces) if j != i for bag in bags]
             try:
                 model = trainer.fit(known, item.output)
+                links = None
+                if bent is not None and item.output == 'strain':
+                    links = relearned(bent, [one for bag in known for one in watched(bag)])
                 for bag in left:
-                    error, std = _error(result, model, item.output, bag)
+                    error, std = _error(result, model, item.output, bag, links)
                     if math.isfinite(error) and 0.0 < std < math.inf:
                         errors.append(error)
                         variances.append(std ** 2)
@@ -85,9 +94,12 @@ def payload_errors(result: FitResult) -> dict[str, float]:
     return found
 
 
-def _error(result: FitResult, model: Model, output: str, bag: BagData) -> tuple[float, float]:
+def _error(
+    result: FitResult, model: Model, output: str, bag: BagData, bent: BentLinks | None,
+) -> tuple[float, float]:
     told = estimate_payload(result.arm, {output: model}, bag.stretches,
-                            known=bag.payload or 0.0, whole=False)
+                            known=bag.payload or 0.0, whole=False, bent=bent,
+                            watched=[] if bent is None else watched(bag))
     if told.verdict is Verdict.UNKNOWN:
         return math.nan, math.nan
     one = told.outputs[0]

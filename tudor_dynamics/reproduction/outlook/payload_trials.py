@@ -26,9 +26,9 @@ import numpy as np
 from tudor_dynamics.bags import read_recording
 from tudor_dynamics.identification.bundling import bundle_of
 from tudor_dynamics.identification.fit import fit_models, FitSettings
+from tudor_dynamics.identification.worth.carried import payload_of
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.monitoring.followed_load import follow_load, FollowedLoad
-from tudor_dynamics.payload.offline import estimate_payload
 from tudor_dynamics.reproduction.judging import read
 from tudor_dynamics.reproduction.outlook.part import Setting
 from tudor_dynamics.reproduction.plan import Campaign
@@ -123,12 +123,10 @@ def offline(setting: Setting, bundle: ModelBundle) -> list[list[float]]:
 
     """
     campaign = _campaign(setting, size_of(setting).runs)
-    models = {output: kinds['analytical'] for output, kinds in bundle.models.items()}
     found = []
     for payload in BETWEEN:
         for bag in read(campaign.arm, campaign.record(payload)):
-            told = estimate_payload(bundle.arm, models, bag.stretches,
-                                    errors=bundle.facts['payload_errors'])
+            told = payload_of(bundle, [bag])
             found.append([payload, told.mass, told.mass_std])
     return found
 
