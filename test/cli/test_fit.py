@@ -60,8 +60,8 @@ def test_evaluate_gives_the_contract_s_json(
 ) -> None:
     """Keys as design has them; the fit that the sample bags allow."""
     found = run_json(capsys, 'evaluate', '--model', fitted, root / 'bags/two_blade_test', '--json')
-    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings', 'as_it_was',
-                          'comparison'}
+    assert set(found) == {'model', 'bags', 'samples', 'effort', 'strain', 'findings', 'loads',
+                          'as_it_was', 'comparison'}
     assert found['as_it_was'] is True
     assert set(found['comparison']['strain']['elm']) == {'link2_hub', 'link3_hub'}
     assert found['samples'] == pytest.approx(24 * 20 - 20, abs=3)  # zero-phase settles twice

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
-from sample_arms import multisine, recording_of
+from sample_arms import LENGTH_2, multisine, recording_of
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.bags import read_recording, write_bag
 from tudor_dynamics.bags.writer import recording_series
@@ -116,3 +116,32 @@ def test_metadata_that_make_no_sense(arm: str, tmp_path: Path) -> None:
     recording = read_recording(path, load_arm(arm))
     assert recording.payload is None
     assert any('no mass in kg' in text for text in recording.warnings)
+
+
+def test_a_load_that_the_model_does_not_know(arm: str, tmp_path: Path, capsys) -> None:
+    """It is measured: in figures, in the table, on the page; without one nothing is said of it."""
+    model, page = str(tmp_path / 'model'), tmp_path / 'page.html'
+    assert main(['fit', bag(tmp_path / 'empty', 0.0, 1), bag(tmp_path / 'other', 0.0, 2), '--arm',
+                 arm, '--out', model, '--models', 'analytical', '--friction', 'viscous', 'coulomb',
+                 '--filter', 'zero_phase']) == 0
+    full, empty = bag(tmp_path / 'full', 0.25, 9), bag(tmp_path / 'free', 0.0, 9)
+    capsys.readouterr()
+    assert main(['evaluate', '--model', model, full, '--report', str(page), '--json']) == 1
+    told = json.loads(capsys.readouterr().out)['loads'][full]
+    assert told['mass'] == pytest.approx(0.25, abs=0.01) and told['scale'] == 'torque'
+    assert told['com'][0] == pytest.approx(LENGTH_2, abs=0.02)
+    channels = told['outputs']['effort']['channels']
+    assert set(channels) == {'j1', 'j2'}
+    for one in channels.values():
+        assert one['after'] < 0.2 * one['before'] and one['share'] > 0.95
+    text = page.read_text(encoding='utf-8')
+    assert 'id="load"' in text and 'Centre x' in text and text.count('data:image/svg') == 1
+    assert 'The arm carries what the model does not know' in text
+    assert main(['evaluate', '--model', model, full]) == 1
+    printed = capsys.readouterr().out
+    assert 'load in' in printed and 'Mass beyond what the model knows' in printed
+    assert main(['evaluate', '--model', model, empty, '--report', str(page), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['loads'] == {}
+    assert 'id="load"' not in page.read_text(encoding='utf-8')
+    assert main(['evaluate', '--model', model, empty, '--report', str(tmp_path)]) == 2
+    assert '--report' in capsys.readouterr().err

@@ -27,8 +27,8 @@ import numpy as np
 from tudor_dynamics.arm import load_arm, PreprocessingSpec
 from tudor_dynamics.cli.collisions.options import configure_collisions
 from tudor_dynamics.cli.console import (
-    finite, print_findings, print_json, print_table, score_table, steps)
-from tudor_dynamics.doctor.evaluation import examine_evaluation
+    finite, new_table, print_findings, print_json, print_table, score_table, steps)
+from tudor_dynamics.doctor.evaluation import Evaluated, examine_evaluation
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bag_choice import parse_choice
@@ -37,6 +37,7 @@ from tudor_dynamics.identification.dataset import load
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.identification.worth.comparison import Change, changes
 from tudor_dynamics.library.prediction import predict_bags, warn_of_training
+from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.storage.bundle_io import load_bundle
 from tudor_dynamics.models.units import output_units
 
@@ -76,6 +77,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
                              'standstill at the ends included')
     parser.add_argument('--save', metavar='FILE.npz',
                         help='write stamps, measured, predicted and residual values')
+    parser.add_argument('--report', metavar='FILE.html',
+                        help='write a page: figures, findings, and a load that is found')
     parser.add_argument('--json', action='store_true', help='print the figures as JSON')
     configure_collisions(parser.add_argument_group('collisions'))
 
@@ -101,16 +104,23 @@ def run(args: argparse.Namespace) -> int:
         step('compare')
         found = predict_bags(bundle, data).outputs
     seen = warn_of_training(bundle, data)
-    findings = examine_evaluation(bundle, data)
+    evaluated = examine_evaluation(bundle, data)
+    findings = evaluated.findings
     compared = () if args.rate else changes(bundle.facts, found)
     worse = [change for change in compared if change.changed and _counts(change, compared)]
     if args.save:
         save_traces(Path(args.save), found)
+    if args.report:
+        from tudor_dynamics.report.evaluation import evaluation_page  # slow to import
+        write(args.report, '--report', evaluation_page(
+            bundle, [str(c) for c in choices], found, evaluated, worse).encode())
     if args.json:
         content: dict[str, Any] = {'model': args.model, 'bags': [str(c) for c in choices],
                                    'samples': sum(bag.samples for bag in data),
                                    **({'trained_on': seen} if seen else {}),
-                                   'findings': [item.as_dict() for item in findings]}
+                                   'findings': [item.as_dict() for item in findings],
+                                   'loads': {bag: told.as_dict()
+                                             for bag, told in evaluated.loads.items()}}
         for output, kinds in found.items():
             content[output] = {kind: _figures(item) for kind, item in kinds.items()}
         comparison: dict[str, Any] = {}
@@ -129,10 +139,27 @@ def run(args: argparse.Namespace) -> int:
         print('the model is what it was in its validation: no channel is worse by more than '
               'chance')
     print_findings(findings)
+    _print_loads(evaluated, bundle)
     if worse and not findings:
         print('the doctor finds no cause in these bags: temperature and wear of the drives change '
               'friction; fit again with these bags')
     return 1 if worse else 0
+
+
+def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
+    if not evaluated.loads:
+        return
+    from tudor_dynamics.report.load import load_shares, load_values  # slow to import
+    for bag, told in evaluated.loads.items():
+        table = new_table(f'load in {bag}', ('what',), ('value', 'std. deviation'))
+        for row in load_values(told):
+            table.add_row(f'{row.name} [{row.unit}]', f'{row.value:.4g}', f'{row.std:.2g}')
+        print_table(table)
+        table = new_table('residual', ('channel',), ('without', 'with it', 'explained [%]'))
+        for one in load_shares(bundle.arm, told):
+            table.add_row(f'{one.channel} [{one.unit}]', f'{one.before:.3g}', f'{one.after:.3g}',
+                          f'{one.share:.0f}')
+        print_table(table)
 
 
 def _counts(change: Change, compared: Sequence[Change]) -> bool:
@@ -182,10 +209,32 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
             arrays[f'{output}_{kind}_residual'] = measured - predicted
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)
+    write(path, '--save', buffer.getvalue())
+
+
+def write(path: str | Path, option: str, content: bytes) -> None:
+    """
+    Write a file that was asked for, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write.
+    option : str
+        Option that asks for it.
+    content : bytes
+        What is written.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be written.
+
+    """
     try:
-        write_whole(path, buffer.getvalue())
+        write_whole(Path(path), content)
     except OSError as err:
-        msg = f'--save {path}: cannot be written ({err.strerror}); give another file'
+        msg = f'{option} {path}: cannot be written ({err.strerror}); give another file'
         raise UsageError(msg) from None
 
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 from tudor_dynamics.doctor.bags import examine_bag, merged
@@ -28,9 +28,28 @@ from tudor_dynamics.identification.finding import Finding
 from tudor_dynamics.identification.payloads import model_for
 from tudor_dynamics.identification.worth.carried import payload_of
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.payload.estimate import PayloadEstimate
 
 
-def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Finding, ...]:
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """
+    What bags show beside a model.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Of the bags alone, and of the bags beside the model.
+    loads : dict of str to PayloadEstimate
+        Bag whose residuals look like a load, to what is known of it.
+
+    """
+
+    findings: tuple[Finding, ...]
+    loads: dict[str, PayloadEstimate]
+
+
+def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluated:
     """
     Look at bags that a model is compared with.
 
@@ -43,11 +62,11 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Fi
 
     Returns
     -------
-    tuple of Finding
-        Of the bags alone, and of the bags beside the model.
+    Evaluated
+        Findings, and loads that the model does not know of.
 
     """
-    findings = []
+    findings, loads = [], {}
     for bag in data:
         examined = examine_bag(bundle.arm, bag)
         findings.append(list(examined.findings))
@@ -64,13 +83,13 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> tuple[Fi
         found = load_of(examined.case, {output: model.predict(examined.case.motion)
                                         for output, model in known.items()}, str(bag.choice))
         if found is not None:
-            findings[-1].insert(0, _measured(found, bundle, bag))
-    return tuple(merged(findings))
+            told = loads[str(bag.choice)] = payload_of(bundle, [bag], 'analytical')
+            findings[-1].insert(0, _measured(found, told))
+    return Evaluated(tuple(merged(findings)), loads)
 
 
-def _measured(finding: Finding, bundle: ModelBundle, bag: BagData) -> Finding:
+def _measured(finding: Finding, told: PayloadEstimate) -> Finding:
     """Say of a load what is known of it: how much, and as surely as that is known."""
-    told = payload_of(bundle, [bag], 'analytical')
     size = None if math.isnan(told.mass) else told.mass - told.known
     return replace(finding, what=f'{finding.what}; {told.sentence}', size=size,
                    unit='' if size is None else 'kg')

@@ -35,7 +35,39 @@ class Verdict(Enum):
     UNKNOWN = 'no information'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """
+    What an output leaves over, each channel's own zero and friction left out.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Joints or gauges; without those of unknown scale.
+    t : ndarray of shape (n_samples,)
+        Since the beginning of the recording [s].
+    before, after : ndarray of shape (n_samples, n_channels)
+        Without and with the load, in units of the channels.
+
+    """
+
+    channels: tuple[str, ...]
+    t: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+    def sizes(self) -> tuple[FloatArray, FloatArray]:
+        """Give root mean squares by channel, without and with the load."""
+        return (np.asarray(np.sqrt(np.mean(self.before ** 2, axis=0))),
+                np.asarray(np.sqrt(np.mean(self.after ** 2, axis=0))))
+
+    def shares(self) -> FloatArray:
+        """Give the part of each channel's squares that the load explains, from 0 to 1."""
+        before, after = self.sizes()
+        return np.asarray(np.maximum(1.0 - (after / np.maximum(before, 1e-300)) ** 2, 0.0))
+
+
+@dataclass(frozen=True, eq=False)
 class OutputMass:
     """
     Mass at the tip as one output tells it.
@@ -51,6 +83,8 @@ class OutputMass:
         Relative residual without and with the load.
     bent : bool
         Whether it is told by where links are that bend.
+    leftover : Leftover
+        The same sample by sample, with the load that the estimate takes: at the tip, or as a body.
 
     """
 
@@ -59,7 +93,8 @@ class OutputMass:
     std: float
     before: float
     after: float
-    bent: bool = False
+    bent: bool
+    leftover: Leftover
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +163,11 @@ class PayloadEstimate:
             'relative_std': plain(self.relative_std),
             'outputs': {item.output: {
                 'mass': plain(item.mass), 'std': plain(item.std), 'before': plain(item.before),
-                'after': plain(item.after), 'bent_links': item.bent} for item in self.outputs}}
+                'after': plain(item.after), 'bent_links': item.bent, 'channels': {
+                    name: {'before': plain(before), 'after': plain(after), 'share': plain(share)}
+                    for name, before, after, share in zip(
+                        item.leftover.channels, *item.leftover.sizes(), item.leftover.shares(),
+                        strict=True)}} for item in self.outputs}}
 
     @property
     def sentence(self) -> str:

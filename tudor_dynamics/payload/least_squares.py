@@ -49,8 +49,8 @@ class Solution:
         Least squares; directions that are not shown are zero.
     information : ndarray of shape (n_parameters, n_parameters)
         Inverse of the covariance; singular where directions are not shown.
-    before, after : ndarray of shape (n_channels,)
-        Root mean square of each channel without and with the load, its own terms left out, in its
+    before, after : ndarray of shape (n_samples, n_channels)
+        What is left over without and with the load, each channel's own terms left out, in its
         unit.
 
     """
@@ -118,7 +118,7 @@ def solve_load(
     # of a load as of the noise: a spread that a short recording shows by chance is no less
     spread = spread + FLAT * np.trace(spread) * np.eye(len(spread))
     information = gram @ np.linalg.pinv(spread, rcond=1e-12, hermitian=True) @ gram
-    return Solution(parameters / scale, information * np.outer(scale, scale), before, deviation)
+    return Solution(parameters / scale, information * np.outer(scale, scale), left, error)
 
 
 def long_run(scores: FloatArray, window: int) -> FloatArray:

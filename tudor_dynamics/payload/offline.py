@@ -26,7 +26,7 @@ from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.payload.bent import BentLinks
-from tudor_dynamics.payload.estimate import OutputMass, PayloadEstimate, Verdict
+from tudor_dynamics.payload.estimate import Leftover, OutputMass, PayloadEstimate, Verdict
 from tudor_dynamics.payload.inertia import consistent, COUNT
 from tudor_dynamics.payload.least_squares import Solution, solve_load
 from tudor_dynamics.payload.readings import bent_readings, Readings, readings
@@ -130,6 +130,8 @@ class _Told:
     error: float
     size: float
     bent: bool
+    channels: tuple[str, ...]
+    t: FloatArray
 
     @property
     def mass(self) -> float:
@@ -142,12 +144,16 @@ class _Told:
         information = float(self.point.information[0, 0])
         return (1.0 / information if information > 0.0 else math.inf) + self.error ** 2
 
-    def summary(self, worth: float = 1.0) -> OutputMass:
+    def summary(self, worth: float = 1.0, *, at_tip: bool = True) -> OutputMass:
         size = max(self.size, 1e-300)
+        taken = self.point if at_tip or self.body is None else self.body
+        felt = np.flatnonzero(self.scale.factor) if len(self.channels) > 1 else np.arange(1)
         return OutputMass(
             self.output, worth * self.mass, worth * math.sqrt(self.variance),
             float(np.sqrt(np.mean(self.point.before ** 2))) / size,
-            float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.bent)
+            float(np.sqrt(np.mean(self.point.after ** 2))) / size, self.bent,
+            Leftover(tuple(self.channels[place] for place in felt), self.t, taken.before[:, felt],
+                     taken.after[:, felt]))
 
 
 def _own(arm: Arm, output: str, motion: FloatArray, channels: int) -> list[FloatArray]:
@@ -200,7 +206,8 @@ def _by_model(arm: Arm, output: str, seen: _Seen, known: float) -> _Told:
     source = Source.ELASTIC if model.has_memory else Source.PAYLOADS
     reference = high - low if model.payload_range is not None else math.inf
     scale = Scale(np.ones(rows.shape[1]), 0.0, source)
-    return _Told(output, scale, solution, None, reference, 0.0, _size(here.measured), seen.bent)
+    return _Told(output, scale, solution, None, reference, 0.0, _size(here.measured), seen.bent,
+                 model.channels, here.t)
 
 
 def _by_rows(arm: Arm, output: str, seen: _Seen, *, whole: bool) -> _Told:
@@ -220,6 +227,7 @@ def _by_rows(arm: Arm, output: str, seen: _Seen, *, whole: bool) -> _Told:
     worth = scale.factor[most] if scale.factor[most] else 1.0
     reference = float(own_weight[most] / max(float(load_weight[most] * abs(worth)), 1e-300))
     point, body, size = rows.point(here.motion), None, _size(here.measured)
+    channels = model.channels
     if scale.factor.any():
         solution = solve_load(left, (point * scale.factor)[:, :, None], own, here.rate)
         if whole:
@@ -228,8 +236,8 @@ def _by_rows(arm: Arm, output: str, seen: _Seen, *, whole: bool) -> _Told:
     else:  # each channel is in a unit of its own: that which feels most
         one = slice(most, most + 1)
         solution = solve_load(left[:, one], point[:, one, None], own[one], here.rate)
-        size = _size(here.measured[:, one])
-    return _Told(output, scale, solution, body, reference, 0.0, size, seen.bent)
+        size, channels = _size(here.measured[:, one]), channels[one]
+    return _Told(output, scale, solution, body, reference, 0.0, size, seen.bent, channels, here.t)
 
 
 def _relative(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
@@ -278,7 +286,7 @@ def _combined(arm: Arm, told: Sequence[_Told], known: float) -> PayloadEstimate:
         _verdict(mass, std, plain, reference), known + mass, std, known, com, com_std, inertia,
         inertia_std, carrier_frame(arm), at_tip, best.scale.source, relative,
         _over(mass, reference), _over(plain, reference),
-        tuple(item.summary() for item in told))
+        tuple(item.summary(at_tip=at_tip) for item in told))
 
 
 def _over(value: float, reference: float) -> float:

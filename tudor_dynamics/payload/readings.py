@@ -41,6 +41,8 @@ class Readings:
         In units of the output; predicted as if nothing were carried beyond what the model knows.
     rate : float
         Samples a second [Hz].
+    t : ndarray of shape (n_samples,)
+        Since the beginning of the recording [s].
 
     """
 
@@ -48,6 +50,7 @@ class Readings:
     measured: FloatArray
     predicted: FloatArray
     rate: float
+    t: FloatArray
 
 
 def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Readings:
@@ -69,12 +72,12 @@ def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Reading
         At the samples that decimation keeps.
 
     """
-    pieces = [(s.motion[s.decimation.keep], s.decimation(getattr(s, output)),
-               model.follow_kept(s)) for s in stretches]
-    motion, measured, predicted = (np.concatenate(column) for column in
+    pieces = [(s.t[s.decimation.keep], s.motion[s.decimation.keep],
+               s.decimation(getattr(s, output)), model.follow_kept(s)) for s in stretches]
+    t, motion, measured, predicted = (np.concatenate(column) for column in
                                    zip(*pieces, strict=True))
     seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
-    return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9))
+    return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9), t)
 
 
 def bent_readings(bent: BentLinks, model: Model, stretches: Sequence[Smoothed]) -> Readings:
@@ -98,4 +101,5 @@ def bent_readings(bent: BentLinks, model: Model, stretches: Sequence[Smoothed]) 
     """
     motion = np.vstack([bent.motion(item.states) for item in stretches])
     return Readings(motion, np.vstack([item.strain for item in stretches]), model.predict(motion),
-                    1.0 / float(np.median([item.step for item in stretches])))
+                    1.0 / float(np.median([item.step for item in stretches])),
+                    np.concatenate([item.t for item in stretches]))

@@ -45,6 +45,8 @@ class Watched:
         Readings in their units.
     payload : float
         What is carried [kg].
+    begin : float
+        Time of the first sample since the beginning of the recording [s].
 
     """
 
@@ -52,6 +54,7 @@ class Watched:
     q: FloatArray
     strain: FloatArray
     payload: float
+    begin: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,8 @@ class Smoothed:
         What is carried [kg].
     step : float
         Time between samples [s].
+    t : ndarray of shape (n_samples,)
+        Since the beginning of the recording [s].
 
     """
 
@@ -76,6 +81,7 @@ class Smoothed:
     strain: FloatArray
     payload: float
     step: float
+    t: FloatArray
 
 
 def smoothed(items: Iterable[Watched], cutoff: float, step: float = FINE) -> list[Smoothed]:
@@ -102,9 +108,10 @@ def smoothed(items: Iterable[Watched], cutoff: float, step: float = FINE) -> lis
         dt = float(np.median(item.dt))
         every = max(1, round(step / dt))
         smooth = SmoothStates(cutoff)
-        begin = int(np.searchsorted(np.cumsum(item.dt), smooth.settle))
+        elapsed = np.cumsum(item.dt) - item.dt[0]
+        begin = int(np.searchsorted(elapsed, smooth.settle))
         states = smooth.process(item.dt, np.hstack([item.q, item.strain]))[:, begin::every]
         if states.shape[1] > 1:
             found.append(Smoothed(states, states[0, :, item.q.shape[1]:], item.payload,
-                                  every * dt))
+                                  every * dt, item.begin + elapsed[begin::every]))
     return found

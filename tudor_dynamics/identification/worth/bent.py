@@ -89,5 +89,5 @@ def watched(bag: BagData) -> list[Watched]:
             continue
         dt = np.diff(stamps) * 1e-9
         found.append(Watched(np.concatenate([dt[:1], dt]), recording.q[inside], strain,
-                             bag.payload or 0.0))
+                             bag.payload or 0.0, float(t[first])))
     return found
