@@ -168,6 +168,41 @@ def test_taken_back(world: World, bundle: Path, seen: Recording) -> None:
     assert node._reset() == 'armed' and node.port.load.mass == 0.0
 
 
+def test_touched(world: World, bundle: Path) -> None:
+    """While the detector tells a contact the mass waits; behind it the next load is learned."""
+    arm, touched, ended, changed = two_gauge_arm(), 4.0, 5.5, 7.0
+    t = np.arange(0.0, 8.5, 1.0 / RATE)
+    moved = multisine(t, 2, 3)
+    first, then = (true_outputs(arm, moved, m)['strain'] for m in (0.2, LOAD))
+    strain = np.where(t[:, None] < changed, first, then)
+    strain += np.random.default_rng(0).standard_normal(strain.shape)
+    # shaking, so that nothing but the detector says that the arm is touched: no moment stays
+    shaken = np.where((t > touched) & (t < ended), np.sin(20.0 * t), 0.0)
+    strain += shaken[:, None] * [120.0, -80.0]
+    node = world.add(MonitorNode, model=str(bundle), payload_source='estimate', payload=0.2)
+    world.listen('collision', Bool, latched())
+    world.meet('joint_states', 'link_strains')
+    masses: list[float] = []
+
+    def look(k: int, messages: dict[str, Any]) -> None:
+        named(k, messages)
+        masses.append(node.port.load.mass)
+        if k == round(6.9 * RATE):
+            node.port._expect()
+    feed(world, recording_of(moved[:, :2], RATE, dq=moved[:, 2:4], strain=strain),
+         lambda: node.meter.count // 2, change=look, batch=1, gauges=['g1', 'g2'])
+    at = {time: round(time * RATE) for time in (touched, 4.5, 5.4, 6.9)}
+    assert abs(masses[at[touched]] - 0.2) < 0.01
+    assert len(set(masses[at[4.5]:at[5.4]])) == 1  # not a digit
+    assert abs(masses[at[5.4]] - 0.2) < 0.02
+    assert len(set(masses[at[5.4]:at[6.9]])) > 30 and abs(masses[at[6.9]] - 0.2) < 0.01
+    assert abs(node.port.load.mass - LOAD) < 0.02
+    assert world.spin(lambda: [item.data for item in world.heard['collision']] == [
+        False, True, False])
+    counted = values_of(world.status('monitor'))
+    assert counted['loads announced'] == '1' and counted['collisions that were loads'] == '0'
+
+
 def test_detector_estimates(world: World, bundle: Path, seen: Recording) -> None:
     """A detector of its own tells the load to its predictor, and takes the collision back."""
     chain = [world.add(JointStateFilterNode, model=str(bundle)),
