@@ -35,6 +35,11 @@ def worths(seconds: float, seed: int = 0) -> FloatArray:
                             120.0 * np.cos(3.0 * t + phase[1])])
 
 
+def ringing(count: int) -> FloatArray:
+    """Give what inertia makes of a weight that is carried up and down."""
+    return np.asarray(1.0 + 0.3 * np.sin(9.0 * DT * np.arange(count)))[:, None]
+
+
 def noise(count: int, seed: int = 1) -> FloatArray:
     """Give noise of the density 0.1, which is white to the highest frequency."""
     return np.random.default_rng(seed).standard_normal((count, 2)) * np.sqrt(0.1 / DT)
@@ -52,8 +57,9 @@ def test_best_change(mass: float, carried: float, block: int, seed: int) -> None
     step = np.where(since >= 0, seen[np.maximum(since, 0)], 0.0)
     left = worth * (carried + mass * step)[:, None] + x[1:]
     past = RecentPast(2, 2.0, seen)
-    for sample, kilogram in zip(left, worth, strict=True):
-        past.add(DT, sample, kilogram)
+    weight = worths(1.0, seed + 1)
+    for sample, kilogram, still in zip(left, worth, weight, strict=True):
+        past.add(DT, sample, kilogram, still)
     found = past.changed(x, 0.1)
     assert found is not None and found.since == pytest.approx((20 - block) * BLOCK)
     assert found.mass == pytest.approx(mass, rel=1e-6)
@@ -61,16 +67,22 @@ def test_best_change(mass: float, carried: float, block: int, seed: int) -> None
     came = (left - worth * carried - x[1:])[since >= 0]
     assert found.came == pytest.approx(DT * np.sum(came ** 2))
     assert found.gain == pytest.approx(found.came)
+    pressing = (weight * step[:, None])[since >= 0]
+    assert found.pressed == pytest.approx(DT * (
+        np.sum(came ** 2) - np.sum(came * pressing) ** 2 / np.sum(pressing ** 2)))
 
 
 def followed(
     observer: LoadObserver, left: FloatArray, worth: FloatArray, *, announced: float = -1.0,
+    weight: FloatArray | None = None,
 ) -> tuple[list[float], list[tuple[float, float]]]:
-    """Give masses, and times and sizes of what was told to be a load."""
+    """Give masses, and times and sizes of what was told to be a load; links ring."""
     masses, told = [], []
-    for k, (sample, kilogram) in enumerate(zip(left, worth, strict=True)):
+    weight = worth / ringing(len(worth)) if weight is None else weight
+    for k, (sample, kilogram, still) in enumerate(zip(left, worth, weight, strict=True)):
         expected = announced >= 0.0 and announced <= k * DT < announced + 3.0
-        change = observer.step(DT if k else 0.0, sample, kilogram, held=False, expected=expected)
+        change = observer.step(DT if k else 0.0, sample, kilogram, still, held=False,
+                               expected=expected)
         if change:
             told.append((k * DT, change))
         masses.append(observer.mass)
@@ -125,6 +137,28 @@ def test_touched_and_recovered() -> None:
     assert observer.mass == pytest.approx(0.35, abs=0.01)
 
 
+@pytest.mark.parametrize('inert', [False, True])
+def test_held_downwards(inert: bool) -> None:
+    """A force at the tip has the levers of a load, and no inertia: it is none, a mass is one."""
+    weight = worths(9.0)
+    t = np.arange(len(weight)) * DT
+    worth = weight * ringing(len(t))
+    came = np.where(t > 5.0, 0.25, 0.0)[:, None] * (worth if inert else weight)
+    masses, told = followed(LoadObserver(2, 0.4), came + noise(len(t)), worth, weight=weight)
+    assert [round(change, 2) for _, change in told] == ([0.25] if inert else [])
+    assert abs(masses[-1] - (0.25 if inert else 0.0)) < 0.02
+
+
+def test_still_links() -> None:
+    """Where inertia shows nothing, what has come is a load when it has stayed for three seconds."""
+    worth = worths(10.0)
+    t = np.arange(len(worth)) * DT
+    left = worth * np.where(t > 5.0, 0.25, 0.0)[:, None] + noise(len(t))
+    masses, told = followed(LoadObserver(2, 0.4), left, worth, weight=worth)
+    assert len(told) == 1 and 8.0 < told[0][0] < 9.0
+    assert abs(masses[790]) < 0.02 and abs(masses[-1] - 0.25) < 0.01
+
+
 def test_small_loads_wait() -> None:
     """What is lighter than what is told at once is taken when it stays, however it was held."""
     worth = worths(14.0)
@@ -141,7 +175,7 @@ def test_begins_anew() -> None:
     observer = LoadObserver(2, 0.4)
     followed(observer, worth * 0.2, worth)
     assert observer.mass == pytest.approx(0.2, abs=0.01)
-    assert observer.step(0.0, worth[0] * 0.4, worth[0], held=False) == 0.0
+    assert observer.step(0.0, worth[0] * 0.4, worth[0], worth[0], held=False) == 0.0
     assert observer.mass == pytest.approx(0.2, abs=0.01)
     observer.reset()
     assert observer.mass == 0.0 and observer.std == pytest.approx(0.4)

@@ -216,7 +216,8 @@ class PayloadStage(CarriedLoad):
         for _ in range(round(2.0 * BEGUN / WARMED_UP)):
             sensed = self._sense.step(WARMED_UP, nothing, np.zeros(channels))
             if sensed is not None:
-                self.observer.step(WARMED_UP, sensed.left, sensed.worth, held=False)
+                self.observer.step(WARMED_UP, sensed.left, sensed.worth, sensed.weight,
+                                   held=False)
         self.observer.reset()
         self._sense, _ = self._sensed(bundle)
 
@@ -257,6 +258,6 @@ class PayloadStage(CarriedLoad):
         if sensed is None:
             return None
         change = self.observer.step(
-            dt, sensed.left, sensed.worth, held=level is not Level.FREE and not self.expecting,
-            expected=self.expecting)
+            dt, sensed.left, sensed.worth, sensed.weight,
+            held=level is not Level.FREE and not self.expecting, expected=self.expecting)
         return LoadFound(motion.stamp, self.mass, change) if change else None

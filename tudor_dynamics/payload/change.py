@@ -20,7 +20,8 @@ behind it another one. The best of them is what least squares leave the least ov
 generalised likelihood ratio of Willsky and Jones, IEEE TAC 21(1), 1976). It is a load where that
 explains nearly all of what came, since a mass in the hand has one number for all channels, poses
 and accelerations; a touch elsewhere, or in another direction, has other levers and does not turn
-with the arm.
+with the arm. A force that is held downwards at the tip has its levers, but no inertia: links ring
+with a load as they do with its mass, and with that force as they do without.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from tudor_dynamics.typing import FloatArray
 
 BLOCK = 0.05
 """Time over which samples are summed up [s]."""
-SCALARS = 4
+SCALARS = 7
 """Sums before those by channel: squares of what is left, its products with what a kilogram adds,
-squares of that, time."""
+squares of that, time; products of its weight with what is left, and with what it adds, squares."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class Change:
         The same with the change.
     touched : float
         The same with a moment that stays as it is, of any size in each channel.
+    pressed : float
+        The same with a force downwards at the tip, which weighs without having inertia.
     since : float
         Time since then [s].
 
@@ -67,6 +70,7 @@ class Change:
     came: float
     left: float
     touched: float
+    pressed: float
     since: float
 
     @property
@@ -76,15 +80,21 @@ class Change:
 
 
 @compiled
-def add_sample(left: FloatArray, worth: FloatArray, dt: float, sums: FloatArray) -> None:
+def add_sample(
+    left: FloatArray, worth: FloatArray, weight: FloatArray, dt: float, sums: FloatArray,
+) -> None:
     """Add a sample to the sums of a block."""
     channels = left.shape[0]
     for c in range(channels):
         sums[0] += left[c] * left[c] * dt
         sums[1] += left[c] * worth[c] * dt
         sums[2] += worth[c] * worth[c] * dt
+        sums[4] += left[c] * weight[c] * dt
+        sums[5] += worth[c] * weight[c] * dt
+        sums[6] += weight[c] * weight[c] * dt
         sums[SCALARS + c] += left[c] * dt
         sums[SCALARS + channels + c] += worth[c] * dt
+        sums[SCALARS + 2 * channels + c] += weight[c] * dt
     sums[3] += dt
 
 
@@ -96,24 +106,26 @@ def best_change(
     Try each block as the first of another load.
 
     ``x`` are load and zeros of before; ``ramp`` is how much of a change is seen so many blocks
-    behind it. ``out`` takes mass, information, what came, what is left, what a touch leaves, and
-    the number of blocks; nothing where all information is zero.
+    behind it. ``out`` takes mass, information, what came, what is left, what a touch leaves, what
+    a force at the tip leaves, and the number of blocks; nothing where all information is zero.
     """
     count = blocks.shape[0]
     channels = x.shape[0] - 1
-    own = np.empty((count, 3 + channels))
+    own = np.empty((count, 4 + channels))
     for i in range(count):
         block = blocks[i]
         square, cross, extent = block[0], block[1], block[2]
         own[i, 0] = square - 2.0 * x[0] * cross + x[0] * x[0] * extent
         own[i, 1] = cross - x[0] * extent
         own[i, 2] = extent
+        own[i, 3] = block[4] - x[0] * block[5]
         for c in range(channels):
             zero = x[1 + c]
             there, worth = block[SCALARS + c], block[SCALARS + channels + c]
             own[i, 0] += zero * (zero * block[3] - 2.0 * there + 2.0 * x[0] * worth)
             own[i, 1] -= zero * worth
-            own[i, 3 + c] = there - x[0] * worth - zero * block[3]
+            own[i, 3] -= zero * block[SCALARS + 2 * channels + c]
+            own[i, 4 + c] = there - x[0] * worth - zero * block[3]
     most = 0.0
     for first in range(count - least + 1):
         along = extent = 0.0
@@ -124,20 +136,24 @@ def best_change(
         if extent <= 0.0 or along * along <= most * extent:
             continue
         most = along * along / extent
-        out[0], out[1], out[5] = along / extent, extent, count - first
+        out[0], out[1], out[6] = along / extent, extent, count - first
     if most <= 0.0:
         return
-    first = count - int(out[5])
+    first = count - int(out[6])
     moments = np.zeros(channels)
-    extent = 0.0
+    extent = pressing = pressed = 0.0
     for i in range(first, count):
         seen = ramp[i - first]
         out[2] += own[i, 0]
         extent += seen * seen * blocks[i, 3]
+        pressing += seen * own[i, 3]
+        pressed += seen * seen * blocks[i, 6]
         for c in range(channels):
-            moments[c] += seen * own[i, 3 + c]
+            moments[c] += seen * own[i, 4 + c]
     out[3] = out[2] - most
-    out[4] = out[2]
+    out[4] = out[5] = out[2]
+    if pressed > 0.0:
+        out[5] -= pressing * pressing / pressed
     for c in range(channels):
         out[4] -= moments[c] * moments[c] / extent
 
@@ -160,8 +176,8 @@ class RecentPast:
     def __init__(self, channels: int, longest: float, ramp: FloatArray) -> None:
         self._most = round(longest / BLOCK)
         self._ramp = ramp
-        self._blocks = np.zeros((self._most + 1, SCALARS + 2 * channels))
-        self._out = np.zeros(6)
+        self._blocks = np.zeros((self._most + 1, SCALARS + 3 * channels))
+        self._out = np.zeros(7)
         self.clear()
 
     def clear(self) -> None:
@@ -174,7 +190,9 @@ class RecentPast:
         """Say whether there is no place for another block."""
         return self._full == self._most
 
-    def add(self, dt: float, left: FloatArray, worth: FloatArray) -> bool:
+    def add(
+        self, dt: float, left: FloatArray, worth: FloatArray, weight: FloatArray,
+    ) -> bool:
         """
         Add a sample, in units of its noise; say whether a block is full with it.
 
@@ -186,10 +204,12 @@ class RecentPast:
             What a model without the load leaves over.
         worth : ndarray of shape (n_channels,)
             What a kilogram adds.
+        weight : ndarray of shape (n_channels,)
+            What its weight adds without its inertia.
 
         """
         newest = self._blocks[self._full]
-        add_sample(left, worth, dt, newest)
+        add_sample(left, worth, weight, dt, newest)
         if newest[3] < BLOCK - 1e-9:
             return False
         if self.full:
@@ -217,5 +237,7 @@ class RecentPast:
         out = self._out
         out[:] = 0.0
         best_change(self._blocks[:self._full], x, self._ramp, blocks, out)
-        mass, information, came, left, touched, count = out.tolist()
-        return Change(mass, information, came, left, touched, count * BLOCK) if count else None
+        mass, information, came, left, touched, pressed, count = out.tolist()
+        if not count:
+            return None
+        return Change(mass, information, came, left, touched, pressed, count * BLOCK)

@@ -48,10 +48,13 @@ LOUD = 40.0
 """What any other explains at least."""
 TOUCH = 1.3
 """A load explains it as well as a moment that stays, but for this."""
+PRESSED = 0.9
+"""Part of what its weight without inertia leaves over that a load leaves at most, until it has
+stayed: on an arm that does not move the two are the same."""
 LIGHTEST, HEAVIEST = 0.12, 1.5
 """Loads that are told from touches, in payloads of the model."""
 LASTING, LIGHTER = 3.0, 0.02
-"""What has stayed for so long [s] is a load from so little on."""
+"""What has stayed for so long [s] is a load from so little on, and be it as its weight alone."""
 ODD = 60.0
 """What a moment that stays explains at least of what came, if something touches the arm."""
 UNSURE = 0.05
@@ -134,7 +137,7 @@ class LoadObserver:
         return math.sqrt(max(float(self._p[0, 0]), 0.0))
 
     def step(
-        self, dt: float, left: FloatArray, worth: FloatArray, *, held: bool,
+        self, dt: float, left: FloatArray, worth: FloatArray, weight: FloatArray, *, held: bool,
         expected: bool = False,
     ) -> float:
         """
@@ -148,6 +151,8 @@ class LoadObserver:
             What a model without the load leaves over, in units of its noise.
         worth : ndarray of shape (n_channels,)
             What a kilogram adds, in the same.
+        weight : ndarray of shape (n_channels,)
+            What its weight adds without its inertia.
         held : bool
             Whether something touches the arm: then the mass stays as it is.
         expected : bool, default=False
@@ -169,11 +174,11 @@ class LoadObserver:
             self._announcing = expected
             self._keep()
         if expected and self._seconds >= BEGUN:
-            if self._announced.add(dt, left, worth):
+            if self._announced.add(dt, left, worth, weight):
                 self._follow()
             return 0.0
         self._waited = self._waited + dt if held or self._odd else 0.0
-        if self._recent.add(dt, left, worth):
+        if self._recent.add(dt, left, worth, weight):
             found = self._recent.changed(self._kept[0][0], SEEN)
             if found is not None and self._told(found):
                 self._take(found, *self._kept[0])
@@ -211,13 +216,15 @@ class LoadObserver:
 
     def _told(self, found: Change) -> bool:
         """Say whether a change that nobody has announced is clearly one of the load."""
-        lightest = LIGHTEST if self._waited < LASTING else LIGHTER
+        stayed = self._waited >= LASTING
+        lightest, pressed = (LIGHTER, TOUCH) if stayed else (LIGHTEST, PRESSED)
         return (self._seconds >= BEGUN and found.since > SOONEST - 0.5 * BLOCK
                 and found.gain > LOUD
                 and abs(found.mass) > lightest * self._reference
                 and self._possible(float(self._kept[0][0][0]), found)
                 and found.left < self._explained * found.came
-                and found.left < TOUCH * found.touched)
+                and found.left < TOUCH * found.touched
+                and found.left < pressed * found.pressed)
 
 
 def ramp(lag: float, count: int) -> FloatArray:

@@ -74,8 +74,8 @@ def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Reading
     """
     pieces = [(s.t[s.decimation.keep], s.motion[s.decimation.keep],
                s.decimation(getattr(s, output)), model.follow_kept(s)) for s in stretches]
-    t, motion, measured, predicted = (np.concatenate(column) for column in
-                                   zip(*pieces, strict=True))
+    t, motion, measured, predicted = (
+        np.concatenate(column) for column in zip(*pieces, strict=True))
     seconds = sum(float(s.t[-1] - s.t[0]) for s in stretches)
     return Readings(motion, measured, predicted, len(motion) / max(seconds, 1e-9), t)
 

@@ -53,11 +53,14 @@ class Sensed:
         What a model without the load leaves over.
     worth : ndarray of shape (n_channels,)
         What a kilogram adds.
+    weight : ndarray of shape (n_channels,)
+        What its weight adds without its inertia: a force that is held at the tip.
 
     """
 
     left: FloatArray
     worth: FloatArray
+    weight: FloatArray
 
 
 class Sense(Protocol):
@@ -130,7 +133,8 @@ class RigidSense:
         lively = QUIET + (self._now / self._usual if self._usual > 0.0 else 0.0)
         unit = self._noise * math.sqrt(DEPENDENT * lively)
         left = measured - self._model.predict(row[None, :])[0]
-        return Sensed(left / unit, self._worth.at(row) / unit)
+        worth, weight = self._worth.along(_and_still(row[None, :])) / unit
+        return Sensed(left / unit, worth, weight)
 
 
 class BentSense:
@@ -166,7 +170,15 @@ class BentSense:
             return None
         motion = self._bent.motion(states[:, None])
         left = states[0, self._joints:] - self._model.predict(motion)[0]
-        return Sensed(self._white @ left, self._white @ self._worth.along(motion)[0])
+        worth, weight = self._worth.along(_and_still(motion)) @ self._white.T
+        return Sensed(self._white @ left, worth, weight)
+
+
+def _and_still(motion: FloatArray) -> FloatArray:
+    """Put the same pose at rest behind a row of motion."""
+    both = np.repeat(motion, 2, axis=0)
+    both[1, both.shape[1] // 3:] = 0.0
+    return both
 
 
 def rigid_noise(
