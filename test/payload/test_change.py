@@ -150,7 +150,7 @@ def test_held_downwards(inert: bool) -> None:
 
 
 def test_still_links() -> None:
-    """Where inertia shows nothing, what has come is a load when it has stayed for three seconds."""
+    """Where inertia shows nothing, what has come is a load when it has stayed for 3 s."""
     worth = worths(10.0)
     t = np.arange(len(worth)) * DT
     left = worth * np.where(t > 5.0, 0.25, 0.0)[:, None] + noise(len(t))
