@@ -21,20 +21,26 @@ shaping; so does a new target in the middle of a move that was planned by the mo
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
+from functools import partial
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tudor_dynamics.control.schedule import Schedule
-from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.errors import SignalError, SimulationError, UsageError
 from tudor_dynamics.signals.impulse_shaper import impulses, ImpulseShaper
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
 from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
 from tudor_dynamics.typing import FloatArray
 
 SHAPINGS = ('none', 'zv', 'zvd', 'elastic')
+Refine = Callable[[Profile, MotionLimits, float, float], Profile]
+"""From a move by the modes, limits, payload [kg] and the period at its end [s] to a better one of
+the same length; see ``models.tuning.refined_moves``."""
 
 
 @dataclass(eq=False)
@@ -53,7 +59,12 @@ class Shaping:
     payload : float or None
         Mass at the tip, None while it is unknown [kg].
     note : str
-        Why the last move was not shaped; empty if it was.
+        Why the last move was not shaped, or not refined; empty if it was.
+    refine : callable, optional
+        Refines moves of `elastic` by a model that knows what modes do not.
+    beside : Executor, optional
+        Plans moves of `elastic` while the joints rest; without one, planning takes the time of
+        the step that it is asked for in.
 
     """
 
@@ -63,6 +74,8 @@ class Shaping:
     damping: float = 0.0
     payload: float | None = None
     note: str = ''
+    refine: Refine | None = None
+    beside: Executor | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in SHAPINGS:
@@ -95,18 +108,20 @@ class Shaping:
             frequency, damping = mode.frequency, max(mode.damping, 0.0)
         return ImpulseShaper(impulses(self.kind, frequency, damping), target)
 
-    def along(self, path: FloatArray) -> PathModes:
+    def along(self, payload: float, path: FloatArray) -> PathModes:
         """
         Give the modes along a path.
 
         Parameters
         ----------
+        payload : float
+            Mass at the tip [kg].
         path : ndarray of shape (n_samples, n_joints)
             Poses along the way, in their order [rad].
 
         """
-        assert self.schedule is not None and self.payload is not None
-        found = [self.schedule.at(self.payload, q).modes for q in path]
+        assert self.schedule is not None
+        found = [self.schedule.at(payload, q).modes for q in path]
         return PathModes(
             np.array([[2.0 * math.pi * mode.frequency for mode in modes] for modes in found]),
             np.array([[min(max(mode.damping, 0.0), 0.9) for mode in modes] for modes in found]),
@@ -126,16 +141,26 @@ class Shaping:
             Of speed and acceleration.
 
         """
+        payload = self.payload  # another one may be told meanwhile
         if self.kind != 'elastic':
             return None
-        if self.payload is None:
+        if payload is None:
             self.note = 'the payload is not known'
             return None
+        along = partial(self.along, payload)
         try:
-            return plan_shaped(start, target, limits, self.along)
+            found = plan_shaped(start, target, limits, along)
         except SignalError as err:
             self.note = str(err)
             return None
+        if self.refine is None:
+            return found
+        period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
+        try:
+            return self.refine(found, limits, payload, period)
+        except SimulationError as err:
+            self.note = f'shaped by the modes alone: {err}'
+            return found
 
 
 class ShapedPlanner(MotionPlanner):
@@ -155,12 +180,17 @@ class ShapedPlanner(MotionPlanner):
 
     def __init__(self, limits: MotionLimits, q: ArrayLike, shaping: Shaping) -> None:
         self._shaping = shaping
+        self._planned: Future[Profile | None] | None = None
         self._clear()
         super().__init__(limits, q)
         self._inner = MotionPlanner(limits, self.q)
 
     def _clear(self) -> None:
+        if self._planned is not None:
+            self._planned.cancel()
+        self._planned = None
         self._profile: Profile | None = None
+        self._target: FloatArray | None = None
         self._shaper: ImpulseShaper | None = None
         self._clock, self._left = 0.0, 0.0
 
@@ -180,8 +210,8 @@ class ShapedPlanner(MotionPlanner):
             return
         rests = not self.dq.any() and not self.ddq.any()
         wanted = np.broadcast_to(np.asarray(target, dtype=float), self.q.shape)
-        if self._profile is not None:  # what it was to do is unknown to the plans
-            wanted = np.where(np.isnan(wanted), self._profile.q[-1], wanted)
+        if self._target is not None:  # what it was to do is unknown to the plans
+            wanted = np.where(np.isnan(wanted), self._target, wanted)
             self._plans[:] = 0.0
         super().go(wanted)
         self._clear()
@@ -191,13 +221,25 @@ class ShapedPlanner(MotionPlanner):
         self._shaping.note = '' if rests else 'a new target came in motion'
         if not rests:
             return
-        self._profile = self._shaping.profile(self.q.copy(), wanted, self.limits)
+        self._plan(wanted)
         found = self._shaping.shaper(wanted)
         if found is not None:
             self._shaper = ImpulseShaper(found.shaper, self.q.copy())
             self._inner = MotionPlanner(self.limits, self.q)
             self._inner.go(wanted)
             self._left = self._inner.remaining + self._shaper.length
+
+    def _plan(self, target: FloatArray) -> None:
+        """Plan by the modes, at once or beside."""
+        shaping, given = self._shaping, (self.q.copy(), target.copy(), self.limits)
+        if shaping.beside is not None and shaping.kind == 'elastic':
+            self._planned, self._target = shaping.beside.submit(shaping.profile, *given), given[1]
+            return
+        self._take(shaping.profile(*given))
+
+    def _take(self, profile: Profile | None) -> None:
+        self._planned, self._profile = None, profile
+        self._target = None if profile is None else profile.q[-1]
 
     def move(self, q: ArrayLike, dq: ArrayLike) -> None:
         """Go on from elsewhere without a target; see ``MotionPlanner``."""
@@ -223,6 +265,10 @@ class ShapedPlanner(MotionPlanner):
             Time since the step before [s].
 
         """
+        if self._planned is not None:
+            if not self._planned.done():
+                return
+            self._take(self._planned.result())
         if self._profile is not None:
             self._clock += dt
             self.q[:], self.dq[:], self.ddq[:] = self._profile.at(self._clock)

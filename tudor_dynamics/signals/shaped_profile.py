@@ -108,23 +108,23 @@ class Profile:
         """Length of the move [s]."""
         return self.step * (len(self.q) - 1)
 
-    def at(self, t: float) -> FloatArray:
+    def at(self, t: float | FloatArray) -> FloatArray:
         """
-        Give the motion at a time.
+        Give the motion at a time; before it begins and behind its end it rests.
 
         Parameters
         ----------
-        t : float
+        t : float or ndarray of shape (n_samples,)
             Since the beginning [s].
 
         Returns
         -------
-        ndarray of shape (3, n_joints)
+        ndarray of shape (3, n_joints) or (3, n_samples, n_joints)
             Position, speed, acceleration.
 
         """
-        k = min(max(int(t / self.step), 0), len(self.q) - 2)
-        s = min(max(t - k * self.step, 0.0), self.step)
+        k = np.clip(np.asarray(t) / self.step, 0, len(self.q) - 2).astype(int)
+        s = np.clip(t - k * self.step, 0.0, self.step)[..., None]
         jerk = (self.ddq[k + 1] - self.ddq[k]) / self.step
         return np.stack([
             self.q[k] + s * (self.dq[k] + s * (0.5 * self.ddq[k] + s * jerk / 6.0)),
@@ -247,11 +247,7 @@ def _solve(
         flat = rows.reshape(len(modes.size), count)
         return np.vstack([flat.real, flat.imag])
 
-    speed = np.zeros((2 * KNOTS, inner))  # at the knots, and where the tangents between them meet
-    for k in range(inner):
-        speed[k + 1, k], speed[k + 2:KNOTS, k] = 0.5 * step, step
-        speed[KNOTS:, k] = speed[:KNOTS, k]
-        speed[KNOTS + k + 1, k] += 0.5 * step
+    speed = speed_rows(step)
     reach = step * np.arange(KNOTS - 1, 0, -1) * step  # way by each hat
     plain = swings(1.0)
     scale = max(float(np.abs(plain).sum(axis=1).max()) / KNOTS, 1e-12)
@@ -295,10 +291,47 @@ def _solve(
         return None
     ddq = np.zeros((KNOTS + 1, len(start)))
     ddq[1:-1, joints] = answer.x[:count].reshape(n, inner).T * unit
-    return _integrate(start, target, ddq, step)
+    return integrate(start, target, ddq, step)
 
 
-def _integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: float) -> Profile:
+def speed_rows(step: float) -> FloatArray:
+    """
+    Give the speeds that bound a move, by its accelerations at the inner knots.
+
+    Parameters
+    ----------
+    step : float
+        Time between knots [s].
+
+    Returns
+    -------
+    ndarray of shape (2 * KNOTS, KNOTS - 1)
+        At the knots, and where the tangents between them meet [s].
+
+    """
+    inner = KNOTS - 1
+    speed = np.zeros((2 * KNOTS, inner))
+    for k in range(inner):
+        speed[k + 1, k], speed[k + 2:KNOTS, k] = 0.5 * step, step
+        speed[KNOTS:, k] = speed[:KNOTS, k]
+        speed[KNOTS + k + 1, k] += 0.5 * step
+    return speed
+
+
+def integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: float) -> Profile:
+    """
+    Give the move of accelerations that lead from rest to rest at a target.
+
+    Parameters
+    ----------
+    start, target : ndarray of shape (n_joints,)
+        Where it begins and ends [rad].
+    ddq : ndarray of shape (KNOTS + 1, n_joints)
+        Accelerations at the knots, 0 at both ends [rad/s^2].
+    step : float
+        Time between knots [s].
+
+    """
     dq, q = np.zeros_like(ddq), np.zeros_like(ddq)
     dq[1:] = np.cumsum(0.5 * step * (ddq[1:] + ddq[:-1]), axis=0)
     q[1:] = np.cumsum(step * dq[:-1] + step**2 * (ddq[:-1] / 3.0 + ddq[1:] / 6.0), axis=0)

@@ -35,6 +35,7 @@ from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.fitted import driven_arm
 from tudor_dynamics.models.elastic.fitted import FittedElastic
 from tudor_dynamics.models.elastic.setup import moment_rows, place_gauges
+from tudor_dynamics.models.elastic.several import follow_motions
 from tudor_dynamics.models.elastic.statics import Z
 from tudor_dynamics.typing import FloatArray
 
@@ -221,9 +222,7 @@ class TunedArm:
 
         """
         driven = self._driven
-        for each in (driven, self._loose):
-            if each.parameters['payload'] != payload:
-                each.set_parameters({'payload': payload})
+        self._carry(payload)
         rests = [[self._rest(driven, q + side * NUDGE * unit) for side in (1.0, -1.0)]
                  for unit in np.eye(len(q))]
         rest = np.array([(up[0] - down[0]) / (2.0 * NUDGE) for up, down in rests]).T
@@ -239,6 +238,39 @@ class TunedArm:
         return SmallMotion(small.mass, small.damping, small.stiffness, rest,
                            rows[self._index] * self._gain[:, None],
                            load * self._gain + self._offset, slope * self._gain[:, None], reaction)
+
+    def strains(self, payload: float, motions: FloatArray, dt: float) -> FloatArray:
+        """
+        Simulate large motions, with the play of the gears.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        motions : ndarray of shape (n_motions, n_samples, n_joints)
+            Positions of the drives, from rest at one pose [rad].
+        dt : float
+            Time between samples [s].
+
+        Returns
+        -------
+        ndarray of shape (n_motions, n_samples, n_damped)
+            Strain [m/m].
+
+        Raises
+        ------
+        SimulationError
+            If there is no equilibrium where they begin, or one of them diverges.
+
+        """
+        self._carry(payload)
+        moments = follow_motions(self._loose, motions, dt)
+        return moments[..., self._index] * self._gain + self._offset
+
+    def _carry(self, payload: float) -> None:
+        for each in (self._driven, self._loose):
+            if each.parameters['payload'] != payload:
+                each.set_parameters({'payload': payload})
 
     def _rest(self, driven: DrivenArm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         moment = driven.follow(q[None], np.zeros(1)).moment[0]
