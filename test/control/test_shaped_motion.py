@@ -16,7 +16,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 import math
+from typing import Any
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -25,10 +28,10 @@ from schedule_making import schedule
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.reaction import ReactingReference
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
-from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.errors import SignalError, SimulationError, UsageError
 from tudor_dynamics.signals.impulse_shaper import impulses
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
-from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped
+from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
 
 LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
 STEP = 2e-3
@@ -194,3 +197,86 @@ def test_what_contradicts_itself() -> None:
     for values in ({'kind': 'elastic'}, {'kind': 'zv'}, {'kind': 'other'}):
         with pytest.raises(UsageError):
             Shaping(**values)
+
+
+class Later(Executor):
+    """Does what it is given when it is told to."""
+
+    def __init__(self) -> None:
+        self.open: list[tuple[Future[Any], Callable[[], Any]]] = []
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Keep it."""
+        future: Future[Any] = Future()
+        self.open.append((future, lambda: fn(*args, **kwargs)))
+        return future
+
+    def work(self) -> int:
+        """Do what nobody has cancelled; give how many."""
+        done = 0
+        for future, call in self.open:
+            if future.set_running_or_notify_cancel():
+                future.set_result(call())
+                done += 1
+        self.open.clear()
+        return done
+
+
+def test_planned_beside() -> None:
+    """The joints rest until the move is planned, then do the same as without waiting."""
+    later, start, target = Later(), np.array([0.5, 0.3]), np.array([1.4, -0.4])
+    how = shaping('elastic')
+    how.beside = later
+    planner, other = (ShapedPlanner(LIMITS, start, each) for each in (how, shaping('elastic')))
+    planner.go(target)
+    other.go(target)
+    waited = driven(planner, 40)
+    assert np.all(waited[:, 0] == start) and not waited[:, 1:].any() and planner.remaining > 0.0
+    assert later.work() == 1
+    steps = math.ceil(other.remaining / STEP) + 2
+    np.testing.assert_array_equal(driven(planner, steps), driven(other, steps))
+    assert planner.remaining == 0.0
+
+
+def test_other_wishes_while_it_is_planned() -> None:
+    """A new target, of one joint alone too, takes its place; a stop ends it."""
+    later, start = Later(), np.array([0.5, 0.3])
+    how = shaping('elastic')
+    how.beside = later
+    planner = ShapedPlanner(LIMITS, start, how)
+    planner.go(np.array([1.4, -0.4]))
+    planner.go(np.array([1.0, np.nan]))
+    assert later.work() == 1 and how.note == ''
+    driven(planner, 1500)
+    np.testing.assert_allclose(planner.q, [1.0, -0.4])
+    planner.go(start)
+    planner.brake()
+    assert later.work() == 0
+    driven(planner, 50)
+    np.testing.assert_allclose(planner.q, [1.0, -0.4])
+    planner.go(start)
+    how.payload = None  # forgotten before it was planned: it moves as without shaping
+    assert later.work() == 1 and 'payload' in how.note
+    driven(planner, 1500)
+    np.testing.assert_allclose(planner.q, start)
+
+
+def test_moves_are_refined() -> None:
+    """By what is given, with payload and period of the target; an error leaves the first move."""
+    seen: list[tuple[float, float]] = []
+
+    def better(profile: Profile, limits: MotionLimits, payload: float, period: float) -> Profile:
+        seen.append((payload, period))
+        if len(seen) > 1:
+            raise SimulationError('it diverges')
+        return Profile(0.5 * profile.step, profile.q, 2.0 * profile.dq, 4.0 * profile.ddq)
+    start, target = np.array([0.5, 0.0]), np.array([0.9, 0.0])
+    how = shaping('elastic')
+    how.refine = better
+    plain = shaping('elastic').profile(start, target, LIMITS)
+    first, second = (how.profile(start, target, LIMITS) for _ in range(2))
+    assert plain is not None and first is not None and second is not None
+    assert first.duration == pytest.approx(0.5 * plain.duration)
+    np.testing.assert_array_equal(second.ddq, plain.ddq)
+    assert 'it diverges' in how.note
+    assert seen[0] == pytest.approx((0.2, 1.0 / 2.8))

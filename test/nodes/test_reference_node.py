@@ -17,9 +17,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from elastic_making import identified
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
 import pytest
@@ -29,11 +31,14 @@ from rosgraph_msgs.msg import Clock
 from schedule_making import schedule
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm import load_arm, PreprocessingSpec
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.storage.bundle_io import save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
+from tudor_dynamics.signals.shaped_profile import Profile
 
 POSE = np.array([0.8, 0.1])
 GOAL = np.array([1.2, -0.3])
@@ -221,6 +226,52 @@ def test_moves_are_shaped(world: World, root: Path, tmp_path: Path) -> None:
     generator.run(120)
     assert 'not shaped' not in generator.node.status()[2]
     np.testing.assert_allclose(generator.node.source.q, POSE, atol=1e-6)
+
+
+def test_moves_are_refined_beside(world: World, root: Path, tmp_path: Path) -> None:
+    """With an elastic model: the reference rests until the move is planned, then reaches it."""
+    arm = load_arm(root / 'config/tudor.yaml')
+    schedule().save(tmp_path / 'schedule.yaml')
+    bundle = identified(arm, {})
+    strain = bundle.models['strain']['elastic']
+    strain.coefficients_ = tuple(np.array([121.4, 0.0]) for _ in arm.gauges)
+    strain.standard_errors_ = tuple(np.ones(2) for _ in arm.gauges)
+    save_bundle(bundle, tmp_path / 'model')
+    generator = Generator(world, root / 'config/tudor.yaml', shaping='elastic',
+                          gain_schedule=str(tmp_path / 'schedule.yaml'),
+                          model=str(tmp_path / 'model'))
+    source = generator.node.source
+    assert source is not None and source.shaping.refine is not None
+    source.shaping.payload = 0.2
+    begun, go_on = Event(), Event()
+    refine = source.shaping.refine
+
+    def slowly(*given: Any) -> Profile:
+        begun.set()
+        assert go_on.wait(60.0)
+        return refine(*given)
+    source.shaping.refine = slowly
+    generator.run(5)
+    generator.go(GOAL)
+    assert begun.wait(60.0)
+    np.testing.assert_array_equal(generator.run(20)[-1], POSE)
+    go_on.set()
+    assert source.shaping.beside is not None
+    source.shaping.beside.submit(abs, 0).result(60.0)  # behind the move
+    generator.run(120)
+    assert 'not shaped' not in generator.node.status()[2]
+    np.testing.assert_allclose(source.q, GOAL, atol=1e-6)
+
+
+def test_model_that_cannot_refine(world: World, root: Path, tmp_path: Path) -> None:
+    """Without an elastic model it says what is missing, and publishes nothing."""
+    arm = load_arm(root / 'config/tudor.yaml')
+    schedule().save(tmp_path / 'schedule.yaml')
+    save_bundle(ModelBundle(arm, PreprocessingSpec(), {}), tmp_path / 'model')
+    node = world.add(ReferenceGeneratorNode, arm=str(root / 'config/tudor.yaml'),
+                     shaping='elastic', gain_schedule=str(tmp_path / 'schedule.yaml'),
+                     model=str(tmp_path / 'model'))
+    assert node.source is None and 'elastic model' in node.fault
 
 
 def test_shaping_without_modes(world: World, root: Path) -> None:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 import sys
 from typing import Any
 
@@ -35,6 +36,8 @@ from tudor_dynamics.control.reference_source import ReferenceSource
 from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import ArmError, TudorError
+from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.models.tuning.refined_moves import refiner_of
 from tudor_dynamics.nodes.common.base import latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)
@@ -69,12 +72,9 @@ class ReferenceGeneratorNode(TudorNode):
                 msg = 'no arm: set the parameter arm to a description with limits'
                 raise ArmError(msg)
             self._arm = load_arm(self.value('arm'))
-            path = self.value('gain_schedule')
             self.source = ReferenceSource(
                 self._arm, self.value('reaction'), self.value('retreat_time'),
-                self.value('timeout'), Shaping(
-                    self.value('shaping'), load_schedule(path, self._arm) if path else None,
-                    self.value('shaping_frequency'), self.value('shaping_damping')))
+                self.value('timeout'), self._shaping())
         except TudorError as err:
             self.fault = str(err)
             self.get_logger().error(self.fault)
@@ -98,6 +98,17 @@ class ReferenceGeneratorNode(TudorNode):
         self._step_timer = self.create_timer(1.0 / self.value('rate'), self._step)
         self._look()
         self._look_timer = self.every(LOOK, self._look)
+
+    def _shaping(self) -> Shaping:
+        path, model = self.value('gain_schedule'), self.value('model')
+        shaping = Shaping(
+            self.value('shaping'), load_schedule(path, self._arm) if path else None,
+            self.value('shaping_frequency'), self.value('shaping_damping'))
+        if model and shaping.kind == 'elastic':
+            bundle = load_bundle(model, arm=self._arm).beside_robot()
+            shaping.refine = refiner_of(self._arm, bundle)
+            shaping.beside = ThreadPoolExecutor(1)
+        return shaping
 
     def apply(self) -> None:
         """Take changed reactions and times into use."""

@@ -20,10 +20,11 @@ from elastic_making import blade_arm, even, FloatArray, travel
 import numpy as np
 import pytest
 
+from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import LANES
 from tudor_dynamics.models.elastic.arm import SAMPLE
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
-from tudor_dynamics.models.elastic.several import follow_together
+from tudor_dynamics.models.elastic.several import follow_motions, follow_together
 
 ARM = blade_arm()
 RATE = 100.0
@@ -99,3 +100,23 @@ def test_gains_are_those_of_the_observer() -> None:
         bent = -np.linalg.solve(mass, stiffness @ gain[:m] + damping @ gain[m:])
         for found, expected in zip(gains[k], (gain[:m], gain[m:], bent), strict=True):
             assert np.allclose(found, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
+
+
+def test_motions_of_one_arm_as_each_by_itself() -> None:
+    """From one pose, more of them than lanes; moments to rounding."""
+    arm = CorrectedArm(ARM)
+    share = np.minimum(np.arange(len(Q)) / RATE, 1.0)
+    motions = np.array([Q + 0.01 * k * share[:, None] for k in range(LANES + 2)])
+    together = follow_motions(arm, motions, 1.0 / RATE)
+    assert together.shape[:2] == motions.shape[:2]
+    for motion, moment in zip(motions, together, strict=True):
+        assert np.abs(arm.follow(motion, DT).moment - moment).max() < 1e-9
+    assert np.ptp(together[:, -1], axis=0).max() > 1e-3
+
+
+def test_motion_that_diverges_is_told() -> None:
+    """An impossible motion is refused, with the sample."""
+    motions = np.array([Q, Q])
+    motions[1, 5:] = 1e9
+    with pytest.raises(SimulationError, match='after 4 of 600 samples of a planned motion'):
+        follow_motions(CorrectedArm(ARM), motions, 1.0 / RATE)

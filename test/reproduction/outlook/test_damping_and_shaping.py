@@ -24,6 +24,7 @@ import pytest
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.models.tuning import design
+from tudor_dynamics.models.tuning.refined_moves import MoveRefiner
 from tudor_dynamics.models.tuning.small_motion import TunedArm
 from tudor_dynamics.reproduction.outlook import damping, shaping
 from tudor_dynamics.reproduction.outlook.trials import tapped
@@ -59,6 +60,21 @@ def test_undamped_arm_does_not_ring_behind_a_shaped_move() -> None:
         assert how.note == ''
     assert left['elastic'] < 0.1 * left['none']
     assert length['elastic'] - length['none'] < 0.51 * period
+
+
+def test_gears_that_cross_their_play() -> None:
+    """What modes know nothing of, the simulated model does: a third of what they leave."""
+    ends = np.radians([136.0, 14.0]), np.radians([52.0, -52.0])
+    period = 1.0 / schedule().at(0.3, ends[1]).modes[0].frequency
+    left, length = [], []
+    for refine in (None, MoveRefiner(TunedArm(tudor()))):
+        how = Shaping('elastic', schedule(), payload=0.3, refine=refine)
+        q, dq, duration = shaping.reference(tudor(), how, ends, period)
+        left.append(shaping.run(tudor(), 0.3, q, dq, duration, period, 0)[2])
+        length.append(duration)
+        assert how.note == ''
+    assert left[0] > 80.0 and left[1] < 0.35 * left[0]
+    assert length[0] == length[1]
 
 
 def test_moves_on_one_side() -> None:

@@ -23,6 +23,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from tudor_dynamics.arm import Arm
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.tuning.small_motion import TunedArm
 from tudor_dynamics.signals.motion_profile import MotionLimits
 from tudor_dynamics.signals.refined_profile import refine
@@ -52,6 +56,8 @@ class MoveRefiner:
 
     def __init__(self, tuned: TunedArm) -> None:
         self._tuned = tuned
+        # compiled now, not when a robot waits for its first move
+        tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), SAMPLE)
 
     def __call__(
         self, profile: Profile, limits: MotionLimits, payload: float, period: float,
@@ -88,3 +94,27 @@ class MoveRefiner:
             motions = np.array([move.at(t)[0] for move in moves])
             return self._tuned.strains(payload, motions, SAMPLE)[:, behind] / NOTHING
         return refine(profile, limits, swings)
+
+
+def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
+    """
+    Give what refines moves by the elastic model of a bundle.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with a damper.
+    bundle : ModelBundle
+        Models of that arm.
+
+    Raises
+    ------
+    ModelError
+        If there is no elastic model of strain, or the arm has no damper.
+
+    """
+    model = elastic_of(bundle, 'strain')
+    if model is None:
+        raise ModelError('moves are refined by an elastic model of strain, and there is none',
+                         remedy='fit one with `tudor fit --models elastic`')
+    return MoveRefiner(TunedArm(arm, model))

@@ -208,6 +208,8 @@ REFERENCE = (
     Param('shaping', 'none', 'shapes moves so that they leave no ringing: ZV or ZVD of the first '
           'mode, or by all modes on the path', choices=SHAPINGS),
     Param('gain_schedule', '', 'file of tudor tune with the modes; the topic payload says which'),
+    Param('model', '', 'model bundle whose elastic model refines moves of elastic, for gears with '
+          'play; planned beside, while the reference rests'),
     Param('shaping_frequency', 0.0, 'first mode for zv and zvd, 0 for that of the schedule', 'Hz',
           0.0, 1e3),
     Param('shaping_damping', 0.01, 'its damping ratio', '', 0.0, 0.9),
