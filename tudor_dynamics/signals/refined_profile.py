@@ -40,7 +40,7 @@ STEPS = 10
 NUDGE = 0.01
 """Change of acceleration that differences are taken with, of its limit."""
 FARTHEST = 0.3
-"""Change of acceleration within which the simulation is taken for linear at first, of its limit."""
+"""Change of acceleration in which the simulation is taken for linear at first, of its limit."""
 RADII = (1.0, 0.4, 0.12, 0.03)
 """Of that, tried side by side; half of the way to each as well."""
 LITTLE = 0.985
