@@ -60,7 +60,7 @@ def largest_swing(swings: FloatArray) -> FloatArray:
     Parameters
     ----------
     swings : ndarray of shape (..., n_samples, n_channels)
-        Behind moves.
+        What swings behind each move, as `Swings` gives it.
 
     """
     return np.asarray(0.5 * np.ptp(swings, axis=-2).max(axis=-1))
@@ -79,7 +79,7 @@ def refine(profile: Profile, limits: MotionLimits, swings: Swings) -> Profile:
     limits : MotionLimits
         Of speed and acceleration.
     swings : callable
-        The simulation.
+        Simulates moves, see `Swings`.
 
     Returns
     -------
@@ -96,11 +96,11 @@ def refine(profile: Profile, limits: MotionLimits, swings: Swings) -> Profile:
             break
         nudges = NUDGE * np.eye(room.size)
         slope = (swings([room.changed(row) for row in nudges]) - here) / NUDGE
-        ways = [way for radius in RADII
+        ways = [(radius, way) for radius in RADII
                 if (way := room.step(here, slope, farthest * radius)) is not None]
         if not ways:
             break
-        tried = [room.changed(share * way) for way in ways for share in (1.0, 0.5)]
+        tried = [room.changed(share * way) for _, way in ways for share in (1.0, 0.5)]
         found = swings(tried)
         sizes = largest_swing(found)
         best = int(np.argmin(sizes))
@@ -108,8 +108,8 @@ def refine(profile: Profile, limits: MotionLimits, swings: Swings) -> Profile:
             break
         before, left, here = left, float(sizes[best]), found[best]
         room.profile = tried[best]
-        radius = farthest * RADII[best // 2] * (1.0 if best % 2 else 2.0)
-        farthest = min(max(radius, SMALLEST), FARTHEST)
+        farthest *= ways[best // 2][0] * (1.0 if best % 2 else 2.0)
+        farthest = min(max(farthest, SMALLEST), FARTHEST)
         if left > LITTLE * before:
             break
     return room.profile
