@@ -19,7 +19,8 @@ Run with ``OMP_NUM_THREADS=1 python bench/shaping_seeds.py --work DIR``, DIR tha
 ``tudor reproduce outlook --only shaping --out DIR``. Moves anywhere, twelve of each seed, on the
 arm with all its imperfections; the residual strain that is left of the unshaped moves' [%] by the
 modes alone and refined, with the payload as it is and told wrong by ``--error`` in turn upwards
-and downwards, and the processor's time that a refined move is planned in [s].
+and downwards, what the simulation itself leaves of a refined move, and the processor's time that
+one is planned in [s].
 """
 
 from __future__ import annotations
@@ -34,19 +35,37 @@ from tudor_dynamics.cli.reproduce.campaign_options import default_arm
 from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.control.shaped_motion import Refine, Shaping
 from tudor_dynamics.models.tuning.refined_moves import MoveRefiner
+from tudor_dynamics.models.tuning.small_motion import TunedArm
 from tudor_dynamics.reproduction.outlook.part import Setting
-from tudor_dynamics.reproduction.outlook.shaping import draw_ends, LOUD, MOVES, reference, run
+from tudor_dynamics.reproduction.outlook.shaping import (
+    BEFORE, BEHIND, draw_ends, LOUD, MOVES, reference, run)
 from tudor_dynamics.reproduction.outlook.tuned import schedule_of, tuned_arm
 from tudor_dynamics.reproduction.plan import Campaign, Plan
 from tudor_dynamics.reproduction.result_cache import ResultCache
+from tudor_dynamics.typing import FloatArray
+
+
+EVERY = 5
+"""Of the reference's samples, for the simulation."""
+
+
+def simulated(
+    tuned: TunedArm, payload: float, q: FloatArray, length: float, period: float,
+) -> float:
+    """Give what a move leaves in the simulation that it was refined with [um/m]."""
+    assert tuned.arm.spec.damper is not None
+    dt = EVERY / tuned.arm.spec.damper.rate
+    strain = 1e6 * tuned.strains(payload, q[None, ::EVERY], dt)[0, :, 0]
+    t = dt * np.arange(len(strain)) - BEFORE - length - BEHIND
+    return float(0.5 * np.ptp(strain[(t > 0.0) & (t < period)]))
 
 
 def trial(
-    campaign: Campaign, schedule: Schedule, refiner: Refine, seed: int, error: float,
-) -> tuple[float, float, list[float]]:
-    """Give what is left by the modes, and refined, of the unshaped moves' [-], and times [s]."""
-    arm, random = campaign.arm, np.random.default_rng(seed)
-    payloads, total, seconds = schedule.payload.tolist(), np.zeros(3), []
+    tuned: TunedArm, schedule: Schedule, refiner: Refine, seed: int, error: float,
+) -> tuple[FloatArray, list[float]]:
+    """Give what is left by the modes, refined, and of that simulated [%], and times [s]."""
+    arm, random = tuned.arm, np.random.default_rng(seed)
+    payloads, total, seconds = schedule.payload.tolist(), np.zeros(4), []
     for number in range(MOVES):
         ends = draw_ends(arm, random, sided=False)
         payload = payloads[-1 - number % len(payloads)]
@@ -61,9 +80,10 @@ def trial(
                 arm, Shaping(kind, schedule, payload=told, refine=refine), ends, period)
             seconds.append(time.process_time() - begun)
             left.append(run(arm, payload, q, dq, length, period, number)[2])
+        left.append(simulated(tuned, told, q, length, period))
         if left[0] > LOUD:
             total += left
-    return total[1] / total[0], total[2] / total[0], seconds[2::3]
+    return 100.0 * total[1:] / total[0], seconds[2::3]
 
 
 def main() -> None:
@@ -73,16 +93,16 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, nargs='+', default=[11, 23, 47])
     parser.add_argument('--error', type=float, default=0.05, help='of the payload [kg]')
     options = parser.parse_args()
-    campaign = Campaign(Plan(str(default_arm())), ResultCache(options.work))
-    setting = Setting('shaping', campaign)
+    setting = Setting('shaping', Campaign(Plan(str(default_arm())), ResultCache(options.work)))
     tuned = tuned_arm(setting)
     schedule, refiner = schedule_of(setting, tuned)[0], MoveRefiner(tuned)
-    print(f'{"seed":>5} {"payload":>9} {"modes":>7} {"refined":>8} {"median":>7} {"longest":>8}')
+    print(f'{"seed":>5} {"payload":>9} {"modes":>7} {"refined":>8} {"simulated":>10} '
+          f'{"median":>7} {"longest":>8}')
     for seed in options.seeds:
         for error in (0.0, options.error):
-            modes, refined, seconds = trial(campaign, schedule, refiner, seed, error)
+            left, seconds = trial(tuned, schedule, refiner, seed, error)
             what = f'+-{1000.0 * error:.0f} g' if error else 'known'
-            print(f'{seed:5d} {what:>9} {100.0 * modes:7.1f} {100.0 * refined:8.1f} '
+            print(f'{seed:5d} {what:>9} {left[0]:7.1f} {left[1]:8.1f} {left[2]:10.1f} '
                   f'{np.median(seconds):7.2f} {max(seconds):8.2f}', flush=True)
 
 
