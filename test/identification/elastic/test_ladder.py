@@ -23,7 +23,7 @@ from numpy.testing import assert_allclose
 import pytest
 from scipy.optimize import lsq_linear
 
-from tudor_dynamics.identification.elastic.ladder import LADDER, minimised
+from tudor_dynamics.identification.elastic.ladder import LADDER, LONGER, minimised
 from tudor_dynamics.typing import FloatArray
 
 ANYWHERE = (np.full(3, -np.inf), np.full(3, np.inf))
@@ -39,6 +39,13 @@ def straight(several: Sequence[FloatArray]) -> list[FloatArray]:
 def test_a_straight_problem_takes_one_step() -> None:
     """As far as the least damping lets it."""
     found = minimised(straight, lambda _: MATRIX, np.zeros(3), ANYWHERE, np.ones(3), steps=1,
+                      enough=1e-9)
+    assert_allclose(found, np.linalg.lstsq(MATRIX, TARGET, rcond=None)[0], rtol=1e-5)
+
+
+def test_slopes_that_are_too_steep_do_not_shorten_steps() -> None:
+    """Twice the slopes ask for half of the way; the other half is not left to the next step."""
+    found = minimised(straight, lambda _: 2.0 * MATRIX, np.zeros(3), ANYWHERE, np.ones(3), steps=1,
                       enough=1e-9)
     assert_allclose(found, np.linalg.lstsq(MATRIX, TARGET, rcond=None)[0], rtol=1e-5)
 
@@ -88,4 +95,4 @@ def test_where_nothing_can_be_computed_steps_get_shorter() -> None:
     found = minimised(walled, lambda _: np.array([[-100.0]]), np.zeros(1), (-one, one), one,
                       steps=8, enough=1e-9)
     assert 2e-4 < found[0] <= 1e-3
-    assert set(asked) == {1, len(LADDER)}
+    assert set(asked) == {1, len(LADDER) + len(LONGER)}

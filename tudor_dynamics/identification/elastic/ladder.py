@@ -17,7 +17,9 @@ Nonlinear least squares within bounds, where several trial steps cost hardly mor
 
 Levenberg (1944) and Marquardt (1963): the step is that of the linearised problem, shorter the more
 it is damped. How much is not guessed from step to step: a ladder of dampings is tried at once, and
-what lowers the sum of squares most is taken.
+what lowers the sum of squares most is taken. Steps that go farther than the linearised problem
+asks for are on it too: slopes by differences feel every crossing of a play, and what they have too
+much makes steps too short, one after the other in the same direction.
 """
 
 from __future__ import annotations
@@ -29,8 +31,10 @@ from scipy.optimize import lsq_linear
 
 from tudor_dynamics.typing import FloatArray
 
-LADDER = 4.0 ** np.arange(-4.0, 4.0)
-"""Dampings that are tried at once, relative to the last that was best: as many as run together."""
+LADDER = 4.0 ** np.arange(-4.0, 1.0)
+"""Dampings that are tried at once, relative to the last that was best."""
+LONGER = (1.5, 2.0, 3.0)
+"""Multiples of the least damped step that are tried with them: as many in all as run together."""
 LEAST = 0.1
 """Damping below which nothing changes: the prior holds each unknown with 1."""
 
@@ -76,6 +80,7 @@ def minimised(
         room = tuple((bound - x) / scale for bound in bounds)
         tried = [np.clip(x + scale * _step(np.maximum(curvature, 0.0) + damping * factor, axes,
                                            downhill, room), *bounds) for factor in LADDER]
+        tried += [np.clip(x + factor * (tried[0] - x), *bounds) for factor in LONGER]
         found = residuals(tried)
         costs = [float(one @ one) for one in found]
         best = int(np.argmin(costs))
@@ -83,7 +88,8 @@ def minimised(
         if gained <= 0.0:  # shorter steps are left
             damping *= LADDER[-1] / LADDER[0]
             continue
-        damping = max(damping * LADDER[best], LEAST / LADDER[0])
+        rung = best if best < len(LADDER) else 0
+        damping = max(damping * LADDER[rung], LEAST / LADDER[0])
         x, now, cost = tried[best], found[best], costs[best]
         if gained < enough * cost:
             break

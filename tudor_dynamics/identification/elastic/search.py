@@ -41,9 +41,9 @@ from tudor_dynamics.typing import FloatArray, Progress
 
 ENOUGH = 100.0
 """Length of what the first stages are done on [s]."""
-FIRST = (SearchPhase(2.0, COARSE, 10, 1e-3), SearchPhase(1.0, COARSE, 10, 1e-3))
+FIRST = (SearchPhase(2.0, COARSE, 6, 1e-3), SearchPhase(1.0, COARSE, 6, 1e-3))
 """On part of the records: from where the scan ends, errors must be forgotten soon."""
-LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-4),) * 2
+LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-3), SearchPhase(0.7, INNER_STEP, 7, 1e-4))
 """On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
 A last phase in which nothing draws, as the model will be used, explains the training bags better
 and those of a real arm worse; of an arm that crosses its plays undamped, parameters that differ by

@@ -50,6 +50,8 @@ THIN = 2
 EXCERPT = 60.0
 """Length of what starts are compared on, all pieces together [s]."""
 PIECES = 4
+STEPS = 5
+"""With which each is improved."""
 COARSE = 5e-3
 """Inner step while starts are compared [s]."""
 
@@ -171,7 +173,7 @@ def compare_starts(
             fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
                      if name not in some}
             part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
-            x[index] = improve(part, x[index], 8)
+            x[index] = improve(part, x[index], STEPS)
             runs += part.runs
             starts.append((Start(factor, share, part.fits([x[index]])[0]), x))
     if not starts:
