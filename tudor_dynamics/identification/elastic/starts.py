@@ -50,7 +50,7 @@ THIN = 2
 EXCERPT = 60.0
 """Length of what starts are compared on, all pieces together [s]."""
 PIECES = 4
-STEPS = 5
+STEPS = 8
 """With which each is improved."""
 COARSE = 5e-3
 """Inner step while starts are compared [s]."""
