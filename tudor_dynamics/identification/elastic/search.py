@@ -33,7 +33,7 @@ from tudor_dynamics.identification.elastic.descent import descend, SearchPhase
 from tudor_dynamics.identification.elastic.problem import Problem
 from tudor_dynamics.identification.elastic.record import Knowledge, Record
 from tudor_dynamics.identification.elastic.result import Identified, result_of, Start
-from tudor_dynamics.identification.elastic.starts import COARSE, compare_starts
+from tudor_dynamics.identification.elastic.starts import CANDIDATES, COARSE, compare_starts
 from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP
 from tudor_dynamics.models.elastic.parameters import kind_of
 from tudor_dynamics.parallel import shared_out
@@ -50,8 +50,6 @@ and those of a real arm worse; of an arm that crosses its plays undamped, parame
 a tenth of their standard errors explain a recording better or worse by points of fit."""
 LATE = 0.03
 """Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
-CANDIDATES = 2
-"""Starts of different shares that the first stages are done from."""
 CLEARLY = 0.9
 """Part of the error that another start must not exceed: less says nothing about unseen motion."""
 AS_GOOD, APART = 1.05, 0.2

@@ -50,8 +50,11 @@ THIN = 2
 EXCERPT = 60.0
 """Length of what starts are compared on, all pieces together [s]."""
 PIECES = 4
-STEPS = 8
-"""With which each is improved."""
+STEPS, MORE = 5, 3
+"""With which each is improved, and then the best: between a gear and its link a compliance is
+shared out slowly."""
+CANDIDATES = 2
+"""Best starts, of different shares, that are improved further."""
 COARSE = 5e-3
 """Inner step while starts are compared [s]."""
 
@@ -164,18 +167,22 @@ def compare_starts(
     index = np.array([names.index(name) for name in some], dtype=np.intp)
     starts: list[tuple[Start, FloatArray]] = []
     runs = 0
+    def better(x: FloatArray, steps: int) -> float:
+        nonlocal runs
+        fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
+                 if name not in some}
+        part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
+        x[index] = improve(part, x[index], steps)
+        runs += part.runs
+        return part.fits([x[index]])[0]
+
     for share, count in STARTS.items():
         progress('elastic model, stiffness')
         peaks = _peaks(scan, shared(arm, names, center, share),
                        FACTORS if share is None else FACTORS[::THIN])
         for factor, x in peaks[:count]:
             progress('elastic model, stiffness and damping')
-            fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
-                     if name not in some}
-            part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
-            x[index] = improve(part, x[index], STEPS)
-            runs += part.runs
-            starts.append((Start(factor, share, part.fits([x[index]])[0]), x))
+            starts.append((Start(factor, share, better(x, STEPS)), x))
     if not starts:
         msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
                'stiffness; check links and motors of the arm description')
@@ -185,6 +192,8 @@ def compare_starts(
     for start, x in starts:
         first.setdefault(start.share, x)
     order = sorted(first, key=lambda share: share is not None)
+    for share in order[:CANDIDATES]:
+        better(first[share], MORE)
     return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
                   runs + scan.runs)
 
