@@ -94,7 +94,7 @@ def test_rate_and_settle() -> None:
     both, = prepare(recording, PreprocessingSpec(filter='zero_phase', rate=20.0, settle=1.0))
     times = both.t[both.decimation.keep]
     assert times[0] == pytest.approx(1.0) and times[-1] <= 9.0
-    assert both.decimation.sos is not None
+    assert both.decimation.sections is not None
     every, = prepare(recording, PreprocessingSpec(rate=None, settle=0.0))
     assert every.n_kept == 1000
 

@@ -304,7 +304,7 @@ class AnalyticalModel(MemorylessModel):
         buffer: FloatArray | None = None
         for block in blocks():
             check_block(block, self.n_inputs, self.channels)
-            if block.decimation is not None and block.decimation.sos is not None:
+            if block.decimation is not None and block.decimation.sections is not None:
                 yield self._smoothed(self.regressor.rows(block.motion), block.decimation), (
                     block.output)
                 continue

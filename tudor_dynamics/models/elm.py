@@ -185,7 +185,7 @@ class ExtremeLearningMachine(MemorylessModel):
         return np.asarray(expit(x @ self.input_weights_ + self.biases_))
 
     def _rows(self, block: TrainingBlock) -> list[tuple[FloatArray, FloatArray]]:
-        if block.decimation is not None and block.decimation.sos is not None:
+        if block.decimation is not None and block.decimation.sections is not None:
             return [(block.decimation(self._features(block.motion)), block.output)]
         motion = block.motion if block.decimation is None else block.decimation(block.motion)
         return [(self._features(motion[i:i + ROWS_AT_A_TIME]), block.output[i:i + ROWS_AT_A_TIME])

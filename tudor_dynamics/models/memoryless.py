@@ -188,7 +188,7 @@ class MemorylessModel(Model):
 
     def follow_kept(self, stretch: Stretch) -> FloatArray:
         """Predict the samples that are kept, without those between where no filter needs them."""
-        if stretch.decimation.sos is None:
+        if stretch.decimation.sections is None:
             return self.predict(stretch.decimation(self.inputs(stretch)))
         return super().follow_kept(stretch)
 

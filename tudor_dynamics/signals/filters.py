@@ -26,7 +26,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-from scipy import signal
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
@@ -98,23 +97,19 @@ def low_pass(x: FloatArray, dt: FloatArray, cutoff: float, initial: FloatArray) 
         Filtered signal.
 
     """
-    if not len(x):
-        return x.copy()
-    gain = -np.expm1(-2.0 * np.pi * cutoff * dt)
-    if np.ptp(dt) <= 1e-12 * dt[0]:
-        a = float(gain[0])
-        y, _ = signal.lfilter([a], [1.0, a - 1.0], x, axis=0, zi=(1.0 - a) * initial[None])
-        return np.asarray(y)
-    y = np.empty_like(x)
-    gains = gain.tolist()
-    for channel in range(x.shape[1]):  # plain floats: five times as fast as numpy scalars
-        state = float(initial[channel])
-        out = []
-        for value, a in zip(x[:, channel].tolist(), gains, strict=True):
-            state += a * (value - state)
-            out.append(state)
-        y[:, channel] = out
+    y = np.array(x, dtype=float, order='C')
+    _low_pass(dt, cutoff, np.array(initial, dtype=float), y)
     return y
+
+
+@compiled
+def _low_pass(dt: FloatArray, cutoff: float, state: FloatArray, y: FloatArray) -> None:
+    """Filter a record in place: the loop of `low_pass`."""
+    for k in range(len(y)):
+        gain = low_pass_gain(cutoff, dt[k])
+        for i in range(len(state)):
+            state[i] += gain * (y[k, i] - state[i])
+            y[k, i] = state[i]
 
 
 class CausalDifferentiator:

@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.filters import FilteredStates
+from tudor_dynamics.signals.sections import butterworth, forward_backward, low_pass_sections
 from tudor_dynamics.typing import FloatArray
 
 
@@ -67,14 +67,13 @@ def zero_phase(
         msg = (f'cut-off {cutoff} Hz; expected between 0 and half the sample rate, '
                f'{0.5 / dt:.4g} Hz')
         raise SignalError(msg)
-    sos = signal.butter(4, cutoff, fs=1.0 / dt, output='sos')
+    sections = low_pass_sections(butterworth(4), cutoff * dt)
     grid = t[0] + dt * np.arange(n)
     uniform = bool(np.max(np.abs(grid - t)) < 1e-3 * dt)
 
     def smooth(x: FloatArray) -> FloatArray:
         even = x if uniform else _interpolate(grid, t, x)
-        pad = min(n - 1, max(27, int(3.0 / (cutoff * dt))))
-        return np.asarray(signal.sosfiltfilt(sos, even, axis=0, padlen=pad))
+        return forward_backward(sections, even, min(n - 1, max(27, int(3.0 / (cutoff * dt)))))
 
     def back(x: FloatArray) -> FloatArray:
         return x if uniform else _interpolate(t, grid, x)

@@ -172,10 +172,10 @@ class WideRows:
                     names = friction_names(joint := joint_with(self._joints[i], term))
                     place = [name.partition('(')[0] for name in names].index(term[0])
                     speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]
-            rows = self._regressor.rows(motion if keep.sos is not None else keep(motion))
+            rows = self._regressor.rows(motion if keep.sections is not None else keep(motion))
             bodies = rows[:, :, self.columns]
             pieces.append(CandidateRows(
-                keep(bodies) if keep.sos is not None else bodies, keep(speed),
+                keep(bodies) if keep.sections is not None else bodies, keep(speed),
                 keep(getattr(stretch, self.output))))
         whole = CandidateRows(*(np.concatenate([getattr(piece, name) for piece in pieces])
                                 for name in ('bodies', 'speed', 'output')))
