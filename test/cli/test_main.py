@@ -198,3 +198,18 @@ def test_full_output(root: Path) -> None:
             [sys.executable, '-m', 'tudor_dynamics', 'info', 'bags/two_blade_test'], cwd=root,
             stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, 'tudor info: No space left on device\n')
+
+
+@pytest.mark.parametrize(('command', 'slow'), [
+    ('evaluate', {'scipy.signal', 'scipy.optimize', 'scipy.interpolate', 'scipy.stats',
+                  'matplotlib', 'jinja2', 'joblib'}),
+    ('fit', {'scipy.signal', 'scipy.interpolate', 'scipy.stats', 'matplotlib', 'jinja2'})])
+def test_commands_begin_lean(command: str, slow: set[str]) -> None:
+    """A command imports no library before it is needed that takes a tenth of a second, or more."""
+    code = (f'import sys, tudor_dynamics.cli.main as entry; entry.build_parser({command!r}); '
+            'print(*sys.modules)')
+    done = subprocess.run([sys.executable, '-c', code], check=True, text=True,
+                          stdout=subprocess.PIPE)
+    loaded = set(done.stdout.split())
+    assert f'tudor_dynamics.cli.{command}' in loaded
+    assert not loaded & slow

@@ -32,8 +32,8 @@ from tudor_dynamics.doctor.evaluation import Evaluated, examine_evaluation
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.bundling import rounded
 from tudor_dynamics.identification.dataset import load
+from tudor_dynamics.identification.metrics import rounded
 from tudor_dynamics.identification.validation import Validation
 from tudor_dynamics.identification.worth.comparison import Change, changes
 from tudor_dynamics.library.prediction import predict_bags, warn_of_training

@@ -53,7 +53,6 @@ from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.units import output_units
-from tudor_dynamics.report.page import report_bytes
 from tudor_dynamics.report.tables import headline
 
 EXAMPLES = """\
@@ -235,6 +234,8 @@ def run(args: argparse.Namespace) -> int:
         assessment = assess(result)
         bundle = bundle_of(result, assessment)
         clock.lap('collision thresholds')
+        from tudor_dynamics.report.page import report_bytes  # plots are slow to import
+
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,
                     extra={'report.html': report_bytes(result, assessment, planned=comparison)})

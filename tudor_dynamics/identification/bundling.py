@@ -16,16 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from tudor_dynamics.identification.bag_choice import parse_choice
 from tudor_dynamics.identification.choice.outcome import choices_to_list
 from tudor_dynamics.identification.collisions.free_motion import as_plain
-from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.metrics import Score
+from tudor_dynamics.identification.metrics import rounded
 from tudor_dynamics.identification.worth.assessment import assess, Assessment
 from tudor_dynamics.identification.worth.bent import bent_links_of
 from tudor_dynamics.identification.worth.comparison import spread
@@ -80,32 +77,6 @@ def _models(result: FitResult) -> dict[str, dict[str, Model]]:
     return models
 
 
-def trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
-    """
-    Find the bags that a model was trained on, under whatever names.
-
-    Parameters
-    ----------
-    facts : mapping
-        Facts of the model's bundle.
-    bags : sequence of BagData
-        Bags that may have been trained on.
-
-    Returns
-    -------
-    list of str
-        Those with samples of a training bag, by checksum.
-
-    """
-    training = facts.get('training')
-    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in
-             (training if isinstance(training, list) else ())
-             if isinstance(item, dict) and item.get('sha256')]
-    return [str(bag.choice) for bag in bags if any(
-        bag.recording.checksum == checksum and bag.choice.overlaps(choice)
-        for checksum, choice in known)]
-
-
 def figures(result: FitResult) -> dict[str, Any]:
     """
     Give the figures of a fit as plain values: output, model, then training and validation.
@@ -139,27 +110,3 @@ def _figures(item: FittedOutput) -> dict[str, Any]:
     if item.random is not None:
         content['random_split_optimistic'] = rounded(item.random.score)
     return content
-
-
-def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
-    """
-    Give a score as plain values without digits that mean nothing.
-
-    Parameters
-    ----------
-    score : Score
-        Figures to be rounded.
-    digits : int, default=6
-        Significant digits that are kept.
-
-    Returns
-    -------
-    dict
-        JSON-ready.
-
-    """
-    def shorten(value: Any) -> Any:
-        if isinstance(value, dict):
-            return {key: shorten(item) for key, item in value.items()}
-        return float(f'{value:.{digits}g}') if isinstance(value, float) else value
-    return dict(shorten(score.as_dict()))

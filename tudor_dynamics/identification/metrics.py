@@ -257,3 +257,27 @@ def score(
 
     """
     return tally(measured, predicted, moving).score(names)
+
+
+def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
+    """
+    Give a score as plain values without digits that mean nothing.
+
+    Parameters
+    ----------
+    score : Score
+        Figures to be rounded.
+    digits : int, default=6
+        Significant digits that are kept.
+
+    Returns
+    -------
+    dict
+        JSON-ready.
+
+    """
+    def shorten(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: shorten(item) for key, item in value.items()}
+        return float(f'{value:.{digits}g}') if isinstance(value, float) else value
+    return dict(shorten(score.as_dict()))

@@ -42,7 +42,6 @@ from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.storage.bundle_io import check_target, save_bundle
-from tudor_dynamics.report.page import report_bytes
 from tudor_dynamics.typing import Progress
 
 
@@ -260,6 +259,8 @@ def fit(
     assessment = assess(result)
     bundle = bundle_of(result, assessment)
     if out is not None:
+        from tudor_dynamics.report.page import report_bytes  # plots are slow to import
+
         progress('report')
         save_bundle(bundle, out, overwrite=overwrite,
                     extra={'report.html': report_bytes(result, assessment)})

@@ -17,16 +17,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import Any, TYPE_CHECKING, TypeVar
 import warnings
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import check_type, TudorWarning, UsageError
-from tudor_dynamics.identification.bag_choice import BagChoice, choices, Paths
-from tudor_dynamics.identification.bundling import trained_on
+from tudor_dynamics.identification.bag_choice import BagChoice, choices, parse_choice, Paths
 from tudor_dynamics.identification.dataset import BagData, common_outputs, load
 from tudor_dynamics.identification.validation import validate, Validation
 from tudor_dynamics.models.bundle import ModelBundle
@@ -174,12 +173,23 @@ def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
         Those that are no test, by checksum.
 
     """
-    seen = trained_on(bundle.facts, data)
+    seen = _trained_on(bundle.facts, data)
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
                'test')
         warnings.warn(msg, TudorWarning, stacklevel=3)
     return seen
+
+
+def _trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
+    """Name those bags that have samples of a training bag, by checksum, under whatever names."""
+    training = facts.get('training')
+    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in
+             (training if isinstance(training, list) else ())
+             if isinstance(item, dict) and item.get('sha256')]
+    return [str(bag.choice) for bag in bags if any(
+        bag.recording.checksum == checksum and bag.choice.overlaps(choice)
+        for checksum, choice in known)]
 
 
 def predict(bundle: ModelBundle, bags: Paths, *, payload: float | None = None) -> Prediction:

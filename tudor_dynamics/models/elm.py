@@ -27,7 +27,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from scipy import linalg
-from scipy.special import expit
 
 from tudor_dynamics.arm import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
@@ -182,6 +181,8 @@ class ExtremeLearningMachine(MemorylessModel):
         x = _normalise(motion, self.input_range_)
         if self.clip:
             np.clip(x, -1.0, 1.0, out=x)
+        from scipy.special import expit  # slow to import, and few bundles have an ELM
+
         return np.asarray(expit(x @ self.input_weights_ + self.biases_))
 
     def _rows(self, block: TrainingBlock) -> list[tuple[FloatArray, FloatArray]]:

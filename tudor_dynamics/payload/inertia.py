@@ -25,7 +25,6 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from scipy.optimize import least_squares
 
 from tudor_dynamics.models.consistent.bodies import parameters_from, pseudo_inertia
 from tudor_dynamics.typing import FloatArray
@@ -119,6 +118,8 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
     w, v = np.linalg.eigh(pseudo_inertia(parameters))
     scale = np.array([size, size, size, 1.0])
     start = (v * np.maximum(w, 0.0)) @ v.T + 1e-6 * mass * np.diag(scale ** 2)
+    from scipy.optimize import least_squares  # slow to import, and few loads need it
+
     found = least_squares(left, np.linalg.cholesky(start)[_LOWER], slope, method='lm',
                           x_scale='jac', ftol=1e-14, xtol=1e-14, gtol=1e-14, max_nfev=500)
     return body(found.x)

@@ -22,12 +22,16 @@ joint_trajectory_controller, "Trajectory Representation").
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.interpolate import BPoly
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.typing import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
 
 MOST_POINTS = 1_000_000
 """Of a trajectory that is made denser; five minutes of a 3 kHz loop."""
@@ -48,6 +52,8 @@ def spline(trajectory: Trajectory) -> BPoly:
         Positions of all joints over the time [s].
 
     """
+    from scipy.interpolate import BPoly  # slow to import, and few fits have a plan
+
     given = (trajectory.q, trajectory.dq, trajectory.ddq)
     return BPoly.from_derivatives(
         trajectory.t, np.stack([field for field in given if field is not None], axis=1))

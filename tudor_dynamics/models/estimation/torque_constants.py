@@ -29,8 +29,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 from numpy.typing import NDArray
-from scipy import linalg, optimize
 
 from tudor_dynamics.models.estimation.products import Products
 from tudor_dynamics.typing import FloatArray
@@ -172,6 +172,8 @@ class _Problem:
 
     def minimise(self, logs: FloatArray) -> FloatArray:
         """Go to the least cost."""
+        from scipy import optimize  # slow to import, and few arms need it
+
         found = optimize.minimize(self.cost, logs, jac=True, method='BFGS',
                                   options={'gtol': 1e-4})
         return np.asarray(found.x)
