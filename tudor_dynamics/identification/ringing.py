@@ -95,7 +95,7 @@ def power_density(
     spectra = np.fft.rfft((pieces - pieces.mean(axis=-1, keepdims=True)) * window)
     density = (np.abs(spectra) ** 2).mean(axis=0).T / (rate * np.sum(window ** 2))
     density[1:(length + 1) // 2] *= 2.0  # all but 0 Hz and half the sample rate
-    return np.fft.rfftfreq(length, 1.0 / rate), density
+    return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64), density
 
 
 def find_ringing(

@@ -29,8 +29,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg
 from numpy.typing import NDArray
+from scipy import linalg
 
 from tudor_dynamics.models.estimation.products import Products
 from tudor_dynamics.typing import FloatArray
