@@ -45,6 +45,10 @@ class Level(IntEnum):
     COLLISION = 2
 
 
+LEVELS = Level.CONTACT, Level.COLLISION
+"""Those that have a threshold."""
+
+
 @dataclass(frozen=True)
 class DetectorSettings:
     """
@@ -104,6 +108,9 @@ class _Track:
 
     def follow(self, stamp: int, ratio: float, debounce: float) -> bool:
         """Say whether the threshold has been exceeded long enough; NaN holds, and is no excess."""
+        if self.raised == 1.0 and ratio < 1.0:  # nearly always; what follows comes to the same
+            self.stamp, self.since = stamp, None
+            return False
         faded = math.exp((self.stamp - stamp) * 1e-9 / AFTERMATH)
         bar = max(1.0, self.raised * faded)
         self.stamp = stamp
@@ -184,8 +191,7 @@ class CollisionDetector:
     def reset(self) -> None:
         """Forget the past and be armed."""
         self.level = Level.FREE
-        self._tracks = {(method, level): _Track() for method in self.channels
-                        for level in (Level.CONTACT, Level.COLLISION)}
+        self._tracks = {method: (_Track(), _Track()) for method in self.channels}
         self._onsets = {method: _Onset() for method in self.channels}
         self._stamps: dict[str, int] = {}
 
@@ -215,9 +221,8 @@ class CollisionDetector:
         onset = self._onsets[method]
         if onset.grows(stamp, excess.sudden, settings) and self.level is Level.COLLISION:
             event = self._event(method, excess, onset.since)
-        for level, ratios in ((Level.CONTACT, excess.contact),
-                              (Level.COLLISION, excess.collision)):
-            track = self._tracks[method, level]
+        for level, track, ratios in zip(LEVELS, self._tracks[method],
+                                        (excess.contact, excess.collision), strict=True):
             sure = track.follow(stamp, largest(ratios), settings.debounce)
             if sure and self.level < level:
                 if level is Level.COLLISION:
@@ -231,8 +236,8 @@ class CollisionDetector:
         return event
 
     def _holds(self, level: Level, stamp: int) -> bool:
-        return any(track.holds(stamp, self.settings.rearm)
-                   for (_, of), track in self._tracks.items() if of >= level)
+        return any(track.holds(stamp, self.settings.rearm) for tracks in self._tracks.values()
+                   for of, track in zip(LEVELS, tracks, strict=True) if of >= level)
 
     def _event(self, method: str, excess: Excess, since: int | None) -> CollisionEvent:
         stamp = excess.residual.motion.stamp

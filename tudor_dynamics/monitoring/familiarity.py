@@ -84,7 +84,7 @@ class Familiarity:
             Size of the onset statistic by its profile.
 
         """
-        _follow(dt, speeds, ratio, self.usual, self.reach, self.level, self.widening)
+        follow(dt, speeds, ratio, self.usual, self.reach, self.level, self.widening)
 
 
 @compiled
@@ -99,7 +99,7 @@ def _track(dt: float, ratio: FloatArray, level: FloatArray) -> None:
 
 
 @compiled
-def _follow(
+def follow(
     dt: float, speeds: FloatArray, ratio: FloatArray, usual: FloatArray, reach: FloatArray,
     level: FloatArray, widening: FloatArray,
 ) -> None:

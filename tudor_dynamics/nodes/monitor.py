@@ -94,9 +94,7 @@ class MonitorNode(LoadNode):
         if q is None:
             return
         velocity = reader.read(message, 'velocity', optional=True)
-        self.listened.look(begun)
-        monitor.wanted = {output for output, publisher in self._predicted.items()
-                          if publisher.wanted or output in monitor.watch.outputs}
+        self._look(begun)
         found = monitor.add_joints(message.stamp, q, velocity)
         motion = monitor.motion
         if motion is not None:
@@ -114,10 +112,17 @@ class MonitorNode(LoadNode):
             self.measured(output, self._own, message)
         self.meter.end(begun)
 
+    def _look(self, now: float) -> None:
+        """Predict, from time to time anew, what somebody listens to."""
+        monitor = self.monitor
+        if self.listened.look(now) and monitor is not None:
+            monitor.wanted = {output for output, publisher in self._predicted.items()
+                              if publisher.wanted or output in monitor.watch.outputs}
+
     def _on_measured(self, topic: str, message: JointSample) -> None:
         begun = self.meter.begin()
         self.came(topic, message.stamp)
-        self.listened.look(begun)
+        self._look(begun)
         for output in self._carried.get(topic, ()):
             self.measured(output, topic, message)
         self.meter.end(begun)

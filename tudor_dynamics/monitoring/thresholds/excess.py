@@ -20,15 +20,18 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.monitoring.familiarity import Familiarity
+from tudor_dynamics.monitoring.familiarity import Familiarity, follow
 from tudor_dynamics.monitoring.residuals import Residual
 from tudor_dynamics.monitoring.thresholds.accumulation import advance, UNSURE
-from tudor_dynamics.monitoring.thresholds.features import MotionFeatures
-from tudor_dynamics.monitoring.thresholds.onset import OnsetFilter
+from tudor_dynamics.monitoring.thresholds.features import (
+    evaluate_features, MotionFeatures, NEVER)
+from tudor_dynamics.monitoring.thresholds.onset import OnsetFilter, weigh
 from tudor_dynamics.monitoring.thresholds.stiction import advance_held, held_friction
 from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
+from tudor_dynamics.small_arrays import array_at, places_of, REAL, WHOLE
 from tudor_dynamics.typing import FloatArray
 
 
@@ -98,8 +101,9 @@ class ExcessStage:
         self._onset = OnsetFilter(thresholds.taps, thresholds.step)
         self._familiarity = Familiarity(thresholds.usual, thresholds.reach)
         n = len(thresholds.channels)
-        self._sums, self._friction = np.zeros((2, n)), np.zeros(n)
-        self._none, self._free = np.zeros(n), np.empty(n)
+        self._sums, self._friction, self._held = np.zeros((2, n)), np.zeros(n), np.zeros(n)
+        self._columns = np.empty(self._features.size)
+        self._sticks = bool(thresholds.stiction.any())
         self._last: int | None = None
         self.rates = rates
 
@@ -118,6 +122,18 @@ class ExcessStage:
         self._rates = rates
         self._collision = self.thresholds.ratios(rates.collision)
         self._contact = np.minimum(self.thresholds.ratios(rates.contact), self._collision)
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Write down where all lies that a sample is judged by, in the order of `_judge`."""
+        features, onset, known = self._features, self._onset, self._familiarity
+        self._past = onset.x
+        self._tables = [np.ascontiguousarray(table) for table in (
+            self._columns, features.direction, features.lately, self.thresholds.stiction,
+            self._held, self._friction, onset.t, onset.ages, self._contact, self._collision,
+            known.widening, known.usual, known.reach, known.level,
+            onset.x, onset.weights, self.thresholds.profile, self._sums, features.reversed_at)]
+        self._places = places_of(self._tables)
 
     def step(self, residual: Residual, first: bool = False) -> Excess:
         """
@@ -139,22 +155,50 @@ class ExcessStage:
         stamp = residual.motion.stamp
         first = first or self._last is None or stamp <= self._last
         dt = 0.0 if first or self._last is None else (stamp - self._last) * 1e-9
+        last = NEVER if first or self._last is None else self._last
         if first:
-            self._features = MotionFeatures(self.thresholds.n_joints)
+            self._features.reset()
             self._sums[:] = 0.0
         self._last = stamp
-        columns = self._features.step(stamp, residual.motion.row)
-        n, stiction = len(self._friction), self.thresholds.stiction
-        # only joints have some, and each its own speed
-        held = held_friction(stiction, columns[1:1 + n]) if stiction.any() else self._none
-        advance_held(dt, residual.value, held, self._friction, self._free)
-        onset = self._onset.step(stamp, self._free, first)
-        levels = np.empty((5, len(onset)))
-        _compare(self.thresholds.profile, columns, residual.value, onset, self._contact,
-                 self._collision, self.widening, held, dt,
-                 self._sums, levels)
-        self._familiarity.step(dt, columns[1:1 + self.thresholds.n_joints], levels[4])
-        return Excess(residual, onset, levels[0], levels[1], levels[2], levels[3])
+        onset = self._onset
+        known = onset.take_place(stamp, first)
+        if onset.x is not self._past:
+            self._arrange()
+        out = np.empty((6, len(self._friction)))
+        onset.begin = _judge(stamp, last, dt, self._sticks, onset.begin, onset.count, known,
+                             residual.motion.row, residual.value, self._places, out)
+        return Excess(residual, out[5], out[0], out[1], out[2], out[3])
+
+
+@compiled
+def _judge(
+    stamp: int, last: int, dt: float, sticks: bool, begin: int, count: int, known: bool,
+    row: FloatArray, value: FloatArray, places: NDArray[np.int64], out: FloatArray,
+) -> int:
+    """Fill ratios and threshold as `_compare`, and the onset behind; gives its new beginning."""
+    # in one call: to hand all over one after the other takes longer than all that is computed
+    columns, direction = array_at(places, 0, REAL, 1), array_at(places, 1, REAL, 1)
+    lately, stiction = array_at(places, 2, REAL, 1), array_at(places, 3, REAL, 1)
+    held, friction = array_at(places, 4, REAL, 1), array_at(places, 5, REAL, 1)
+    t, ages = array_at(places, 6, REAL, 1), array_at(places, 7, REAL, 1)
+    contact, collision = array_at(places, 8, REAL, 1), array_at(places, 9, REAL, 1)
+    widening, usual = array_at(places, 10, REAL, 1), array_at(places, 11, REAL, 1)
+    reach, level = array_at(places, 12, REAL, 1), array_at(places, 13, REAL, 1)
+    x, weights = array_at(places, 14, REAL, 2), array_at(places, 15, REAL, 2)
+    profile, sums = array_at(places, 16, REAL, 2), array_at(places, 17, REAL, 2)
+    reversed_at, onset = array_at(places, 18, WHOLE, 1), out[5]
+    evaluate_features(stamp, last, row, direction, reversed_at, lately, columns)
+    if sticks:  # only joints do, and each its own speed
+        for i in range(len(held)):
+            held[i] = held_friction(stiction[i], columns[1 + i])
+    advance_held(dt, value, held, friction, x[count - 1])
+    if known:
+        begin = weigh(t, x, begin, count, ages, weights, onset)
+    else:
+        onset[:] = 0.0
+    _compare(profile, columns, value, onset, contact, collision, widening, held, dt, sums, out)
+    follow(dt, columns[1:1 + len(direction)], out[4], usual, reach, level, widening)
+    return begin
 
 
 @compiled

@@ -45,13 +45,23 @@ class MotionFeatures:
     n_joints : int
         Number of active joints.
 
+    Attributes
+    ----------
+    direction, reversed_at, lately : ndarray of shape (n_joints,)
+        What is remembered: signs of the speeds, stamps of the last reversals [ns], decaying maxima
+        of the accelerations [rad/s^2 or m/s^2].
+
     """
 
     def __init__(self, n_joints: int) -> None:
         self.n_joints = n_joints
-        self._direction = np.zeros(n_joints)
-        self._reversed = np.full(n_joints, NEVER)
-        self._lately = np.zeros(n_joints)
+        self.direction, self.lately = np.zeros(n_joints), np.zeros(n_joints)
+        self.reversed_at = np.full(n_joints, NEVER)
+        self._last = NEVER
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.direction[:], self.reversed_at[:], self.lately[:] = 0.0, NEVER, 0.0
         self._last = NEVER
 
     @property
@@ -78,13 +88,14 @@ class MotionFeatures:
 
         """
         columns = np.empty(self.size)
-        _evaluate(stamp, self._last, row, self._direction, self._reversed, self._lately, columns)
+        evaluate_features(stamp, self._last, row, self.direction, self.reversed_at, self.lately,
+                          columns)
         self._last = stamp
         return columns
 
 
 @compiled
-def _evaluate(
+def evaluate_features(
     stamp: int, last: int, row: FloatArray, direction: FloatArray, reversed_at: NDArray[np.int64],
     lately: FloatArray, columns: FloatArray,
 ) -> None:

@@ -104,24 +104,33 @@ class OnsetFilter:
     step : float
         Time between the taps [s].
 
+    Attributes
+    ----------
+    t, x : ndarray of shape (n_places,) and (n_places, n_channels)
+        Times [s] and residuals that were seen; ``count`` of them, of which those from ``begin`` on
+        are looked at.
+    ages : ndarray of shape (n_taps,)
+        How old what is weighed is, the oldest first [s].
+    weights : ndarray of shape (n_taps n_channels, n_channels)
+        Weights in that order.
+
     """
 
     def __init__(self, taps: FloatArray, step: float) -> None:
         self.taps = taps
         self.step_time = step
-        self._ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
+        self.ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
         # interp wants increasing times: the oldest first
-        self._weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
+        self.weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         channels = self.taps.shape[1]
-        self._t = np.empty(2 * GROWTH)
-        self._x = np.empty((2 * GROWTH, channels))
-        self._count = 0
+        self.t = np.empty(2 * GROWTH)
+        self.x = np.empty((2 * GROWTH, channels))
+        self.count = self.begin = 0
         self._origin = 0
-        self._begin = 0
 
     def process(self, t: FloatArray, residual: FloatArray) -> FloatArray:
         """
@@ -164,34 +173,53 @@ class OnsetFilter:
             Statistic, zero while the past is too short.
 
         """
-        if first or self._count == 0:
-            self._count = self._begin = 0
-            self._origin = stamp
-        now = (stamp - self._origin) * 1e-9
-        if self._count == len(self._x):
-            self._make_room()
-        self._t[self._count] = now
-        self._x[self._count] = residual
-        self._count += 1
-        if self._count < 2 or now < self._ages[0] - 1e-6 * self.step_time:
+        known = self.take_place(stamp, first)
+        self.x[self.count - 1] = residual
+        if not known:
             return np.zeros(len(residual))
         out = np.empty(len(residual))
-        self._begin = _weigh(self._t, self._x, self._begin, self._count, self._ages,
-                             self._weights, out)
+        self.begin = weigh(self.t, self.x, self.begin, self.count, self.ages, self.weights, out)
         return out
 
+    def take_place(self, stamp: int, first: bool) -> bool:
+        """
+        Make a place for the residual of a sample, the last in use; whoever asks fills it.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        first : bool
+            Whether the past does not count.
+
+        Returns
+        -------
+        bool
+            Whether the past is long enough for the statistic.
+
+        """
+        if first or self.count == 0:
+            self.count = self.begin = 0
+            self._origin = stamp
+        now = (stamp - self._origin) * 1e-9
+        if self.count == len(self.x):
+            self._make_room()
+        self.t[self.count] = now
+        self.count += 1
+        return bool(self.count >= 2 and now >= self.ages[0] - 1e-6 * self.step_time)
+
     def _make_room(self) -> None:
-        keep = self._count - self._begin
-        t, x = self._t, self._x
+        keep = self.count - self.begin
+        t, x = self.t, self.x
         if keep > len(x) // 2:
             t, x = np.empty(2 * len(x)), np.empty((2 * len(x), x.shape[1]))
-        t[:keep] = self._t[self._begin:self._count].copy()
-        x[:keep] = self._x[self._begin:self._count].copy()
-        self._t, self._x, self._count, self._begin = t, x, keep, 0
+        t[:keep] = self.t[self.begin:self.count].copy()
+        x[:keep] = self.x[self.begin:self.count].copy()
+        self.t, self.x, self.count, self.begin = t, x, keep, 0
 
 
 @compiled
-def _weigh(
+def weigh(
     t: FloatArray, x: FloatArray, begin: int, count: int, ages: FloatArray, weights: FloatArray,
     out: FloatArray,
 ) -> int:

@@ -65,9 +65,11 @@ class ListenedPublishers:
         self._all.append(ListenedPublisher(publisher))
         return self._all[-1]
 
-    def look(self, now: float) -> None:
-        """Count the subscriptions where the last count is too old; ``now`` is monotonic [s]."""
-        if now - self._looked >= LOOK:
-            self._looked = now
-            for publisher in self._all:
-                publisher.look()
+    def look(self, now: float) -> bool:
+        """Count where the last count is too old, and say so; ``now`` is monotonic [s]."""
+        if now - self._looked < LOOK:
+            return False
+        self._looked = now
+        for publisher in self._all:
+            publisher.look()
+        return True
