@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.standstill import motion_span
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.payload import PayloadModel
@@ -30,6 +31,9 @@ from tudor_dynamics.payload.scale import Source
 from tudor_dynamics.payload.watched import CUTOFF, Watched
 from tudor_dynamics.payload.worth import LoadWorth
 from tudor_dynamics.signals.smooth_states import SmoothStates
+
+if TYPE_CHECKING:
+    from tudor_dynamics.identification.fit import FitResult
 
 
 def bent_links_of(result: FitResult) -> BentLinks | None:
