@@ -39,7 +39,7 @@ def butterworth(order: int) -> Poles:
     Parameters
     ----------
     order : int
-        Even.
+        Order of the low-pass, an even number.
 
     Returns
     -------
@@ -57,7 +57,7 @@ def chebyshev(order: int, ripple: float) -> Poles:
     Parameters
     ----------
     order : int
-        Even.
+        Order of the low-pass, an even number.
     ripple : float
         By which the gain varies below the corner [dB].
 
