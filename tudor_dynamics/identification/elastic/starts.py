@@ -167,6 +167,7 @@ def compare_starts(
     index = np.array([names.index(name) for name in some], dtype=np.intp)
     starts: list[tuple[Start, FloatArray]] = []
     runs = 0
+
     def better(x: FloatArray, steps: int) -> float:
         nonlocal runs
         fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
