@@ -207,3 +207,22 @@ def estimator_rest(arm: Arm) -> FloatArray:
     loop = ClosedLoop(arm, damping=0.0, seed=0)
     loop.reset(POSE)
     return np.asarray(loop.run(np.tile(POSE, (200, 1)), np.zeros((200, 2)), every=20).strain[-1])
+
+
+def test_what_rings_in_all_gauges_at_once_is_no_contact_and_hides_none() -> None:
+    """An arm that moves and rings in one pattern: a push with another one is felt, that is not."""
+    arm = tudor()
+    estimator = ContactEstimator(bundle_of(arm, noise=2.0), 'elastic')
+    rest = estimator_rest(arm)
+    row = np.concatenate([POSE, [0.05, 0.05], [0.0, 0.0]])
+    lever = RigidFront(arm, estimator.spans).rows(row)[-1]
+    push = 121.4 * 2.0 * (lever[:, 0] + 0.35 * lever[:, 1])
+    told = []
+    for k in range(2200):
+        ringing = 121.4 * 0.3 * np.sin(0.2 * k) * np.array([1.0, 0.5, 0.4, 0.2])
+        told.append(estimator.step(round(k * 1e7) + 1, k == 0, row, rest + ringing + (
+            push if k >= 2000 else 0.0), None))
+    assert not any(item.felt for item in told[500:2000] if item)
+    pushed = [item for item in told[2030:] if item]
+    assert all(item.felt and item.joint == 'joint3' for item in pushed)
+    assert abs(np.median([item.place for item in pushed]) - 0.35) < 0.02

@@ -47,8 +47,13 @@ LASTING, HELD = 0.7, 2.0
 """Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
 MOVING = 11.0
 """Deviations of a sample for which what is left over of a moving arm counts: it is no white noise
-but rings, and taken for white it lets the span with most freedom win. What rigid models leave over
-is measured with the ringing in it."""
+but rings, and taken for white it lets the span with most freedom win. So it begins, until more is
+learned. What rigid models leave over is measured with the ringing in it."""
+RUNG, LEARNED = 8.0, 10.0
+"""What is left over of free motion rings in all gauges at once: its covariance counts this many
+times, for samples of 0.01 s are no independent ones, and is learned over this time [s]."""
+FLOOR = 0.15
+"""Part of the deviation of a sample that no direction falls below."""
 EVIDENCE = 0.6
 """Time over which it is forgotten which span was the likely one [s]."""
 RECENT = 0.03
@@ -151,6 +156,7 @@ class ContactEstimator:
         self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
         self._tare = np.zeros(len(arm.gauges))
         self._spread = self._deviation**2
+        self._rung = np.diag(self._deviation**2)
         self._size = 0.0
         self._last: int | None = None
         self._begin_at = True
@@ -168,6 +174,7 @@ class ContactEstimator:
         self._weight = self._prior.copy()
         self._tare[:] = 0.0
         self._spread[:] = self._deviation**2
+        self._rung = np.diag(self._deviation**2)
         self._size = 0.0
         self.felt = False
 
@@ -236,6 +243,8 @@ class ContactEstimator:
         if not standing:
             self._spread[:] = usual
             self._tare *= math.exp(-dt / TARE)
+            if self._front.modes and self._size < self._doubt.offset:
+                self._learn(dt, left)
         elif self._size < self._doubt.offset:
             off = left - self._tare
             self._tare += min(dt / TARE, 1.0) * off
@@ -244,11 +253,26 @@ class ContactEstimator:
                 np.minimum(off**2, 4.0 * self._spread) - self._spread)
         return np.minimum(1.0, self._spread / usual + (CALM / self._rings)**2)
 
+    def _noise(self, share: FloatArray, times: float) -> FloatArray:
+        """Give the covariance of a sample, of an arm that stands no larger than it was seen."""
+        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._rung)))
+        return times * np.outer(part, part) * self._rung
+
+    def _learn(self, dt: float, left: FloatArray) -> None:
+        """Learn how what is left over of a moving, untouched arm rings, in all gauges together."""
+        off = np.clip(np.where(np.isfinite(left), left, 0.0), -self._deviation, self._deviation)
+        floor = np.diag((FLOOR / self._rings * self._deviation)**2)
+        self._rung += min(dt / LEARNED, 1.0) * (
+            RUNG * (np.outer(off, off) + floor) - self._rung)
+
     def _correct(
         self, dt: float, row: FloatArray, left: FloatArray, share: FloatArray,
     ) -> FloatArray:
         front = self._front
-        variance = share * self._deviation**2 * (SAMPLE / dt if front.modes else 1.0)
+        known = np.flatnonzero(np.isfinite(left))
+        white = np.linalg.inv(np.linalg.cholesky(
+            self._noise(share, SAMPLE / dt if front.modes else 1.0)[np.ix_(known, known)]))
+        left, variance = white @ left[known], np.ones(len(known))
         calm = float(share.min())
         fade = math.exp(-dt / (LASTING if front.modes and calm > CALMEST else HELD))
         levers = front.rows(row) if isinstance(front, RigidFront) else None
@@ -264,7 +288,7 @@ class ContactEstimator:
                 state *= fade
                 covariance *= fade * fade
                 covariance += rise
-            likely[k] = correct(state, covariance, rows, variance, left, TRUSTED)
+            likely[k] = correct(state, covariance, white @ rows[known], variance, left, TRUSTED)
         return likely
 
     def _told(self, stamp: int, likely: FloatArray) -> ContactEstimate:
