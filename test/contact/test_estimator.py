@@ -200,6 +200,8 @@ def test_readings_that_bend_the_arm_beyond_what_it_can_are_survived() -> None:
         told.append(estimator.step(round(k * 1e7) + 1, k == 0, row, readings, None))
     assert any(item is None for item in told[100:210]), 'it began anew'
     assert all(item is not None for item in told[300:])
+    forces = np.array([item.force for item in told if item is not None])
+    assert np.abs(forces).max() < 1e3, 'nothing is told of an arm beyond all reason'
 
 
 def estimator_rest(arm: Arm) -> FloatArray:

@@ -82,6 +82,8 @@ RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)
 """Deviations of elastic models are widened for what rings; beside a rigid one all of it rings."""
 TRUSTED = 1.5
 """Standard deviations up to which an innovation counts by its square."""
+FARFETCHED = 1e3
+"""Force of no contact, but of a followed arm that readings have driven beyond all reason [N]."""
 STANDING = 0.03
 """Speed below which an arm stands [rad/s or m/s]."""
 CALM = 0.2
@@ -201,7 +203,8 @@ class ContactEstimator:
         Returns
         -------
         ContactEstimate or None
-            None at a beginning, and for samples that are passed over.
+            None at a beginning, for samples that are passed over, and where the readings have
+            driven the followed arm beyond what an arm can do: it begins anew.
 
         """
         if self._last is None or begins or stamp <= self._last:
@@ -226,7 +229,11 @@ class ContactEstimator:
         # free motion says nothing of where a contact is
         kept = math.exp(-dt / (EVIDENCE if self.felt else RECENT))
         self._weight = (self._weight - self._prior) * kept + self._prior + likely
-        return self._told(stamp, likely)
+        told = self._told(stamp, likely)
+        if not np.abs(told.force).max() < FARFETCHED:  # not a number, too
+            self._begin_at, self.felt = True, False
+            return None
+        return told
 
     def _left(
         self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
