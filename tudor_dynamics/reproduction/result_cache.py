@@ -42,8 +42,8 @@ from tudor_dynamics.typing import FloatArray
 FOLDER = 'stages'
 RECORDING = ('arm', 'bags', 'control', 'signals', 'simulation', 'reproduction/plan.py')
 """Parts of the package that a recording depends on."""
-FITTING = (*RECORDING, 'models', 'payload', 'contact', 'identification', 'monitoring', 'report',
-           'reproduction', 'excitation')
+FITTING = (*RECORDING, 'models', 'payload', 'contact', 'identification', 'monitoring', 'doctor',
+           'report', 'reproduction', 'excitation')
 """Parts that a fit and its figures depend on."""
 
 
