@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
 from tudor_dynamics.models.elastic.arm import DrivenArm, NO_GAINS
 from tudor_dynamics.models.elastic.corrected import CorrectedArm
-from tudor_dynamics.models.elastic.kernel import advance, look, move, parabola, sense, tables_of
+from tudor_dynamics.models.elastic.kernel import look, move, sense, tables_of
 from tudor_dynamics.typing import FloatArray
 
 TOO_FAR = 1e6
@@ -131,7 +130,7 @@ def _behind_the_first(
 
 @compiled
 def follow_paths(
-    q: NDArray, dt: float, steps: int, loaded: bool, moment: NDArray, torque: NDArray,
+    q: NDArray, dt: float, inner: float, loaded: bool, moment: NDArray, torque: NDArray,
     *arrays: NDArray,
 ) -> int:
     """
@@ -143,9 +142,7 @@ def follow_paths(
         Positions of the drives.
     dt : float
         Time between samples [s].
-    steps : int
-        Steps of each.
-    loaded, moment, torque, *arrays
+    inner, loaded, moment, torque, *arrays
         As in ``follow_several``.
 
     Returns
@@ -156,13 +153,8 @@ def follow_paths(
     """
     paths, read, passed = in_lanes((q, moment, torque))
     driven = tables_of(in_lanes(arrays))
-    past, path = driven.drives.past, driven.drives.path
     for k in range(paths.shape[0]):
-        for s in range(paths.shape[1]):
-            parabola(past[0, s], past[1, s], paths[k, s], past[2, 0], dt, path[s])
-            past[0, s], past[1, s] = past[1, s], paths[k, s]
-        past[2, 0] = dt
-        if not advance(driven, dt, steps, loaded):
+        if not move(driven, paths[k], dt, inner, loaded):
             return k
         sense(driven, loaded, read[k], passed[k])
     return paths.shape[0]
@@ -193,14 +185,13 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
 
     """
     rest = arm.prompt(motions[0, :1], np.zeros(1), np.zeros((1, 0)), NO_GAINS).moment
-    steps = max(1, math.ceil(dt / arm.inner - 1e-6))
     found = []
     for first in range(0, len(motions), LANES):
         group = motions[first:first + LANES, 1:]
         arrays = [side_by_side([array]) if array.dtype == float else array.copy()
                   for array in arm.arrays]
         moment = np.zeros((group.shape[1], len(arm.gauges.body), LANES))
-        done = follow_paths(side_by_side(list(group)), dt, steps, arm.loaded, moment,
+        done = follow_paths(side_by_side(list(group)), dt, arm.inner, arm.loaded, moment,
                             np.zeros((*group.shape[1:], LANES)), *arrays)
         if done < group.shape[1]:
             raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
