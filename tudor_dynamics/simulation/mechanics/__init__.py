@@ -14,3 +14,7 @@
 
 
 """Mechanics: beams, chains of bodies, loads, energy; tables of a mechanism."""
+
+import tudor_dynamics.lanes  # noqa: F401
+# Kept functions of this room name the type of lanes. Were it not known before one is read, numba
+# would learn of it in the middle of typing another, and refuse that.
