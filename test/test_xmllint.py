@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import ast
 from configparser import ConfigParser
 from pathlib import Path
 import re
@@ -25,6 +24,8 @@ import subprocess
 from xml.etree import ElementTree
 
 import pytest
+
+from tudor_dynamics._version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ['package.xml',
@@ -55,10 +56,7 @@ def test_package_xml() -> None:
     assert not warnings
     assert package.package_format == 3
     assert package.get_build_type() == 'ament_python'
-    source = (ROOT / 'tudor_dynamics' / '__init__.py').read_text(encoding='utf-8')
-    version = re.search(r"__version__ = ('[^']+')", source)
-    assert version
-    assert package.version == ast.literal_eval(version[1])
+    assert package.version == __version__
 
 
 @pytest.mark.linter

@@ -23,6 +23,8 @@ is imported where it is first used, so that the import itself takes no time.
 import importlib
 from typing import TYPE_CHECKING
 
+from tudor_dynamics._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from tudor_dynamics.arm.description import Arm
     from tudor_dynamics.arm.loading import load_arm
@@ -44,7 +46,6 @@ if TYPE_CHECKING:
     from tudor_dynamics.simulation.plant.plant import Plant
     from tudor_dynamics.simulation.studies.study import simulate
 
-__version__ = '0.1.0'
 __all__ = [
     'Arm', 'Feedforward', 'FitSettings', 'ModelBundle', 'Monitor', 'MonitorSettings', 'Plant',
     'Recording', 'Trajectory', 'TudorError', 'build_mechanism', 'carried', 'fit', 'load_arm',

@@ -20,7 +20,7 @@ from functools import lru_cache
 import hashlib
 from pathlib import Path
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 
 PACKAGE = Path(__file__).resolve().parent
 

@@ -21,7 +21,7 @@ import shutil
 import numpy as np
 import pytest
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.reproduction.judging import hub_gauges

@@ -28,7 +28,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.drives import MotorSpec, SensorSpec
 from tudor_dynamics.arm.links import InertiaPart
 from tudor_dynamics.arm.loading import validation_message

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.exporting.friction import simple_frictions
 from tudor_dynamics.models.consistent.full import FullParameters
 from tudor_dynamics.models.units import column_unit

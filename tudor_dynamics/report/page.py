@@ -23,7 +23,7 @@ from typing import Any
 
 import jinja2
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.planned import Comparison
 from tudor_dynamics.identification.verdict import GOOD_FIT, USABLE_FIT

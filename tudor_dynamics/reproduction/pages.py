@@ -21,7 +21,7 @@ from typing import Any
 
 import jinja2
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.reproduction.plan import Campaign

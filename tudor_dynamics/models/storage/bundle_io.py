@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics import __version__
+from tudor_dynamics._version import __version__
 from tudor_dynamics.arm import Arm, arm_from_dict
 from tudor_dynamics.arm.schema import FRICTION_KEYS
 from tudor_dynamics.errors import ArmError, check_type, ModelError, TudorError
