@@ -1,0 +1,108 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The tools that count: what they call a return, a line of code, a number with a source."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType
+
+import pytest
+
+MODULE = '''# A comment.
+
+"""
+Module about a load.
+
+Notes
+-----
+One.
+
+"""
+
+import math
+
+GAIN = -2.0
+"""From bench/gain.py."""
+LOW, HIGH = 1, math.pi
+
+
+class Plan:
+    """A class."""
+
+    def payload(self) -> float:
+        """Give it."""
+        return GAIN
+'''
+
+
+def tool(root: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Load a script of ``tools/``."""
+    spec = importlib.util.spec_from_file_location(name, root / f'tools/{name}.py')
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, name, module)  # for its dataclasses
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_returns_are_moves_to_files_seen_before(
+        root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither the first look into a file nor a call within it counts; the way back does."""
+    walk = tool(root, 'returns', monkeypatch).Walk()
+    walk.call(('a.py', 'f'))
+    for _ in range(2):
+        walk.call(('b.py', 'g'))
+        walk.call(('b.py', 'h'))
+        walk.leave()
+        walk.leave()
+    walk.leave()
+    assert walk.files == {'a.py', 'b.py'} and (walk.moves, walk.returns) == (5, 3)
+    assert walk.causes == {(('a.py', 'f'), ('b.py', 'g')): 3}
+    assert [line.strip() for line in walk.tree] == [
+        '+ a.py:f', '+ b.py:g', 'b.py:h', '< back in a.py', '< b.py:g', 'b.py:h', '< back in a.py']
+
+
+def test_an_arm_is_followed(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The walk begins where the arm is loaded, and is the same every time."""
+    returns = tool(root, 'returns', monkeypatch)
+    first, second = (returns.walk_through('load_arm') for _ in range(2))
+    assert first.tree == second.tree and first.tree[0].endswith(':load_arm')
+    assert first.returns == sum(first.causes.values()) > 0
+    assert f'load_arm: {first.returns} returns' in returns.report('load_arm', first, False)
+
+
+def test_size_of_a_module(tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every figure of a small module, and what two of the same count together."""
+    size = tool(root, 'size', monkeypatch)
+    package = tmp_path / 'tudor_dynamics'
+    for room in ('one', 'two'):
+        (package / room).mkdir(parents=True)
+        (package / room / 'module.py').write_text(MODULE)
+    (package / '__init__.py').write_text("__all__ = ['Plan']\n")
+    (tmp_path / 'test' / 'one').mkdir(parents=True)
+    (tmp_path / 'test' / 'one' / 'test_module.py').write_text('import math\n\nassert math.pi\n')
+    found = size.measure(package / 'one' / 'module.py', package)
+    # The string after a number is code as the parser has it, and its comment.
+    assert (found.lines, found.code, found.docstrings, found.sections) == (24, 6, 10, 4)
+    assert (found.public, found.named, found.about, found.small) == (1, 1, 0, 1)
+    assert (found.numbers, found.sourced) == (2, 1)
+    text = size.report(tmp_path)
+    assert 'exported by the package: 1 names; public: 2' in text
+    assert 'numbers: 4 in 2 files, 2 with a source' in text
+    assert '1 classes have a name that another has:\n   Plan' in text
+    assert all(len(line) <= 80 for line in text.splitlines())
