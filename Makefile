@@ -1,8 +1,8 @@
-# make venv | demo | test | bench | docs | lint | clean: each does its own set-up.
+# make venv | demo | test | bench | papers | docs | lint | clean: each does its own set-up.
 SHELL := /bin/bash
 .SHELLFLAGS := -eo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test bench docs lint clean
+.PHONY: help venv demo test bench papers docs lint clean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -26,6 +26,7 @@ export PIP_NO_INPUT := 1
 WORKERS ?= 2
 PYTEST_ARGS ?=
 DEMO_OUT ?= demo_out
+PAPERS_ARGS ?=
 BENCHES := $(sort $(shell grep -l __main__ bench/*.py))
 
 help:
@@ -33,6 +34,7 @@ help:
 	@echo 'make demo   learn and check a model from the recordings in bags/, and detect pushes'
 	@echo 'make test   all tests and style gates (PYTEST_ARGS="-k NAME", WORKERS=N)'
 	@echo 'make bench  measure speed and memory'
+	@echo 'make papers the experiments of two papers, into papers_out (PAPERS_ARGS="table1 --quick")'
 	@echo 'make docs   reference of the library as pages in build/docs'
 	@echo 'make lint   style gates alone'
 	@echo 'make clean  remove all that the others made'
@@ -66,6 +68,9 @@ test: venv
 bench: venv
 	@$(if $(BENCHES),,echo 'no script in bench/' >&2; exit 1;) $(ROS) \
 	for script in $(BENCHES); do echo "== $$script"; $(BIN)/python $$script; done
+
+papers: venv
+	@$(ROS) $(BIN)/python -m papers $(PAPERS_ARGS)
 
 # Any warning ends it: a docstring that Sphinx cannot read is one that people cannot read.
 docs: venv

@@ -29,7 +29,6 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.reproduction.lshape import l_shape, relative_rms
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.modes import modes
 from tudor_dynamics.simulation.plant.outputs import Probe
@@ -37,6 +36,10 @@ from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import run_plant
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from papers.lshape import l_shape, relative_rms  # noqa: E402, I100
+
 SECONDS = 2.0
 
 

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.limits import free_of_positions, planned_limits
+from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
 from tudor_dynamics.signals.ringdown import ring_modes, RingMode
 from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
@@ -41,6 +41,10 @@ from tudor_dynamics.simulation.loop.drive import Imperfections
 from tudor_dynamics.simulation.loop.pushes import link_length, Push
 from tudor_dynamics.simulation.loop.signals import with_payload
 from tudor_dynamics.simulation.plant.modes import modes
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from papers.figures import free_of_positions  # noqa: E402, I100
 
 PAYLOADS = (0.0, 0.1, 0.2, 0.3, 0.4)
 # Finite elements, joints held behind elastic gears: first two frequencies [Hz] at q3 = 0, 45,

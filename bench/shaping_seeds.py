@@ -16,7 +16,7 @@
 What refining shaped moves by the simulated model brings, on moves it was not developed with.
 
 Run with ``OMP_NUM_THREADS=1 python bench/shaping_seeds.py --work DIR``, DIR that of
-``tudor reproduce outlook --only shaping --out DIR``. Moves anywhere, twelve of each seed, on the
+``python -m papers outlook --only shaping --out DIR``. Moves anywhere, twelve of each seed, on the
 arm with all its imperfections; the residual strain that is left of the unshaped moves' [%] by the
 modes alone and refined, with the payload as it is and told wrong by ``--error`` in turn upwards
 and downwards, what the simulation itself leaves of a refined move, and the processor's time that
@@ -27,30 +27,29 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import sys
 import time
 
 import numpy as np
 
-from tudor_dynamics.cli.reproduce.campaign_options import default_arm
-from tudor_dynamics.control.schedule import Schedule
-from tudor_dynamics.control.shaped_motion import Refine, Shaping
-from tudor_dynamics.models.tuning.refined_moves import MoveRefiner
-from tudor_dynamics.models.tuning.small_motion import TunedArm
-from tudor_dynamics.reproduction.outlook.part import Setting
-from tudor_dynamics.reproduction.outlook.shaping import (
-    BEFORE, BEHIND, draw_ends, LOUD, MOVES, reference, run)
-from tudor_dynamics.reproduction.outlook.tuned import schedule_of, tuned_arm
-from tudor_dynamics.reproduction.plan import Campaign, Plan
-from tudor_dynamics.reproduction.result_cache import ResultCache
+import tudor_dynamics as td
 from tudor_dynamics.typing import FloatArray
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from papers.__main__ import default_arm  # noqa: E402, I100
+from papers.campaign import Campaign, Plan, ResultCache  # noqa: E402
+from papers.outlook import Setting  # noqa: E402
+from papers.shaping import (  # noqa: E402
+    BEFORE, BEHIND, draw_ends, LOUD, MOVES, reference, run)
+from papers.tuned import schedule_of, tuned_arm  # noqa: E402
 
 EVERY = 5
 """Of the reference's samples, for the simulation."""
 
 
 def simulated(
-    tuned: TunedArm, payload: float, q: FloatArray, length: float, period: float,
+    tuned: td.TunedArm, payload: float, q: FloatArray, length: float, period: float,
 ) -> float:
     """Give what a move leaves in the simulation that it was refined with [um/m]."""
     assert tuned.arm.spec.damper is not None
@@ -61,7 +60,7 @@ def simulated(
 
 
 def trial(
-    tuned: TunedArm, schedule: Schedule, refiner: Refine, seed: int, error: float,
+    tuned: td.TunedArm, schedule: td.Schedule, refiner: td.MoveRefiner, seed: int, error: float,
 ) -> tuple[FloatArray, list[float]]:
     """Give what is left by the modes, refined, and of that simulated [%], and times [s]."""
     arm, random = tuned.arm, np.random.default_rng(seed)
@@ -77,7 +76,7 @@ def trial(
         for kind, refine in (('none', None), ('elastic', None), ('elastic', refiner)):
             begun = time.process_time()
             q, dq, length = reference(
-                arm, Shaping(kind, schedule, payload=told, refine=refine), ends, period)
+                arm, td.Shaping(kind, schedule, payload=told, refine=refine), ends, period)
             seconds.append(time.process_time() - begun)
             left.append(run(arm, payload, q, dq, length, period, number)[2])
         left.append(simulated(tuned, told, q, length, period))
@@ -95,7 +94,7 @@ def main() -> None:
     options = parser.parse_args()
     setting = Setting('shaping', Campaign(Plan(str(default_arm())), ResultCache(options.work)))
     tuned = tuned_arm(setting)
-    schedule, refiner = schedule_of(setting, tuned)[0], MoveRefiner(tuned)
+    schedule, refiner = schedule_of(setting, tuned)[0], td.MoveRefiner(tuned)
     print(f'{"seed":>5} {"payload":>9} {"modes":>7} {"refined":>8} {"simulated":>10} '
           f'{"median":>7} {"longest":>8}')
     for seed in options.seeds:

@@ -30,12 +30,15 @@ import numpy as np
 from scipy.linalg import lapack
 
 from tudor_dynamics.arm import load_arm
-from tudor_dynamics.reproduction.lshape import l_shape
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from papers.lshape import l_shape  # noqa: E402, I100
+
 REPEAT, SECONDS = 7, 5.0
 
 

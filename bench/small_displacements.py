@@ -32,14 +32,15 @@ import numpy as np
 from scipy.integrate import solve_bvp, trapezoid
 
 from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.reproduction.lshape import l_shape
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import largest_rotation
 
-sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
+from papers.lshape import l_shape  # noqa: E402, I100
 from simulation.erls import RigidLinkSystem  # noqa: E402, I100
 
 HELD = np.array([False, True])

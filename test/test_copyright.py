@@ -58,7 +58,7 @@ def header_fault(text: str) -> str | None:
 def test_headers(root: Path) -> None:
     """Every Python file of the package begins with the Apache header."""
     files = [root / 'setup.py']
-    for place in ('tudor_dynamics', 'test', 'bench'):
+    for place in ('tudor_dynamics', 'papers', 'test', 'bench'):
         files += sorted((root / place).rglob('*.py'))
     assert len(files) > 10
     faults = {str(file.relative_to(root)): fault for file in files

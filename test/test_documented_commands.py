@@ -33,6 +33,7 @@ import subprocess
 import sys
 import time
 
+from papers.__main__ import build_parser as papers_parser
 import pytest
 
 from tudor_dynamics.cli.main import build_parser, SUBCOMMANDS
@@ -79,15 +80,19 @@ def test_blocks_say_what_they_are() -> None:
 
 @pytest.mark.parametrize('run', [True, False])
 def test_options_are_known(run: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every ``tudor`` command is one that the parser takes."""
+    """Every command of ``tudor`` and of the papers is one that its parser takes."""
     parsed = 0
     for page, text in shell(run=run):
         for words in commands(text):
-            if words[0] != 'tudor':
+            papers = words[:3] == ['python', '-m', 'papers']
+            if words[0] != 'tudor' and not papers:
                 continue
-            assert words[1] in SUBCOMMANDS, (page, words)
+            assert papers or words[1] in SUBCOMMANDS, (page, words)
             try:
-                build_parser(words[1]).parse_args(words[1:])
+                if papers:
+                    papers_parser().parse_args(words[3:])
+                else:
+                    build_parser(words[1]).parse_args(words[1:])
             except SystemExit:
                 pytest.fail(f'{page}: {words}: {capsys.readouterr().err}')
             parsed += 1
@@ -147,7 +152,7 @@ def ended(group: int, patience: float) -> bool:
 def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Place to run them in, with what a checkout has, and ``tudor`` on its path."""
     folder = tmp_path_factory.mktemp('checkout')
-    for name in ('config', 'bags', 'tools'):
+    for name in ('config', 'bags', 'papers', 'tools'):
         shutil.copytree(ROOT / name, folder / name)
     (folder / 'bin').mkdir()
     modules = {'tudor': 'tudor_dynamics',

@@ -23,7 +23,7 @@ import sys
 
 import pytest
 
-PLACES = ('tudor_dynamics', 'test', 'bench', 'setup.py')
+PLACES = ('tudor_dynamics', 'papers', 'test', 'bench', 'setup.py')
 PLUGINS = ('flake8-builtins', 'flake8-comprehensions', 'flake8-quotes', 'flake8_import_order')
 
 

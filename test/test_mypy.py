@@ -25,8 +25,8 @@ import pytest
 
 @pytest.mark.linter
 def test_mypy(root: Path) -> None:
-    """No type error in the package, nor in the scripts that use it as a library."""
+    """No type error in the package, nor in the scripts and the study that use it."""
     pytest.importorskip('mypy')
-    run = subprocess.run([sys.executable, '-m', 'mypy', 'tudor_dynamics', 'examples'],
+    run = subprocess.run([sys.executable, '-m', 'mypy', 'tudor_dynamics', 'examples', 'papers'],
                          cwd=root, capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr

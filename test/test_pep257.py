@@ -24,7 +24,7 @@ from pydocstyle import check
 from pydocstyle.config import ConfigurationParser
 import pytest
 
-PLACES = ('tudor_dynamics', 'test', 'bench', 'examples', 'setup.py')
+PLACES = ('tudor_dynamics', 'papers', 'test', 'bench', 'examples', 'setup.py')
 IGNORED = ('D100', 'D101', 'D102', 'D103', 'D104', 'D105', 'D106', 'D107', 'D203', 'D212', 'D404')
 """What ament_pep257 does not ask for."""
 

@@ -46,7 +46,7 @@ READERS = {
             '`dynamics_predictor`, `collision_detector`, `monitor`',
     ELASTIC: '`tudor fit --models elastic`, and what uses that model',
     SIMULATE: '`tudor simulate`',
-    RECORD: '`tudor record`, `reproduce`, `arm_simulator`',
+    RECORD: '`tudor record`, `arm_simulator`, `papers/`',
     DAMPER: '`oscillation_damper`, `damper_sign_test`',
     REFERENCES: '`reference_generator`',
 }

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Take the pictures of the documentation from the figures of ``tudor reproduce figures --out DIR``.
+Take the pictures of the documentation from the figures of ``python -m papers figures --out DIR``.
 
     python tools/docs_pictures.py DIR
 """

@@ -222,16 +222,17 @@ def test_bad_options_get_one_line(root, tmp_path, capsys, options, words):
     assert words in message
 
 
-def test_reproduce_draws_the_figures_of_the_paper(tmp_path, capsys):
-    """Figures 4 to 9 and the arrays."""
-    assert main(['reproduce', 'lshape', '--out', str(tmp_path), '--dt', '0.001', '--json']) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures['angle_start_deg'] == pytest.approx(135.0)
-    assert figures['angle_after_steps_deg'] == pytest.approx(30.0, abs=1.5)
-    assert figures['hinged_hz'][2] == pytest.approx(11.3, abs=0.2)
-    names = {path.name for path in tmp_path.iterdir()}
-    assert {'figure_4_torque.png', 'figure_5_6_elbow_acceleration.png', 'lshape.npz',
-            'figure_7_8_tip_acceleration.png', 'figure_9_moment_link2.png'} <= names
+@pytest.mark.parametrize('words', [[], ['table1', '--out', 'out'], ['--json'], ['--help']])
+def test_reproduce_says_what_took_its_place(capsys, words):
+    """One line, and the exit code of wrong input."""
+    if words == ['--help']:
+        with pytest.raises(SystemExit):
+            main(['reproduce', *words])
+        assert 'python -m papers' in capsys.readouterr().out
+        return
+    assert main(['reproduce', *words]) == 2
+    err = capsys.readouterr().err
+    assert 'make papers' in err and 'python -m papers' in err and err.count('\n') == 1
 
 
 @pytest.mark.parametrize(('seconds', 'fails', 'left'), [

@@ -19,12 +19,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from papers.lshape import l_shape
 import pytest
 
 from simulation.erls import RigidLinkSystem
 from tudor_dynamics.arm import arm_from_dict
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.reproduction.lshape import l_shape
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.modes import modes
 from tudor_dynamics.simulation.plant.plant import Plant

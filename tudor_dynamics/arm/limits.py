@@ -233,28 +233,3 @@ def drive_stop(arm: Arm) -> DriveStop:
     damper = arm.spec.damper
     return DriveStop(DRIVE_TIMEOUT if damper is None else damper.drive_timeout,
                      planned_limits(arm).acceleration)
-
-
-def free_of_positions(arm: Arm) -> Arm:
-    """
-    Take the limits of position away from an arm, for motions that begin or end beyond them.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description; it stays as it is.
-
-    Returns
-    -------
-    Arm
-        The same arm, whose speeds and accelerations alone are limited.
-
-    """
-    none = {'lower': None, 'upper': None}
-    joints = tuple(joint.model_copy(update={
-        key: value.model_copy(update=none)
-        for key, value in (('limits', joint.limits), ('planned', joint.planned))
-        if value is not None}) for joint in arm.spec.joints)
-    model = arm.full_model.copy()
-    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -np.inf, np.inf
-    return Arm(arm.spec.model_copy(update={'joints': joints}), model, arm.source, arm.urdf)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import warnings
 
@@ -74,6 +74,9 @@ class FitSettings:
         Also report a random 50/50 split of the samples.
     payloads : (float, float) or None
         Least and largest payload of the training bags, for models of all payloads [kg].
+    elastic_start : mapping of str to float, optional
+        Physical parameters of an arm that is nearly this one, where the search for an elastic
+        model begins: ``{p.name: p.value for p in model.physical}`` of its model.
 
     """
 
@@ -86,6 +89,7 @@ class FitSettings:
     elm_seed: int = 0
     random_split: bool = False
     payloads: tuple[float, float] | None = None
+    elastic_start: Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse kinds, estimators and forms that there are not."""
@@ -260,7 +264,7 @@ def fit_models(
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
     trainers = {kind: trainer_of(kind, arm, settings, progress,
-                                 None if holdout is None else holdout[0], known)
+                                 None if holdout is None else holdout[0], known, settings.elastic_start)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
     parts = [training, *([] if test or len(training) < 2 else [known for known, _ in others])]

@@ -160,6 +160,7 @@ def check_kinds(
 def trainer_of(
     kind: str, arm: Arm, settings: ModelSettings, progress: Callable[[str], None],
     kept: BagData | None, known: Searches | None = None,
+    warm: Mapping[str, float] | None = None,
 ) -> Trainer:
     """
     Give the trainer of a kind.
@@ -178,8 +179,10 @@ def trainer_of(
         Part of the only bag, the rest of which is held out.
     known : mapping of tuple of str to Identified, optional
         Names of bags to what was found of them behind another filter.
+    warm : mapping of str to float, optional
+        Physical parameters where every search begins.
 
     """
     if kind in TRAINERS:
-        return TRAINERS[kind](arm, settings.payloads, progress, kept=kept, known=known)
+        return TRAINERS[kind](arm, settings.payloads, progress, warm, kept, known)
     return RowTrainer(kind, arm, settings)

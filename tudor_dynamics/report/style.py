@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-How figures look, on the page of a fit and in a reproduction: one style, two sizes of it.
+How figures look, on the page of a fit and as files of their own: one style, two sizes of it.
 
 Every series has a line style, width or marker of its own, so that prints in grey stay legible; the
 colours are those of Okabe and Ito, which colour-blind readers tell apart.
@@ -50,15 +50,10 @@ PRINT: Any = {
 
 PAGE_MEASURED: dict[str, Any] = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-',
                                  'solid_capstyle': 'round'}
-PRINT_MEASURED: dict[str, Any] = {**PAGE_MEASURED, 'linewidth': 2.6, 'label': 'measured'}
 PAGE_MODELS: dict[str, dict[str, Any]] = {
     'analytical': {'color': BLUE, 'linewidth': 1.0, 'linestyle': '-'},
     'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
     'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
-PRINT_MODELS: dict[str, dict[str, Any]] = {
-    'analytical': {'color': BLUE, 'linewidth': 1.1, 'linestyle': '-'},
-    'elm': {'color': VERMILION, 'linewidth': 1.1, 'linestyle': (0, (4, 1.6))},
-    'elastic': {'color': '#00785a', 'linewidth': 1.1, 'linestyle': (0, (5, 1.4, 1, 1.4))}}
 OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
 """Of a kind that has no look of its own."""
 

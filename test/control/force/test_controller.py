@@ -26,7 +26,7 @@ from tudor_dynamics.arm import Arm, load_arm
 from tudor_dynamics.contact.static_strain import StaticStrain
 from tudor_dynamics.control.force.controller import ForceController, ForceSettings, Phase
 from tudor_dynamics.errors import ArmError, UsageError
-from tudor_dynamics.reproduction.outlook.force_rig import ForceRig, RATE
+from tudor_dynamics.library.force_rig import ForceRig, RATE
 
 
 def tudor() -> Arm:

@@ -19,9 +19,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from papers.lshape import l_shape
 
 from tudor_dynamics.arm import arm_from_dict, load_arm
-from tudor_dynamics.reproduction.lshape import l_shape
 from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
 from tudor_dynamics.simulation.plant.inertial import InertialSensors
 from tudor_dynamics.simulation.plant.outputs import Probe

@@ -205,7 +205,15 @@ class ClosedLoop:
         self._random = np.random.default_rng(self._seed)
 
     def set_pushes(self, pushes: Sequence[Push]) -> None:
-        """Give the pushes by their times since the last ``reset``."""
+        """
+        Give the pushes.
+
+        Parameters
+        ----------
+        pushes : sequence of Push
+            By their times since the last ``reset``; none takes them away.
+
+        """
         self._plant = self._plant._replace(pushes=push_table(pushes, self.plant.mechanism))
 
     def set_payload(self, mass: float) -> None:
@@ -227,7 +235,15 @@ class ClosedLoop:
         mechanism.body_float[rows[0], at.MASS] = mass
 
     def set_floor(self, floor: Floor | None) -> None:
-        """Put a floor below the tip, or take it away."""
+        """
+        Put a floor below the tip, or take it away.
+
+        Parameters
+        ----------
+        floor : Floor or None
+            Height [m] and stiffness [N/m]; None for no floor.
+
+        """
         self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
     def set_force(self, force: ArrayLike, point: int | None = None) -> None:

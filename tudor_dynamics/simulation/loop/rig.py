@@ -29,8 +29,10 @@ import math
 import numpy as np
 
 from tudor_dynamics.arm import Arm
+from tudor_dynamics.control.adaptation import Adaptation
 from tudor_dynamics.control.motion_controller import MotionController, WATCH
 from tudor_dynamics.control.reference_source import ReferenceSource
+from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.control.state import State
 from tudor_dynamics.simulation.loop.arm_process import ArmProcess, Sample
 from tudor_dynamics.typing import FloatArray
@@ -163,6 +165,23 @@ class Rig:
 
         """
         self.source = ReferenceSource(self.arm, reaction=reaction)
+
+    def follow(self, schedule: Schedule, payload: float) -> None:
+        """
+        Let the gains of the controller follow a schedule from now on.
+
+        Parameters
+        ----------
+        schedule : Schedule
+            Gains by payload and pose, as ``design`` computes them.
+        payload : float
+            Mass at the tip that the controller is given, which need not be the true one [kg].
+
+        """
+        assert self.controller is not None
+        adaptation = Adaptation(schedule, self.controller.planned.acceleration)
+        adaptation.tell(self.t, payload)
+        self.controller.adaptation = adaptation
 
     def activate(self) -> None:
         """Let the controller command again, as it does at its start."""

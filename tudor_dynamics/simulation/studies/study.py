@@ -32,7 +32,7 @@ from tudor_dynamics.simulation.plant.outputs import Probe
 from tudor_dynamics.simulation.plant.plant import Plant
 from tudor_dynamics.simulation.plant.run import Run, run_plant, Steps
 from tudor_dynamics.simulation.studies.plots import (
-    draw_signal, pick_signal, save_figure, signal_names)
+    Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
 from tudor_dynamics.simulation.studies.results import save_run
 from tudor_dynamics.simulation.studies.sampled import Drive, sampled_columns
 from tudor_dynamics.simulation.studies.torque_input import DIRECTIONS
@@ -52,12 +52,15 @@ class SimulatedRun:
         Its tables, with the order of joints and points.
     run : Run
         Arrays over time.
+    plant : Plant
+        The plant in its last state, for ``modes``.
 
     """
 
     arm: Arm
     mechanism: Mechanism
     run: Run
+    plant: Plant
 
     def __repr__(self) -> str:
         """Write length, joints, gauges and where the arm ends."""
@@ -93,9 +96,58 @@ class SimulatedRun:
             If there is no such signal.
 
         """
-        return pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal).values
+        return self.curves(signal).values
 
-    def plot(self, signal: str, path: str | Path | None = None) -> Figure:
+    def curves(self, signal: str) -> Curves:
+        """
+        Take a signal out of the run, with the labels of its curves and its unit.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+
+        Returns
+        -------
+        Curves
+            ``values`` of shape (n_samples, n_curves) as ``values`` gives them, ``labels``,
+            ``title`` and ``unit``.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        return pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal)
+
+    def spectrum(self, signal: str) -> tuple[FloatArray, FloatArray]:
+        """
+        Give the amplitudes of a signal over frequency, through a Hann window.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+
+        Returns
+        -------
+        frequency : ndarray of shape (n_frequencies,)
+            Frequencies [Hz].
+        amplitude : ndarray of shape (n_frequencies, n_curves)
+            In the unit of the signal.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        return spectrum(self.values(signal), float(self.run.t[1] - self.run.t[0]))
+
+    def plot(
+        self, signal: str, path: str | Path | None = None, *, title: str | None = None,
+    ) -> Figure:
         """
         Draw a signal over time and over frequency.
 
@@ -105,6 +157,8 @@ class SimulatedRun:
             One of ``signals``.
         path : str or Path, optional
             PNG file to write; only drawn by default.
+        title : str, optional
+            Title of the figure; the name of the signal by default.
 
         Returns
         -------
@@ -117,11 +171,30 @@ class SimulatedRun:
             If there is no such signal.
 
         """
-        found = pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal)
-        figure = draw_signal(self.run, found, title=signal)
+        figure = draw_signal(self.run, self.curves(signal), title=title or signal)
         if path is not None:
             save_figure(figure, Path(path))
         return figure
+
+    def animate(self, path: str | Path) -> None:
+        """
+        Draw the run as a moving picture in real time.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, ``.gif``, or ``.mp4`` where ffmpeg is installed.
+
+        Raises
+        ------
+        SimulationError
+            If it is of another kind, or ffmpeg is missing.
+
+        """
+        from tudor_dynamics.simulation.studies.animation import animate, check_target
+
+        check_target(Path(path))
+        animate(Path(path), self.run, self.mechanism)
 
     def save(self, folder: str | Path, *, bag: bool = True) -> None:
         """
@@ -216,7 +289,7 @@ def simulate(
     plant.start_torque(torques[0])
     run = run_plant(plant, Probe(plant, arm=arm), torques, every=steps.every, force=forces,
                     progress=progress)
-    return SimulatedRun(arm, mechanism, run)
+    return SimulatedRun(arm, mechanism, run, plant)
 
 
 def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:

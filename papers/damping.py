@@ -1,0 +1,196 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Load-adaptive damping: the ratio asked for, at every payload and pose."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+from papers import look
+from papers.campaign import Cached, FloatArray
+from papers.look import BLUE, Picture, VERMILION
+from papers.outlook import Floor, Section, Setting
+from papers.trials import moved, picked_up, place, tapped
+from papers.tuned import ENDS, schedule_of, tuned_arm
+import tudor_dynamics as td
+
+TOLD_WRONG = 0.02
+"""Error of the payload that the damper is told: what an estimate has within a second [kg]."""
+ALLOWED = 0.2
+"""Part of the damping ratio by which it may be missed."""
+FASTER = 2.0
+QUIET, SLOW = 30.0, 2.0
+"""Behind a pick-up: strain of noise and play [um/m], commands that only bring joints back [deg/s].
+"""
+LATE = 0.8
+"""After which the damper is told what was picked up [s]."""
+POSES, MOVES, PICKED = 8, 12, 8
+
+
+def section(setting: Setting) -> Section:
+    """Compute the section."""
+    campaign = setting.campaign
+    tuned = tuned_arm(setting)
+    schedule, fixed = schedule_of(setting, tuned)
+    depends: dict[str, Any] = {'of': campaign.described(ENDS[1], damped=True),
+                               'quick': setting.quick}
+    found = campaign.stages.result('damping_trials', depends,
+                                   lambda: _trials(setting, campaign.arm, schedule))
+    content = found.content
+    asked = schedule.content.damping_ratio
+    ratios = np.array(content['ratios'])
+    off = np.abs(ratios[..., 0] / asked - 1.0)
+    within = int((off <= ALLOWED).sum())
+    moves = {kind: np.array([row[kind] for row in content['moves']])
+             for kind in ('fixed', 'scheduled')}
+    complete = moves['fixed'][:, 3] > 0.0
+    times = {kind: values[complete, 0].mean() for kind, values in moves.items()}
+    swings = np.array(content['picked'])
+    floors = (
+        Floor(f'damping ratio {asked:g}, taps at {ratios.shape[0]} payloads and '
+              f'{ratios.shape[1]} poses each', 'within 20 %',
+              f'{within} of {off.size}; {np.quantile(ratios[..., 0], 0.05):.2f} to '
+              f'{np.quantile(ratios[..., 0], 0.95):.2f} for nine of ten, fixed gains '
+              f'{ratios[..., 1].min():.2f} to {ratios[..., 1].max():.2f}',
+              bool(off.max() <= ALLOWED)),
+        Floor(f'settling at 400 g, {int(complete.sum())} of {len(complete)} moves that fixed '
+              'gains follow', f'{FASTER:g} x faster than fixed gains',
+              f'{times["scheduled"]:.2f} s instead of {times["fixed"]:.2f} s: '
+              f'{times["fixed"] / times["scheduled"]:.1f} x',
+              bool(times['fixed'] >= FASTER * times['scheduled'])),
+        Floor(f'{len(swings)} pick-ups of 100 to 400 g in motion', 'no limit cycle',
+              f'4 s later at most {swings[:, 0].max():.0f} um/m, '
+              f'{swings[:, 1].max():.1f} deg/s',
+              bool(np.all(swings[:, 0] < QUIET) and np.all(swings[:, 1] < SLOW)
+                   and np.all(swings[:, 2] > 0.0))))
+    over = {kind: values[:, 2].max() for kind, values in moves.items()}
+    text = (
+        'Gains of damper and position loop over payload and pose, computed from an elastic model '
+        'that was identified from one recording of 0 g and one of 400 g, by tudor tune. The '
+        'damper is told a payload that is wrong by 20 g.',
+        'Taps across the last link, from both sides: half of the difference of the strains, and '
+        'how far it swings back. Moves between random poses at 400 g: joints overshoot by at most '
+        f'{over["fixed"]:.1f} deg with fixed gains and {over["scheduled"]:.1f} deg with '
+        f'scheduled ones; {int((~complete).sum())} of {len(complete)} moves end elsewhere with '
+        'fixed gains, because the arm is too far from its reference, and '
+        f'{int((moves["scheduled"][:, 3] == 0.0).sum())} with scheduled ones. The loop has 4 ms '
+        'of delay at 500 Hz, the arm friction, play, noise and limits of its drives.',
+        'What is picked up pulls at the joints until the damper is told of it, '
+        f'{LATE:g} s later: in {int((swings[:, 3] == 0.0).sum())} of {len(swings)} cases so far '
+        'that the reference begins anew where the arm is, as it does behind any interruption.')
+    pictures = (
+        Picture('damping_schedule', 'Load-adaptive damping', 'The schedule',
+                'Medians over the workspace, bands from the least to the largest value.',
+                lambda: td.draw_schedule(schedule, fixed)),
+        Picture('damping_ratio', 'Load-adaptive damping', 'Measured damping ratios',
+                'One mark a pose, at each payload; hatched what was asked for within 20 %.',
+                lambda: _draw_ratios(content, asked)),
+        Picture('damping_moves', 'Load-adaptive damping', 'A move with 400 g, and a pick-up',
+                'Strain of link 2 and joint 2 behind the end of its reference; strain and payload '
+                'in use after 400 g were picked up in motion.',
+                lambda: _draw_moves(found.arrays)))
+    return Section(text, floors, pictures, content)
+
+
+def _trials(setting: Setting, arm: td.Arm, schedule: td.Schedule) -> Cached:
+    random = np.random.default_rng(setting.campaign.plan.seed)
+    poses, count, picks = (1, 1, 1) if setting.quick else (POSES, MOVES, PICKED)
+    payloads = schedule.payload.tolist()
+    ratios = []
+    for payload in payloads:
+        row = []
+        for pose in range(poses):
+            q = place(arm, random.uniform(0.03, 0.97, len(arm.active_joints)))
+            modes = schedule.at(payload, q).modes
+            slow, fast = modes[0].frequency, modes[-1].frequency
+            row.append([tapped(arm, used, q, payload, TOLD_WRONG, (slow, fast), pose)[0]
+                        for used in (schedule, None)])
+        ratios.append(row)
+        setting.progress(f'taps at {1e3 * payload:.0f} g', 0.5 * len(ratios) / len(payloads))
+    heavy, moves = ENDS[1], []
+    arrays: dict[str, FloatArray] = {}
+    for number in range(count):
+        ends = _ends(arm, random)
+        told = heavy + TOLD_WRONG * (1 if number % 2 else -1)
+        row_of = {}
+        for kind, used in (('fixed', None), ('scheduled', schedule)):
+            one = moved(arm, used, ends, heavy, told, number)
+            row_of[kind] = [one.settled, one.back, one.overshoot, float(one.followed)]
+            if number == 0:
+                arrays |= {f'{kind}_t': one.t, f'{kind}_strain': one.strain,
+                           f'{kind}_error': one.error}
+        moves.append(row_of)
+        setting.progress('moves', 0.5 + 0.3 * (number + 1) / count)
+    picked = []
+    for number in range(picks):
+        mass = 0.1 + 0.3 * (number + 1) / picks
+        got = picked_up(arm, schedule, _ends(arm, random), mass, LATE, number)
+        picked.append([got.swing, got.command, float(got.quiet), float(got.followed)])
+        arrays |= {'picked_t': got.t, 'picked_strain': got.strain, 'picked_payload': got.payload}
+        setting.progress('pick-ups', 0.8 + 0.2 * (number + 1) / picks)
+    return Cached({'payloads': payloads, 'ratios': ratios, 'moves': moves, 'picked': picked},
+                  arrays)
+
+
+def _ends(arm: td.Arm, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Draw two poses."""
+    n = len(arm.active_joints)
+    return place(arm, random.uniform(0.1, 0.9, n)), place(arm, random.uniform(0.1, 0.9, n))
+
+
+def _draw_ratios(content: dict[str, Any], asked: float) -> Figure:
+    figure, axes = look.new_figure(3.0, 1)
+    axis = axes[0, 0]
+    for kind, (label, colour, marker, shift) in enumerate((
+            ('scheduled gains', BLUE, 'o', -6.0), ('fixed gains', VERMILION, 's', 6.0))):
+        points = np.array([(1e3 * payload + shift, pair[kind]) for payload, row in zip(
+            content['payloads'], content['ratios'], strict=True) for pair in row])
+        axis.plot(points[:, 0], points[:, 1], marker, color=colour, markersize=4, label=label,
+                  markerfacecolor=colour if kind == 0 else 'white')
+    axis.axhspan((1.0 - ALLOWED) * asked, (1.0 + ALLOWED) * asked, facecolor='none',
+                 edgecolor='#999999', hatch='///', linewidth=0.0, zorder=0)
+    axis.set_ylim(0.0, 1.0)
+    axis.set_xlabel('payload [g]')
+    axis.set_ylabel('damping ratio, first mode')
+    axis.legend(loc='lower right')
+    return figure
+
+
+def _draw_moves(arrays: dict[str, FloatArray]) -> Figure:
+    figure, axes = look.new_figure(5.4, 2, 2)
+    for kind, (label, colour, width) in {
+            'fixed': ('fixed gains', VERMILION, 1.0),
+            'scheduled': ('scheduled gains', BLUE, 1.6)}.items():
+        t = arrays[f'{kind}_t']
+        shown = t > -1.0
+        axes[0, 0].plot(t[shown], arrays[f'{kind}_strain'][shown], color=colour, linewidth=width,
+                        label=label, linestyle='-' if kind == 'scheduled' else (0, (4, 1.6)))
+        axes[0, 1].plot(t[shown], arrays[f'{kind}_error'][shown], color=colour, linewidth=width,
+                        label=label, linestyle='-' if kind == 'scheduled' else (0, (4, 1.6)))
+    axes[1, 0].plot(arrays['picked_t'], arrays['picked_strain'], color=BLUE, linewidth=1.2)
+    axes[1, 1].plot(arrays['picked_t'], 1e3 * arrays['picked_payload'], color=BLUE, linewidth=1.6)
+    for axis, label in ((axes[0, 0], 'strain of link 2 [um/m]'),
+                        (axes[0, 1], 'joint 2 less reference [deg]'),
+                        (axes[1, 0], 'strain of link 2 [um/m]'),
+                        (axes[1, 1], 'payload in use [g]')):
+        axis.set_ylabel(label)
+    for axis in axes[0]:
+        axis.set_xlabel('time since the end of the reference [s]')
+    for axis in axes[1]:
+        axis.set_xlabel('time since the pick-up [s]')
+    axes[0, 0].legend(loc='best')
+    return figure
