@@ -38,14 +38,15 @@ class Search:
         self.calls: list[tuple[set[float | None], int, dict[str, float] | None]] = []
 
     def __call__(self, arm, records, *, warm=None, knowledge=None, progress=None) -> Identified:
-        """Give gauges as if all of them were alike."""
+        """Give what is described, gauges too."""
         self.calls.append(({record.payload for record in records}, len(records), warm))
         values = {**DrivenArm(arm).parameters, 'alpha': 0.01 * len(self.calls)}
         del values['payload']
         n = len(arm.gauge_names)
+        gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
         return Identified(
             tuple(PhysicalParameter(name, value, '') for name, value in values.items()),
-            np.tile([30.0, 0.0], (n, 1)), np.ones((n, 2)), np.ones(n), 90.0, (), 0)
+            np.array([[gains[name], 0.0] for name in arm.gauge_names]), np.ones((n, 2)), np.ones(n), 90.0, (), 0)
 
 
 @pytest.fixture(scope='module')

@@ -68,8 +68,7 @@ def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_sources_count(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A change in the library or in the study makes results again; recordings, one of the former.
-    """
+    """A change in the study makes results again, one in the library recordings, too."""
     cache = ResultCache(tmp_path)
 
     def folders() -> list[Path]:

@@ -264,7 +264,8 @@ def fit_models(
         warnings.warn(note, TudorWarning, stacklevel=2)
     fitted = []
     trainers = {kind: trainer_of(kind, arm, settings, progress,
-                                 None if holdout is None else holdout[0], known, settings.elastic_start)
+                                 None if holdout is None else holdout[0], known,
+                                 settings.elastic_start)
                 for kind in settings.kinds}
     others = left_out(training, preprocessing)
     parts = [training, *([] if test or len(training) < 2 else [known for known, _ in others])]

@@ -83,7 +83,7 @@ class ElasticModel(FittedElastic, Model):
 
     @classmethod
     def live(cls, models: Mapping[str, ElasticModel], observer: str = 'off') -> LiveElastic:
-        """Let effort and strain share one simulated arm; only with strain it is observed."""
+        """Let effort and strain share an arm, observed only with strain; see ``Model``."""
         return LiveElastic(models, observer if 'strain' in models else 'off')
 
     def to_dict(self, arm: Arm, output: str) -> dict[str, Any]:
