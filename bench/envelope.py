@@ -30,20 +30,10 @@ SLACK = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """
-    What an arm is held against.
+    """What an arm is held against."""
 
-    Attributes
-    ----------
-    limits : Limits
-        What nothing exceeds.
-    stop : DriveStop
-        How a drive brakes that hears no commands.
-
-    """
-
-    limits: Limits
-    stop: DriveStop
+    limits: Limits  # what nothing exceeds
+    stop: DriveStop  # how a drive brakes that hears no commands
 
     @classmethod
     def of(cls, arm: Arm) -> Envelope:
@@ -66,25 +56,8 @@ class Envelope:
         """
         Give the steps from command to command, and the steps that the acceleration allows.
 
-        Parameters
-        ----------
-        command : ndarray of shape (n, n_joints)
-            In the order in which they arrived [rad/s].
-        arrival : ndarray of shape (n,)
-            When [s].
-        period : float
-            Of the samples [s]; commands that arrive together may be so far apart.
-        driven : ndarray of shape (n, n_joints), optional
-            Speeds that the joints had when they arrived [rad/s]: who listens may meet a new
-            publisher later than the drive did, and hear it first in the middle of a motion; the
-            smaller of both steps counts then.
-
-        Returns
-        -------
-        tuple of ndarray of shape (n - 1, n_joints)
-            Sizes of the steps, behind a silence from what the drive had braked to, and their
-            limits [rad/s].
-
+        command, driven (n, joints) [rad/s], arrival (n,) [s], period [s]; returns (n - 1, joints)
+        [rad/s].
         """
         between = np.diff(arrival)[:, np.newaxis]
         silent = between > self.stop.timeout

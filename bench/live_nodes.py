@@ -118,13 +118,7 @@ class Track:
     """
     Stamps, arrivals and values of a topic, taken message by message.
 
-    Parameters
-    ----------
-    topic : str
-        One of the topics in ``HEARD`` whose messages are arrays of numbers.
-    names : sequence of str
-        Joints or gauges whose values are kept, in this order; none for stamps alone.
-
+    names: none for stamps alone.
     """
 
     def __init__(self, topic: str, names: Sequence[str] = ()) -> None:

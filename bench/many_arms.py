@@ -57,31 +57,17 @@ WARM = 2.0
 
 @dataclass(frozen=True)
 class Cost:
-    """
-    What a number of arms took.
+    """What a number of arms took."""
 
-    Attributes
-    ----------
-    sent, lost : int
-        Samples, and those without an answer.
-    p50, p99 : float
-        From sample to residual [s].
-    cpu : float
-        CPU time a sample, all processes together [s].
-    memory : float
-        Proportional set size of all processes [MB].
-    others : float
-        What other processes of the machine took meanwhile [cores].
-
-    """
-
+    # Samples, and those without an answer.
     sent: int
     lost: int
+    # From sample to residual [s].
     p50: float
     p99: float
-    cpu: float
-    memory: float
-    others: float
+    cpu: float  # CPU time a sample, all processes together [s]
+    memory: float  # proportional set size of all processes [MB]
+    others: float  # what other processes of the machine took meanwhile [cores]
 
 
 class Hall:
@@ -180,28 +166,7 @@ def commands(layout: str, count: int, model: str) -> list[list[str]]:
 
 
 def measure(layout: str, count: int, model: str, rate: float, seconds: float) -> Cost:
-    """
-    Watch a number of arms for a while.
-
-    Parameters
-    ----------
-    layout : {'one process', 'one each'}
-        Processes.
-    count : int
-        Arms.
-    model : str
-        Bundle with strain.
-    rate : float
-        Samples of each arm [Hz].
-    seconds : float
-        Time that counts [s].
-
-    Returns
-    -------
-    Cost
-        What it took.
-
-    """
+    """Watch a number of arms for a while: rate [Hz], seconds [s]."""
     rclpy.init()
     processes = [start(words) for words in commands(layout, count, model)]
     hall = Hall(model, count)

@@ -51,26 +51,13 @@ LOOK = 0.1
 
 @dataclass
 class Run:
-    """
-    What a command took.
+    """What a command took."""
 
-    Attributes
-    ----------
-    seconds : float
-        From its start to its end [s].
-    cpu : float
-        Of it and all its processes [s].
-    peaks : dict of int to (int, int)
-        Process to its largest memory in use, and that of it which no library's file backs [MiB].
-    code : int
-        Its exit code.
-
-    """
-
-    seconds: float = 0.0
-    cpu: float = 0.0
+    seconds: float = 0.0  # from its start to its end [s]
+    cpu: float = 0.0  # of it and all its processes [s]
+    # Process to its largest memory in use, and that of it which no library's file backs [MiB].
     peaks: dict[int, tuple[int, int]] = field(default_factory=dict)
-    code: int = 0
+    code: int = 0  # its exit code
 
 
 def noisy(recording: Recording, seed: int) -> Recording:

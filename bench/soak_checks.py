@@ -56,37 +56,18 @@ ROUNDING = 1e-3
 
 @dataclass
 class Life:
-    """
-    A process: when it lived, when it was stopped, what it weighed.
-
-    Attributes
-    ----------
-    began, ended : float
-        Start, and the signal that ended it or the death without one, on the steady clock [s].
-    pauses : list of tuple of float
-        From SIGSTOP to SIGCONT [s].
-    memory : list of tuple of float
-        When [s] and how much [MB].
-    code : int or None
-        Exit code.
-    by : str
-        Signal that ended it.
-    asked : bool
-        Whether it was a signal that ended it.
-    bag : str
-        What it recorded.
-
-    """
+    """A process: when it lived, when it was stopped, what it weighed."""
 
     node: str
+    # Start, and the signal that ended it or the death without one, on the steady clock [s].
     began: float
     ended: float | None = None
-    pauses: list[tuple[float, float]] = field(default_factory=list)
-    memory: list[tuple[float, float]] = field(default_factory=list)
-    code: int | None = None
-    by: str = ''
-    asked: bool = False
-    bag: str = ''
+    pauses: list[tuple[float, float]] = field(default_factory=list)  # from SIGSTOP to SIGCONT [s]
+    memory: list[tuple[float, float]] = field(default_factory=list)  # when [s] and how much [MB]
+    code: int | None = None  # exit code
+    by: str = ''  # signal that ended it
+    asked: bool = False  # whether it was a signal that ended it
+    bag: str = ''  # what it recorded
 
     def paused(self, now: float) -> bool:
         """Say whether it is stopped, or was a moment ago."""
@@ -104,35 +85,15 @@ class Life:
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """
-    All that was seen.
+    """All that was seen."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Limits.
-    period : float
-        Of the samples [s].
-    settle : float
-        Time for which the monitor's filters settle [s].
-    tracks : dict of str to Track
-        Topics.
-    lives : list of Life
-        Of all processes.
-    told : list of tuple
-        Time [s] and status of the monitor's diagnostics.
-    warm : float
-        Behind this time of life memory must not grow [s].
-
-    """
-
-    arm: Arm
-    period: float
-    settle: float
-    tracks: dict[str, Track]
-    lives: list[Life]
-    told: list[tuple[float, Any]]
-    warm: float
+    arm: Arm  # limits
+    period: float  # of the samples [s]
+    settle: float  # time for which the monitor's filters settle [s]
+    tracks: dict[str, Track]  # topics
+    lives: list[Life]  # of all processes
+    told: list[tuple[float, Any]]  # time [s] and status of the monitor's diagnostics
+    warm: float  # behind this time of life memory must not grow [s]
 
 
 @dataclass(frozen=True)

@@ -43,23 +43,11 @@ PROBE = 'ip link set lo up && ip tuntap add dev probe mode tap && exec unshare -
 
 @dataclass(frozen=True)
 class Line:
-    """
-    What the bridge does to frames, in both directions.
+    """What the bridge does to frames, in both directions."""
 
-    Attributes
-    ----------
-    cut : bool
-        Nothing passes.
-    loss : float
-        Share of frames that are lost.
-    delay : float
-        Time that each takes [s].
-
-    """
-
-    cut: bool = False
-    loss: float = 0.0
-    delay: float = 0.0
+    cut: bool = False  # nothing passes
+    loss: float = 0.0  # share of frames that are lost
+    delay: float = 0.0  # time that each takes [s]
 
 
 def isolation() -> tuple[list[str], str]:
@@ -160,19 +148,7 @@ def inhabit(pipe: Any, side: int, settings: dict[str, str], make: Callable[[int]
 
 
 class Host:
-    """
-    A host, seen from outside: methods of what lives there are called by `ask`.
-
-    Parameters
-    ----------
-    side : int
-        0 or 1.
-    settings : dict of str to str
-        Environment.
-    make : callable
-        Makes what lives there, with ``spin`` and ``close``, from the side.
-
-    """
+    """A host, seen from outside: methods of what lives there are called by `ask`."""
 
     def __init__(self, side: int, settings: dict[str, str], make: Callable[[int], Any]) -> None:
         spawn = multiprocessing.get_context('spawn')
@@ -198,19 +174,7 @@ class Host:
 
 
 class Network:
-    """
-    Two hosts and the line between them.
-
-    Parameters
-    ----------
-    make : callable
-        Makes what lives on each host.
-    settings : dict of str to str
-        Environment of both.
-    seed : int
-        Which frames are lost.
-
-    """
+    """Two hosts and the line between them."""
 
     def __init__(self, make: Callable[[int], Any], settings: dict[str, str], seed: int) -> None:
         self._ends = [tap(f'tap{side}') for side in (0, 1)]

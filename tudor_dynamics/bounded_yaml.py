@@ -61,25 +61,7 @@ for _kind in ('int', 'float'):
 
 
 def load_yaml(text: str | bytes) -> Any:
-    """
-    Read YAML of which nothing is known.
-
-    Parameters
-    ----------
-    text : str or bytes
-        Text of a YAML file.
-
-    Returns
-    -------
-    object
-        Plain values.
-
-    Raises
-    ------
-    ValueError
-        If it is no YAML, or stands for more than it may; the text names line and cause.
-
-    """
+    """Read YAML of which nothing is known."""
     try:
         _check(text)
         return yaml.load(text, Loader=BoundedLoader)

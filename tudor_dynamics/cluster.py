@@ -118,29 +118,7 @@ def in_cluster(
     work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
     progress: Callable[[int], None],
 ) -> list[Result]:
-    """
-    Do pieces of work on the cluster.
-
-    Parameters
-    ----------
-    work : callable
-        Does one piece, and may tell how many steps it has done; a function of a module.
-    pieces : sequence
-        What is to be done; goes to the workers as bytes.
-    progress : callable
-        Told the number of steps done so far, all pieces together, as pieces are done.
-
-    Returns
-    -------
-    list
-        Results, in the order of the pieces.
-
-    Raises
-    ------
-    ProcessError
-        If the scheduler has gone, a worker has other versions, or a piece ended several workers.
-
-    """
+    """Do pieces of work on the cluster."""
     from distributed import as_completed, KilledWorker
     known, steps, taken = versions(), 0, 0
     results: dict[int, Result] = {}

@@ -42,15 +42,7 @@ KEPT = 'tudor_dynamics-'
 
 
 def kernel_files() -> dict[Path, bytes]:
-    """
-    Read the files whose functions, or numbers, are compiled.
-
-    Returns
-    -------
-    dict of Path to bytes
-        Contents, in one order on every machine.
-
-    """
+    """Read the files whose functions, or numbers, are compiled."""
     contents = {file: file.read_bytes() for file in sorted(PACKAGE.rglob('*.py'))}
     return {file: content for file, content in contents.items()
             if MARK in content or file.name == NUMBERS or file.name == OWN}
@@ -63,13 +55,6 @@ def kept_in() -> Path:
     A compiled function contains those that it calls, but numba compiles it anew only where its
     own file has changed. So the name holds a checksum of all such files: after an upgrade nothing
     old is used.
-
-    Returns
-    -------
-    Path
-        In the directory of ``NUMBA_CACHE_DIR``, in the package, or where that cannot be written,
-        in the user's cache.
-
     """
     digest = hashlib.sha256()
     for file, content in kernel_files().items():
@@ -83,15 +68,7 @@ def kept_in() -> Path:
 
 
 def prepare() -> Path:
-    """
-    Make the directory in which compiled functions are kept; in the package, remove older ones.
-
-    Returns
-    -------
-    Path
-        The directory; it does not exist where nothing can be written.
-
-    """
+    """Make the directory of compiled functions; in the package, remove older ones."""
     here = kept_in()
     if not here.is_dir():
         try:
@@ -125,17 +102,6 @@ def compiled(function: Function) -> Function:
     Sums keep their order and products are rounded. A function that several others call is compiled
     into each of them, and which copy serves depends on what was called first: with any freedom in
     rounding, results would depend on what a process has done before.
-
-    Parameters
-    ----------
-    function : callable
-        Function that numba can compile.
-
-    Returns
-    -------
-    callable
-        The same function, compiled at its first call.
-
     """
     with _kept():
         jit = numba.njit(cache=DIRECTORY.is_dir(), nogil=True, error_model='numpy')

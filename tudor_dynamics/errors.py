@@ -28,15 +28,7 @@ MAX_MESSAGE = 1500
 
 
 def printable(text: str) -> str:
-    """
-    Replace characters that would steer the terminal, as names in a file may hold them.
-
-    Parameters
-    ----------
-    text : str
-        Text with names or values of a file.
-
-    """
+    """Replace characters that would steer the terminal, as names in a file may hold them."""
     return ''.join(char if char.isprintable() else '?' for char in text)
 
 
@@ -135,26 +127,7 @@ class ArgumentError(TudorError, TypeError):
 def check_type(
     value: object, wanted: type | tuple[type, ...], name: str, advice: str,
 ) -> None:
-    """
-    Refuse an argument of another type, before it fails far from where it was given.
-
-    Parameters
-    ----------
-    value : object
-        What was given.
-    wanted : type or tuple of type
-        What is taken.
-    name : str
-        Name of the argument.
-    advice : str
-        What to give instead, as the end of the message.
-
-    Raises
-    ------
-    ArgumentError
-        If the value is of another type.
-
-    """
+    """Refuse an argument of another type, before it fails far from where it was given."""
     if not isinstance(value, wanted):
         kinds = wanted if isinstance(wanted, tuple) else (wanted,)
         msg = (f'{name} is {repr(value)[:60]} of type {type(value).__name__}; expected '

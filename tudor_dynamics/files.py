@@ -40,25 +40,7 @@ def _check_regular(status: os.stat_result, path: Path) -> None:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """
-    Open a regular file for reading.
-
-    Parameters
-    ----------
-    path : Path
-        File to open.
-
-    Returns
-    -------
-    BinaryIO
-        Open file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be opened, or is a pipe, a device, a socket or a directory.
-
-    """
+    """Open a regular file for reading."""
     # Looked at before, as opening a device may do something; and after, as it may have changed.
     _check_regular(path.stat(), path)
     flags = os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0) | getattr(os, 'O_CLOEXEC', 0)
@@ -72,27 +54,7 @@ def open_regular(path: Path) -> BinaryIO:
 
 
 def read_bounded(path: Path, limit: int) -> bytes:
-    """
-    Read a regular file of bounded size.
-
-    Parameters
-    ----------
-    path : Path
-        File to read.
-    limit : int
-        Largest size [bytes].
-
-    Returns
-    -------
-    bytes
-        Content.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, is no regular file, or larger.
-
-    """
+    """Read a regular file of bounded size: limit [bytes]."""
     with open_regular(path) as stream:
         data = stream.read(limit + 1)
     if len(data) > limit:
@@ -101,65 +63,19 @@ def read_bounded(path: Path, limit: int) -> bytes:
 
 
 def scratch_folder(path: Path) -> Path:
-    """
-    Make a hidden directory beside a path, in which it is written until it is complete.
-
-    Parameters
-    ----------
-    path : Path
-        File or directory to be; its parent is made.
-
-    Returns
-    -------
-    Path
-        Directory.
-
-    Raises
-    ------
-    OSError
-        If it cannot be made.
-
-    """
+    """Make a hidden directory beside a path, in which it is written until it is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     return Path(tempfile.mkdtemp(dir=path.parent, prefix=scratch_prefix(path)))
 
 
 def scratch_prefix(path: Path) -> str:
-    """
-    Begin of the name of the hidden directory.
-
-    Parameters
-    ----------
-    path : Path
-        File or directory to be.
-
-    """
+    """Begin of the name of the hidden directory."""
     return f'.{path.name}.'
 
 
 @contextmanager
 def whole(path: Path, *, replace: bool = True) -> Iterator[Path]:
-    """
-    Let a file or directory be written elsewhere first, so that nobody ever sees a part of it.
-
-    Parameters
-    ----------
-    path : Path
-        Where it appears when the block has ended without an error; its parent is made.
-    replace : bool, default=True
-        Whether it takes the place of a directory that stands there and is not empty.
-
-    Yields
-    ------
-    Path
-        Path to write to, of the same name.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; what was there is there still, and nothing else.
-
-    """
+    """Let a file or directory be written elsewhere first, so that nobody sees a part."""
     folder = None
     try:
         folder = scratch_folder(path)
@@ -191,44 +107,14 @@ def _put(new: Path, path: Path, replace: bool) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """
-    Write a file, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        File; one that is there is replaced. Its directory is made.
-    data : bytes
-        Content of the file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; what was there is there still, and nothing else.
-
-    """
+    """Write a file, whole or not at all."""
     with whole(path) as scratch:
         scratch.write_bytes(data)
         os.chmod(scratch, 0o644)
 
 
 def write_directory(path: Path, files: Mapping[str, bytes]) -> None:
-    """
-    Write a directory of files, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        Directory; one that is there is replaced.
-    files : mapping of str to bytes
-        Names and contents.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written; what was there is there still, and nothing else.
-
-    """
+    """Write a directory of files, whole or not at all."""
     with whole(path) as scratch:
         scratch.mkdir()
         scratch.chmod(0o755)

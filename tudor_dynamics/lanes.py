@@ -220,12 +220,6 @@ def in_lanes(tables: Tables) -> Tables:
 
     Nobody counts references to what is given. Only for the arguments of a function that is called
     from Python, which holds them until it returns.
-
-    Parameters
-    ----------
-    tables : tuple of ndarray
-        Arrays of numbers of shape (..., LANES), whose rows lie one behind the other.
-
     """
     return _views(unowned(tables))  # type: ignore[call-arg]
 
@@ -234,15 +228,6 @@ def side_by_side(several: Sequence[FloatArray]) -> FloatArray:
     """
     Put arrays of one shape side by side; the last one fills the lanes that are left.
 
-    Parameters
-    ----------
-    several : sequence of ndarray
-        As many as there are lanes, or fewer.
-
-    Returns
-    -------
-    ndarray of shape (..., LANES)
-        The arrays.
-
+    Returns (..., LANES).
     """
     return np.stack([*several, *[several[-1]] * (LANES - len(several))], axis=-1)

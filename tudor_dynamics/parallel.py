@@ -62,24 +62,7 @@ _watched = False
 def in_threads(
     work: Callable[[Piece], Result], pieces: Sequence[Piece], jobs: int,
 ) -> list[Result]:
-    """
-    Do pieces of work that leave the interpreter's lock, such as compiled ones.
-
-    Parameters
-    ----------
-    work : callable
-        Does one piece.
-    pieces : sequence
-        What is to be done.
-    jobs : int
-        Number of threads.
-
-    Returns
-    -------
-    list
-        Results, in the order of the pieces.
-
-    """
+    """Do pieces of work that leave the interpreter's lock, such as compiled ones."""
     if len(pieces) < 2:
         return [work(piece) for piece in pieces]
     # joblib's threads are looked after every 10 ms, as long as some pieces take
@@ -90,24 +73,7 @@ def in_threads(
 def shared_out(
     work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], told: Progress,
 ) -> list[Result]:
-    """
-    Do pieces of work that are compiled for the most part: in threads, or on the named cluster.
-
-    Parameters
-    ----------
-    work : callable
-        Does one piece, and says what it does next; a function of a module.
-    pieces : sequence
-        What is to be done; goes to the workers of a cluster as bytes.
-    told : callable
-        Told what is done next, also by several pieces at once.
-
-    Returns
-    -------
-    list
-        Results, in the order of the pieces.
-
-    """
+    """Do pieces of work that are mostly compiled: in threads, or on the named cluster."""
     count = len(pieces)
     if count == 1:
         return [work(pieces[0], told)]
@@ -125,15 +91,7 @@ def _untold(work: Callable[[Piece, Progress], Result], piece: Piece, count: Coun
 
 
 def width(jobs: int) -> int:
-    """
-    Say how many pieces are done at a time.
-
-    Parameters
-    ----------
-    jobs : int
-        Number of processes, where there is no cluster.
-
-    """
+    """Say how many pieces are done at a time."""
     return max(1, cluster.threads()) if cluster.active() else jobs
 
 
@@ -141,31 +99,7 @@ def in_processes(
     work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Result]:
-    """
-    Do pieces of work in processes, or on the cluster that was named.
-
-    Parameters
-    ----------
-    work : callable
-        Does one piece, and may tell how many steps it has done; a function of a module.
-    pieces : sequence
-        What is to be done; goes to the processes as bytes.
-    jobs : int
-        Number of processes, where there is no cluster; one for no process beside this one.
-    progress : callable, optional
-        Told the number of steps done so far, all pieces together.
-
-    Returns
-    -------
-    list
-        Results, in the order of the pieces.
-
-    Raises
-    ------
-    ProcessError
-        If a process was ended from outside, as the system does where memory runs out.
-
-    """
+    """Do pieces of work in processes, or on the cluster that was named."""
     if cluster.active():
         return cluster.in_cluster(work, pieces, progress)
     if min(jobs, len(pieces)) <= 1:

@@ -61,12 +61,6 @@ def unowned(tables: Tables) -> Tables:
     Nobody counts references to them nor to their rows, each an atomic addition that numba does
     not leave out where there is a loop: a third of the time of a step. Only for the arguments of
     a function that is called from Python, which holds them until it returns.
-
-    Parameters
-    ----------
-    tables : tuple
-        Arrays, and tuples of them.
-
     """
     return _unowned(tables)  # type: ignore[call-arg]
 
@@ -78,16 +72,7 @@ def places_of(arrays: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
     To hand an array over takes 0.15 us, two thirds of what a step of a small mechanism takes where
     there are twenty. Who keeps the result has to keep the arrays, too.
 
-    Parameters
-    ----------
-    arrays : sequence of ndarray
-        Arrays of up to three axes, in C order; whole ones are int64.
-
-    Returns
-    -------
-    ndarray of shape (n_arrays, 4)
-        Address and sizes of each.
-
+    Returns (arrays, 4).
     """
     places = np.ones((len(arrays), 4), dtype=np.int64)
     for place, array in zip(places, arrays, strict=True):

@@ -27,27 +27,7 @@ PACKAGE = Path(__file__).resolve().parent
 
 @lru_cache
 def source_digest(parts: tuple[str, ...], package: Path = PACKAGE) -> str:
-    """
-    Give the version of some parts of the package, and of the modules at its top, which all use.
-
-    Parameters
-    ----------
-    parts : tuple of str
-        Directories below the package, with all below them, or single files.
-    package : Path
-        Directory of the package.
-
-    Returns
-    -------
-    str
-        Version of the package and digest of the sources.
-
-    Raises
-    ------
-    FileNotFoundError
-        If there is no such part.
-
-    """
+    """Give the version of some parts of the package, and of the modules at its top."""
     files = set(package.glob('*.py'))
     for part in parts:
         path = package / part

@@ -38,16 +38,7 @@ def exact(angle: float) -> float:
     """
     Give the multiple of 45 degrees that an angle was rounded from.
 
-    Parameters
-    ----------
-    angle : float
-        As it stands in a file [rad].
-
-    Returns
-    -------
-    float
-        The multiple where it is within `NEAR`, else the angle itself [rad].
-
+    angle [rad]; returns the multiple where it is within `NEAR`, else the angle itself [rad].
     """
     nearest = round(angle / STEP) * STEP
     return nearest if abs(angle - nearest) <= NEAR else angle
@@ -60,17 +51,7 @@ class Snapped:
         self._told: list[str] = []
 
     def take(self, angle: float, where: str) -> float:
-        """
-        Give the exact angle.
-
-        Parameters
-        ----------
-        angle : float
-            As it stands in a file [rad].
-        where : str
-            Whose angle it is, for the note.
-
-        """
+        """Give the exact angle: angle [rad]."""
         found = exact(angle)
         if abs(found - angle) > WORTH_SAYING:
             self._told.append(f'{where} {angle:.7g} as {found:.7g}')

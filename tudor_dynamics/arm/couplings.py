@@ -69,28 +69,7 @@ class CouplingsSpec(Spec):
 
 
 def coupling_matrix(couplings: CouplingsSpec, joints: Sequence[str]) -> FloatArray:
-    """
-    Give the speeds of all motors by those of all joints.
-
-    Parameters
-    ----------
-    couplings : CouplingsSpec
-        Pairs of motor and joint, or the whole matrix.
-    joints : sequence of str
-        Names of all joints, in the order of the description.
-
-    Returns
-    -------
-    ndarray of shape (n_joints, n_joints)
-        A row a motor.
-
-    Raises
-    ------
-    ValueError
-        If a joint is not described, the matrix has another shape, or does not tell the joints
-        from the motors.
-
-    """
+    """Give the speeds of all motors by those of all joints; returns (joints, joints)."""
     n = len(joints)
     if couplings.matrix is not None:
         if len(couplings.matrix) != n or any(len(row) != n for row in couplings.matrix):
@@ -113,22 +92,7 @@ def coupling_matrix(couplings: CouplingsSpec, joints: Sequence[str]) -> FloatArr
 def check_couplings(
     couplings: CouplingsSpec | None, joints: Sequence[str], active: Sequence[str],
 ) -> None:
-    """
-    Refuse couplings that cannot be.
-
-    Parameters
-    ----------
-    couplings : CouplingsSpec or None
-        Pairs of motor and joint, or the whole matrix; None where nothing is coupled.
-    joints, active : sequence of str
-        Names of all joints, and of those that the model describes.
-
-    Raises
-    ------
-    ValueError
-        If the matrix cannot be used, or what is measured at motors needs a joint that is held.
-
-    """
+    """Refuse couplings that cannot be; couplings: None where nothing is coupled."""
     if couplings is None:
         return
     matrix = coupling_matrix(couplings, joints)

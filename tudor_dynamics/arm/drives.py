@@ -192,22 +192,7 @@ def check_drives(
     joints: Sequence[str],
     gauges: Sequence[str],
 ) -> None:
-    """
-    Check that the names in these parts are those of the arm, each once.
-
-    Parameters
-    ----------
-    motors, sensors, damper : parts of the description
-        What to check.
-    joints, gauges : sequence of str
-        Names that the arm has.
-
-    Raises
-    ------
-    ValueError
-        If a name is unknown or comes twice.
-
-    """
+    """Check that the names in these parts are those of the arm, each once."""
     _check_names('motors', 'joint', [m.joint for m in motors], joints, once=True)
     _check_names('sensors', 'gauge', [s.gauge for s in sensors], gauges, once=True)
     if damper is not None:

@@ -27,25 +27,7 @@ from tudor_dynamics.errors import ArmError
 
 
 def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
-    """
-    Give the unit vector of an axis name or of any vector.
-
-    Parameters
-    ----------
-    axis : {'x', 'y', 'z'} or sequence of 3 floats
-        Name or components.
-
-    Returns
-    -------
-    ndarray of shape (3,)
-        Vector of length one.
-
-    Raises
-    ------
-    ArmError
-        If the vector has no length.
-
-    """
+    """Give the unit vector of an axis name or of any vector; returns (3,)."""
     if isinstance(axis, str):
         named: NDArray[np.float64] = np.eye(3)['xyz'.index(axis)]
         return named
@@ -62,16 +44,7 @@ def gauge_point(gauge: GaugeSpec) -> NDArray[np.float64]:
     """
     Give the place of a gauge, for the regressor's cut and the simulator's beam alike.
 
-    Parameters
-    ----------
-    gauge : GaugeSpec
-        Gauge, with its ``distance`` from the joint's axis.
-
-    Returns
-    -------
-    ndarray of shape (3,)
-        In the frame of its joint [m].
-
+    Returns (3,) [m].
     """
     return gauge.distance * unit_vector(gauge.direction)
 
@@ -141,40 +114,14 @@ def is_prismatic(model: pin.Model, joint: str) -> bool:
     """
     Say whether a joint moves along its axis.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Model with the joint.
-    joint : str
-        Name of the joint.
-
-    Returns
-    -------
-    bool
-        False for a joint that turns about its axis.
-
+    Returns False for a joint that turns about its axis.
     """
     short: str = model.joints[model.getJointId(joint)].shortname()
     return short.startswith('JointModelP')
 
 
 def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
-    """
-    Give the axis of a joint in its own frame.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Model with the joint.
-    joint : str
-        Name of the joint.
-
-    Returns
-    -------
-    ndarray of shape (3,)
-        Unit vector: angular part for a revolute joint, linear part for a prismatic one.
-
-    """
+    """Give the axis of a joint in its own frame; returns (3,)."""
     data = model.createData()
     pin.computeJointJacobians(model, data, np.zeros(model.nq))
     index = model.getJointId(joint)
@@ -186,17 +133,7 @@ def joint_axis(model: pin.Model, joint: str) -> NDArray[np.float64]:
 
 
 def link_frame(model: pin.Model, joint: str) -> str:
-    """
-    Give the name of the frame that turns with a joint: its link's, or the joint's own.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Model with the joint.
-    joint : str
-        Name of the joint.
-
-    """
+    """Give the name of the frame that turns with a joint: its link's, or the joint's own."""
     index = model.getJointId(joint)
     for frame in model.frames:
         if (frame.type == pin.FrameType.BODY and frame.parentJoint == index

@@ -42,57 +42,27 @@ PLANNED_ACCELERATION = 1.0 / 3.0
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """
-    Limits of the active joints; infinite where none is known.
+    """Limits of the active joints; infinite where none is known."""
 
-    Attributes
-    ----------
-    lower, upper : ndarray of shape (n_joints,)
-        Smallest and largest positions [rad or m].
-    velocity : ndarray of shape (n_joints,)
-        Largest speed in either direction [rad/s or m/s].
-    acceleration : ndarray of shape (n_joints,)
-        Largest acceleration in either direction [rad/s^2 or m/s^2].
-    missing : tuple of str
-        What is not known, one phrase each.
-
-    """
-
+    # Smallest and largest positions, (joints,) [rad or m].
     lower: FloatArray
     upper: FloatArray
-    velocity: FloatArray
+    velocity: FloatArray  # largest speed in either direction, (joints,) [rad/s or m/s]
+    # Largest acceleration in either direction, (joints,) [rad/s^2 or m/s^2].
     acceleration: FloatArray
-    missing: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()  # what is not known, one phrase each
 
     def outside(self, q: FloatArray) -> NDArray[np.bool_]:
-        """
-        Say which positions [rad or m] are beyond a limit.
-
-        Parameters
-        ----------
-        q : ndarray of shape (n_joints,)
-            Positions of the joints [rad or m].
-
-        """
+        """Say which positions [rad or m] are beyond a limit: q (joints,) [rad or m]."""
         return np.asarray((q < self.lower) | (q > self.upper))
 
 
 @dataclass(frozen=True, eq=False)
 class DriveStop:
-    """
-    How drives stop by themselves where no command comes.
+    """How drives stop by themselves where no command comes."""
 
-    Attributes
-    ----------
-    timeout : float
-        Time without a command from which on they do [s].
-    acceleration : ndarray of shape (n_joints,)
-        With which they brake [rad/s^2 or m/s^2].
-
-    """
-
-    timeout: float
-    acceleration: FloatArray
+    timeout: float  # time without a command from which on they do [s]
+    acceleration: FloatArray  # with which they brake, (joints,) [rad/s^2 or m/s^2]
 
 
 def unlimited(joints: int) -> Limits:
@@ -128,21 +98,7 @@ def _of_joint(arm: Arm, joint: JointSpec) -> tuple[float, float, float, float]:
 
 
 def hard_limits(arm: Arm) -> Limits:
-    """
-    Give what the joints of an arm never exceed.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description; the tighter of its ``limits`` and its URDF counts, and the acceleration is at
-        most that of the motor with all its current and no load.
-
-    Returns
-    -------
-    Limits
-        Of the active joints.
-
-    """
+    """Give what the joints of an arm never exceed."""
     rows = np.array([_of_joint(arm, joint) for joint in arm.joints]).reshape(-1, 4)
     missing = [f'{joint.name}: no limit of {what}'
                for joint, row in zip(arm.joints, rows, strict=True)
@@ -189,16 +145,7 @@ def effort_limits(arm: Arm) -> FloatArray:
     """
     Give the largest effort of each active joint, in the unit that it is measured in.
 
-    Parameters
-    ----------
-    arm : Arm
-        Description; the tighter of the motor's current and the effort limit of the URDF counts.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        Limits [A, N m or N]; infinite where none is known.
-
+    Returns (joints,) [A, N m or N], infinite where none is known.
     """
     largest = np.full(len(arm.joints), np.inf)
     for i, joint in enumerate(arm.joints):
@@ -216,20 +163,7 @@ def effort_limits(arm: Arm) -> FloatArray:
 
 
 def drive_stop(arm: Arm) -> DriveStop:
-    """
-    Give how the drives of an arm stop by themselves.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description; ``damper.drive_timeout``, and braking as planned motion does.
-
-    Returns
-    -------
-    DriveStop
-        Of the active joints.
-
-    """
+    """Give how the drives of an arm stop by themselves."""
     damper = arm.spec.damper
     return DriveStop(DRIVE_TIMEOUT if damper is None else damper.drive_timeout,
                      planned_limits(arm).acceleration)

@@ -215,24 +215,7 @@ def six_components(inertia: tuple[float, ...] | float) -> tuple[float, ...]:
 
 
 def check_links(links: tuple[LinkSpec, ...], simulation: SimulationSpec, names: list[str]) -> None:
-    """
-    Check that links and initial positions name joints of the arm.
-
-    Parameters
-    ----------
-    links : tuple of LinkSpec
-        Links of the description.
-    simulation : SimulationSpec
-        Start of a run.
-    names : list of str
-        Joints of the description.
-
-    Raises
-    ------
-    ValueError
-        If a joint is unknown or has two links.
-
-    """
+    """Check that links and initial positions name joints of the arm."""
     seen: list[str] = []
     for link in links:
         if link.joint not in names:
@@ -249,22 +232,7 @@ def check_links(links: tuple[LinkSpec, ...], simulation: SimulationSpec, names: 
 
 
 def check_overlap(links: tuple[LinkSpec, ...], motors: list[str]) -> None:
-    """
-    Check that rotor, gear and friction of a joint stand in one place.
-
-    Parameters
-    ----------
-    links : tuple of LinkSpec
-        Links of the description.
-    motors : list of str
-        Joints that have a motor in the description.
-
-    Raises
-    ------
-    ValueError
-        If a joint has values of its drive both in links and in motors.
-
-    """
+    """Check that rotor, gear and friction of a joint stand in one place."""
     for link in links:
         if link.joint not in motors:
             continue

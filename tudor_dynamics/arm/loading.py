@@ -40,20 +40,7 @@ MAX_PARTS = 8
 
 
 def validation_message(err: ValidationError) -> str:
-    """
-    Put a pydantic error on one line: each key, what is wrong, what was found.
-
-    Parameters
-    ----------
-    err : pydantic.ValidationError
-        Error of a ``model_validate``.
-
-    Returns
-    -------
-    str
-        Parts separated by semicolons.
-
-    """
+    """Put a pydantic error on one line: each key, what is wrong, what was found."""
     parts = []
     for item in err.errors(include_url=False):
         where = '.'.join(str(part) for part in item['loc']) or 'top level'

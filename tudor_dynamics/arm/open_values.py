@@ -30,22 +30,7 @@ Path = tuple[str | int, ...]
 
 
 def open_values(content: Any, path: Path = ()) -> Iterator[Path]:
-    """
-    Find the values that are still open.
-
-    Parameters
-    ----------
-    content : object
-        Description, or a part of it, as plain values.
-    path : tuple of str and int
-        Where that part stands.
-
-    Yields
-    ------
-    tuple of str and int
-        Where an open value stands.
-
-    """
+    """Find the values that are still open."""
     if isinstance(content, dict):
         for key, value in content.items():
             yield from open_values(value, (*path, str(key)))
@@ -57,22 +42,7 @@ def open_values(content: Any, path: Path = ()) -> Iterator[Path]:
 
 
 def spelled(content: Any, path: Path) -> str:
-    """
-    Write where a value stands, entries of lists by their names where they have some.
-
-    Parameters
-    ----------
-    content : object
-        Description as plain values.
-    path : tuple of str and int
-        Where the value stands.
-
-    Returns
-    -------
-    str
-        Such as ``joints[elbow].effort.unit``.
-
-    """
+    """Write where a value stands, entries of lists by their names where they have some."""
     text, here = '', content
     for step in path:
         here = here[step]
@@ -85,22 +55,7 @@ def spelled(content: Any, path: Path) -> str:
 
 
 def check_no_open_values(content: Any, source: str) -> None:
-    """
-    Refuse a description in which something is still ``?``.
-
-    Parameters
-    ----------
-    content : object
-        Description as plain values.
-    source : str
-        Where it came from, for messages.
-
-    Raises
-    ------
-    ArmError
-        If there is such a value; each is named by its keys.
-
-    """
+    """Refuse a description in which something is still ``?``."""
     names = [spelled(content, path) for path in open_values(content)]
     if names:
         more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''

@@ -46,51 +46,17 @@ POSES, ALWAYS = 200, 0.9
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """
-    Pairs of links that are near to each other, at one pose.
+    """Pairs of links that are near to each other, at one pose."""
 
-    Attributes
-    ----------
-    distance : ndarray of shape (n_pairs,)
-        Distance of each pair that is nearer than asked for; negative where they overlap [m].
-    slope : ndarray of shape (n_pairs, n_joints)
-        Its derivatives by the active joints [m/rad or m/m].
-    names : tuple of (str, str)
-        Links of each pair.
-
-    """
-
+    # Distance of each pair that is nearer than asked for; negative where they overlap, (pairs,)
+    # [m].
     distance: FloatArray
-    slope: FloatArray
-    names: tuple[tuple[str, str], ...]
+    slope: FloatArray  # its derivatives by the active joints, (pairs, joints) [m/rad or m/m]
+    names: tuple[tuple[str, str], ...]  # links of each pair
 
 
 class SelfCollision:
-    """
-    Pairs of links of an arm whose shapes are known.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm described by a URDF.
-    folders : sequence of Path
-        Where packages with meshes are looked for, beside the URDF's own folder.
-    srdf : Path, optional
-        File whose ``disable_collisions`` name pairs that are left out.
-
-    Attributes
-    ----------
-    note : str
-        What is looked at and what is not, in one sentence.
-    pairs : int
-        Number of pairs.
-
-    Raises
-    ------
-    ArmError
-        If the SRDF cannot be read.
-
-    """
+    """Pairs of links of an arm whose shapes are known."""
 
     def __init__(
         self, arm: Arm, folders: tuple[Path, ...] = (), srdf: Path | None = None,
@@ -164,22 +130,7 @@ class SelfCollision:
         pin.computeDistances(self._model, self._data, self._geometry, self._seen, self._q)
 
     def near(self, q: FloatArray, margin: float) -> Nearness:
-        """
-        Find the pairs that are nearer than a margin.
-
-        Parameters
-        ----------
-        q : ndarray of shape (n_joints,)
-            Positions of the active joints [rad or m].
-        margin : float
-            Largest distance of interest [m].
-
-        Returns
-        -------
-        Nearness
-            Those pairs, with the slopes of their distances.
-
-        """
+        """Find the pairs that are nearer than a margin: q (joints,) [rad or m], margin [m]."""
         self._look(q)
         results = list(self._seen.distanceResults)
         found = [k for k, result in enumerate(results) if result.min_distance < margin]

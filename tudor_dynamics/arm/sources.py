@@ -24,20 +24,7 @@ from tudor_dynamics.errors import ArmError
 
 
 def sources(arm: Arm) -> Iterator[tuple[str, SourceSpec]]:
-    """
-    Give where the efforts of the active joints and the readings of the gauges come from.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description that was read and checked.
-
-    Yields
-    ------
-    str, SourceSpec
-        Joint or gauge, and its source.
-
-    """
+    """Give where the efforts of the active joints and the readings of the gauges come from."""
     for joint in arm.joints:
         yield joint.name, joint.effort
     for gauge in arm.gauges:
@@ -45,20 +32,7 @@ def sources(arm: Arm) -> Iterator[tuple[str, SourceSpec]]:
 
 
 def array_places(arm: Arm) -> dict[str, dict[str, int]]:
-    """
-    Give the topics that carry arrays.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description that was read and checked.
-
-    Returns
-    -------
-    dict of str to dict of str to int
-        Topic to joint or gauge to its place in the array, from 0.
-
-    """
+    """Give the topics that carry arrays."""
     found: dict[str, dict[str, int]] = {}
     for name, source in sources(arm):
         if source.index is not None:
@@ -67,24 +41,7 @@ def array_places(arm: Arm) -> dict[str, dict[str, int]]:
 
 
 def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
-    """
-    Refuse an arm whose efforts or strains come in messages that somebody does not take.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description that was read and checked.
-    who : str
-        Who does not, for the message.
-    arrays : bool, default=False
-        Whether places in arrays are taken, and interfaces alone are not.
-
-    Raises
-    ------
-    ArmError
-        If there is such a source; it is named.
-
-    """
+    """Refuse an arm whose efforts or strains come in messages that somebody does not take."""
     taken = 'JointState and Float64MultiArray' if arrays else 'JointState'
     for name, source in sources(arm):
         if source.interface is not None or (source.index is not None and not arrays):

@@ -79,25 +79,7 @@ class _Bounded(ElementTree.TreeBuilder):
 
 
 def read_urdf(path: Path) -> str:
-    """
-    Read a URDF file, of bounded size.
-
-    Parameters
-    ----------
-    path : Path
-        URDF file to read.
-
-    Returns
-    -------
-    str
-        Its text.
-
-    Raises
-    ------
-    ArmError
-        If the file cannot be read or is too large.
-
-    """
+    """Read a URDF file, of bounded size."""
     try:
         return read_bounded(path, MAX_URDF_BYTES).decode()
     except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
@@ -107,27 +89,7 @@ def read_urdf(path: Path) -> str:
 
 
 def parse(text: str, path: str) -> ElementTree.Element:
-    """
-    Parse a description within bounds.
-
-    Parameters
-    ----------
-    text : str
-        URDF or SRDF as XML text.
-    path : str
-        Where it came from, for messages.
-
-    Returns
-    -------
-    xml.etree.ElementTree.Element
-        Root of its tree.
-
-    Raises
-    ------
-    ArmError
-        If it is no XML, or larger than any arm.
-
-    """
+    """Parse a description within bounds."""
     parser = ElementTree.XMLParser(target=_Bounded())
     try:
         parser.feed(text)
@@ -148,24 +110,7 @@ def parse(text: str, path: str) -> ElementTree.Element:
 
 def adapt(root: ElementTree.Element, path: str,
           drawn: tuple[str, ...] = ('visual', 'collision')) -> None:
-    """
-    Turn continuous joints into angles, and leave out what is drawn.
-
-    Parameters
-    ----------
-    root : xml.etree.ElementTree.Element
-        URDF, which is changed.
-    path : str
-        Where it came from, for messages.
-    drawn : tuple of str
-        Elements of links that are left out.
-
-    Raises
-    ------
-    ArmError
-        If a joint is of another type than can be modelled.
-
-    """
+    """Turn continuous joints into angles, and leave out what is drawn."""
     for joint in root.iter('joint'):
         kind = joint.get('type')
         if kind == 'continuous':
@@ -244,29 +189,7 @@ def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
 
 
 def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin.Model:
-    """
-    Build a model from a URDF; continuous joints become angles, fixed ones merge with parents.
-
-    Parameters
-    ----------
-    text : str
-        URDF as XML text.
-    path : str
-        Where it came from, for messages.
-    snapped : Snapped, optional
-        Remembers the rounded angles of joints that were taken as exact ones.
-
-    Returns
-    -------
-    pinocchio.Model
-        Model with ``nq == nv``.
-
-    Raises
-    ------
-    ArmError
-        If it is no URDF, has a joint of another type, or a mass that is none.
-
-    """
+    """Build a model from a URDF; continuous joints become angles, fixed ones merge."""
     root = parse(text, path)
     adapt(root, path)
     _check_numbers(root, path)

@@ -39,38 +39,16 @@ LEAST_BEHIND = 3
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """
-    Which messages increase in time.
+    """Which messages increase in time."""
 
-    Attributes
-    ----------
-    keep : ndarray of bool, shape (n,)
-        Messages later than all before them.
-    duplicate, backward : int
-        Messages with the stamp of the newest one before them, and with an older one.
-
-    """
-
-    keep: NDArray[np.bool_]
+    keep: NDArray[np.bool_]  # messages later than all before them, (n,)
+    # Messages with the stamp of the newest one before them, and with an older one.
     duplicate: int
     backward: int
 
 
 def increasing(stamp: NDArray[np.int64]) -> Order:
-    """
-    Find the messages whose stamps increase.
-
-    Parameters
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Times in the order of the messages [ns].
-
-    Returns
-    -------
-    Order
-        Messages to keep, and how many not, by cause.
-
-    """
+    """Find the messages whose stamps increase: stamp (n,) [ns]."""
     newest = np.maximum.accumulate(stamp)[:-1] if len(stamp) else stamp
     later = stamp[1:] > newest
     duplicate = int(np.sum(stamp[1:] == newest))
@@ -82,16 +60,7 @@ def set_backs(stamp: NDArray[np.int64]) -> list[tuple[int, int, int]]:
     """
     Find where a clock was set back: messages in a row that begin again before the newest stamp.
 
-    Parameters
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Times in the order of the messages [ns].
-
-    Returns
-    -------
-    list of (int, int, int)
-        Newest stamp before, by how much the clock was set back [ns], and messages behind.
-
+    stamp (n,) [ns]; returns newest stamp before, by how much the clock was set back [ns].
     """
     if len(stamp) < 3:
         return []
@@ -112,16 +81,7 @@ def gap_limit(stamp: NDArray[np.int64]) -> float:
     """
     Give the longest time between samples that is not a gap.
 
-    Parameters
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Increasing times [ns].
-
-    Returns
-    -------
-    float
-        Limit [s]; see `GAP_FLOOR`.
-
+    stamp (n,) [ns]; returns limit [s].
     """
     if len(stamp) < 2:
         return GAP_FLOOR
@@ -129,20 +89,7 @@ def gap_limit(stamp: NDArray[np.int64]) -> float:
 
 
 def split_at_gaps(stamp: NDArray[np.int64]) -> tuple[slice, ...]:
-    """
-    Split a record at its gaps.
-
-    Parameters
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Increasing times [ns].
-
-    Returns
-    -------
-    tuple of slice
-        Stretches without a gap.
-
-    """
+    """Split a record at its gaps: stamp (n,) [ns]."""
     cuts = np.flatnonzero(np.diff(stamp) * 1e-9 > gap_limit(stamp)) + 1
     ends = [0, *cuts.tolist(), len(stamp)]
     return tuple(slice(a, b) for a, b in zip(ends, ends[1:]) if b > a)
@@ -157,22 +104,8 @@ def interpolate(
     Samples with the same stamp are taken as they are, others interpolated linearly between their
     neighbours, unless there is a gap between these.
 
-    Parameters
-    ----------
-    at : ndarray of int64, shape (m,)
-        Times wanted [ns].
-    stamp : ndarray of int64, shape (n,)
-        Times of the stream, increasing [ns].
-    values : ndarray of shape (n, k)
-        Its values; NaN marks a sample without value.
-
-    Returns
-    -------
-    ndarray of shape (m, k)
-        Values at the times wanted, NaN where the second result is False or a neighbour is NaN.
-    ndarray of bool, shape (m,)
-        Where there was a sample, or a neighbour on both sides.
-
+    at (m,) [ns], stamp (n,) [ns]; values (n, k): NaN marks a sample without value; returns (m, k)
+    and (m,).
     """
     result = np.full((len(at), values.shape[1]), np.nan)
     if not len(stamp):

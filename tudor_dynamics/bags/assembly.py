@@ -47,38 +47,14 @@ MIN_SEGMENT = 5
 
 @dataclass(frozen=True, eq=False)
 class Output:
-    """
-    Efforts or strains on the stamps of the joint states.
+    """Efforts or strains on the stamps of the joint states."""
 
-    Attributes
-    ----------
-    values : ndarray of shape (n_samples, n_channels)
-        Values in the units of the description.
-    found : ndarray of bool, shape (n_samples,)
-        Samples at which there are values of all channels.
-
-    """
-
-    values: FloatArray
-    found: NDArray[np.bool_]
+    values: FloatArray  # values in the units of the description, (samples, channels)
+    found: NDArray[np.bool_]  # samples at which there are values of all channels, (samples,)
 
 
 class Assembly:
-    """
-    The steps from decoded topics to a recording; holds what they share.
-
-    Parameters
-    ----------
-    bag : Bag
-        Bag that was opened.
-    topics : mapping of str to DecodedTopic
-        Decoded topics by name.
-    plan : Sources
-        What is wanted from which topic.
-    notes : Notes
-        Collects what is odd.
-
-    """
+    """The steps from decoded topics to a recording; holds what they share."""
 
     def __init__(
         self, bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources, notes: Notes,
@@ -95,13 +71,7 @@ class Assembly:
         """
         Give a topic of the bag, which must be of the type wanted.
 
-        Parameters
-        ----------
-        name : str
-            Name of the topic.
-        channel : ChannelSource, optional
-            What is looked for in it; positions by default.
-
+        channel: positions by default.
         """
         found = self.bag.topics[name].msgtype
         msgtype = JOINT_STATE if channel is None else channel.msgtype
@@ -113,17 +83,7 @@ class Assembly:
         return self.topics[name]
 
     def ordered(self, stream: Stream, *, count: bool = True) -> tuple[Stream, NDArray[np.bool_]]:
-        """
-        Leave out duplicate and backward stamps, tell how many, check what is left.
-
-        Parameters
-        ----------
-        stream : Stream
-            Samples with their stamps.
-        count : bool
-            Whether what is left out is counted.
-
-        """
+        """Leave out duplicate and backward stamps, tell how many, check what is left."""
         order = increasing(stream.stamp)
         lost = order.duplicate + order.backward
         if lost and 2 * lost >= len(stream.stamp):
@@ -213,19 +173,7 @@ class Assembly:
     def output(
         self, motion: Stream, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> Output | None:
-        """
-        Give efforts or strains on the stamps of the motion; None where there are none.
-
-        Parameters
-        ----------
-        motion : Stream
-            Positions, whose stamps count.
-        names : sequence of str
-            Joints or gauges, in the order wanted.
-        channels : sequence of ChannelSource
-            Where the values of each of them stand.
-
-        """
+        """Give efforts or strains on the stamps of the motion; None where there are none."""
         if not channels:
             return None
         values = np.full((len(motion.stamp), len(names)), np.nan)
@@ -290,15 +238,7 @@ class Assembly:
         """
         Give the rows where everything is there; count the others by cause.
 
-        Parameters
-        ----------
-        motion : Stream
-            Positions, whose stamps count.
-        dq : ndarray of shape (n_samples, n_joints) or None
-            Velocities, where the driver has them [rad/s or m/s].
-        outputs : sequence of Output or None
-            Efforts and strains, where there are some.
-
+        dq (samples, joints) [rad/s or m/s].
         """
         found = np.ones(len(motion.stamp), dtype=bool)
         finite = np.isfinite(motion.values).all(axis=1)
@@ -325,15 +265,7 @@ class Assembly:
         return kept[np.concatenate(long)] if long else kept
 
     def segments(self, stamp: NDArray[np.int64]) -> tuple[slice, ...]:
-        """
-        Split at gaps and tell of them.
-
-        Parameters
-        ----------
-        stamp : ndarray of int64, shape (n_samples,)
-            Stamps of the samples [ns].
-
-        """
+        """Split at gaps and tell of them: stamp (samples,) [ns]."""
         parts = split_at_gaps(stamp)
         if len(parts) > 1:
             starts = np.array([part.start for part in parts[1:]])

@@ -28,15 +28,7 @@ DEEPEST = 4
 
 
 def natural(path: Path) -> list[tuple[int, int, str]]:
-    """
-    Give what paths are sorted by: their names, numbers in them by their size.
-
-    Parameters
-    ----------
-    path : Path
-        File or folder.
-
-    """
+    """Give what paths are sorted by: their names, numbers in them by their size."""
     return [(0, int(part), '') if part.isdecimal() else (1, 0, part)
             for part in re.split(r'([0-9]{1,18})', path.name)]
 
@@ -45,18 +37,7 @@ def bags_below(path: Path, deepest: int = DEEPEST) -> list[Path]:
     """
     Find the bags in a folder.
 
-    Parameters
-    ----------
-    path : Path
-        A bag, or a folder of bags and of folders of bags.
-    deepest : int
-        How deep they may lie.
-
-    Returns
-    -------
-    list of Path
-        In the order of their names; the path itself where it is a bag, or has none below it.
-
+    Returns the path itself where it is a bag, or has none below it.
     """
     if deepest == 0 or not path.is_dir() or _is_bag(path):
         return [path]

@@ -30,17 +30,7 @@ def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
     """
     Guess what an arm description would say, from the topics alone.
 
-    Parameters
-    ----------
-    topics : dict of str to DecodedTopic
-        Decoded topics by name.
-
-    Returns
-    -------
-    Sources or None
-        Joints are those of the topic that ends with ``joint_states``, or else of the topic with
-        the most positions; None where no topic has positions.
-
+    Returns None where no topic has positions.
     """
     def with_field(what: str) -> dict[str, list[str]]:
         found = {}

@@ -40,135 +40,66 @@ from tudor_dynamics.errors import BagError
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """
-    One name in one field of a topic.
+    """One name in one field of a topic."""
 
-    Attributes
-    ----------
-    name : str
-        Joint or gauge.
-    field : str
-        ``position``, ``velocity`` or ``effort``; ``data`` of an array, whose names are places;
-        an interface of a DynamicJointState.
-    minimum, maximum : float or None
-        Range of the finite values; None where there are none.
-    not_finite : int
-        NaN and infinite values.
-
-    """
-
-    name: str
+    name: str  # joint or gauge
+    # `position`, `velocity` or `effort`; `data` of an array, whose names are places; an interface
+    # of a DynamicJointState.
     field: str
+    # Range of the finite values; None where there are none.
     minimum: float | None
     maximum: float | None
-    not_finite: int
+    not_finite: int  # NaN and infinite values
 
 
 @dataclass(frozen=True)
 class TopicReport:
-    """
-    A topic. Times are header stamps where these are set, else log times.
+    """A topic. Times are header stamps where these are set, else log times."""
 
-    Attributes
-    ----------
-    name, type : str
-        Topic and message type.
-    count : int
-        Number of messages.
-    clock : str
-        ``stamp`` or ``log``.
-    rate : float or None
-        From the median time between messages [Hz].
-    jitter : float or None
-        Standard deviation of that time, gaps left out [s].
-    duration : float
-        From first to last message [s].
-    gaps, longest_gap : int, float
-        Number of gaps, and the longest [s].
-    duplicates, backward : int
-        Messages with a stamp that came before, or that lies back in time.
-    names : list of str
-        Joints or gauges.
-    fields : list of str
-        Arrays that are not empty, at least in some messages.
-    channels : list of ChannelReport
-        Ranges of its joints or gauges.
-
-    """
-
+    # Topic and message type.
     name: str
     type: str  # noqa: A003 (a key of the JSON output)
-    count: int
-    clock: str = 'log'
-    rate: float | None = None
-    jitter: float | None = None
-    duration: float = 0.0
+    count: int  # number of messages
+    clock: str = 'log'  # `stamp` or `log`
+    rate: float | None = None  # from the median time between messages [Hz]
+    jitter: float | None = None  # standard deviation of that time, gaps left out [s]
+    duration: float = 0.0  # from first to last message [s]
+    # Number of gaps, and the longest [s].
     gaps: int = 0
     longest_gap: float = 0.0
+    # Messages with a stamp that came before, or that lies back in time.
     duplicates: int = 0
     backward: int = 0
-    names: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)  # joints or gauges
+    # Arrays that are not empty, at least in some messages.
     fields: list[str] = field(default_factory=list)
-    channels: list[ChannelReport] = field(default_factory=list)
+    channels: list[ChannelReport] = field(default_factory=list)  # ranges of its joints or gauges
 
 
 @dataclass(frozen=True)
 class BagReport:
-    """
-    A bag.
+    """A bag."""
 
-    Attributes
-    ----------
-    path, storage : str
-        What was read, and its format.
-    files : list of str
-        Names of the storage files.
-    size : int
-        Of these files [bytes].
-    checksum : str
-        SHA-256 over these files.
-    start : float or None
-        Log time of the first message [s].
-    duration : float
-        From the first to the last message of any topic [s].
-    topics : list of TopicReport
-        Topics by name.
-    effort_model, strain_model : bool
-        What can be learned from the bag.
-    verdict : str
-        The same in words, with the reason.
-    samples : int
-        Aligned samples for that.
-    dropped : dict of str to int
-        Messages left out of these, by cause.
-    odd : list of str
-        What the user should know.
-    payload : float or None
-        Mass at the tip by the bag's own metadata [kg].
-    recording : Recording or None
-        What can be learned from, where there is something.
-    plan : Sources or None
-        Names of its columns.
-
-    """
-
+    # What was read, and its format.
     path: str
     storage: str
-    files: list[str]
-    size: int
-    checksum: str
-    start: float | None
-    duration: float
-    topics: list[TopicReport]
+    files: list[str]  # names of the storage files
+    size: int  # of these files [bytes]
+    checksum: str  # SHA-256 over these files
+    start: float | None  # log time of the first message [s]
+    duration: float  # from the first to the last message of any topic [s]
+    topics: list[TopicReport]  # topics by name
+    # What can be learned from the bag.
     effort_model: bool
     strain_model: bool
-    verdict: str
-    samples: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
-    odd: list[str] = field(default_factory=list)
-    payload: float | None = None
+    verdict: str  # the same in words, with the reason
+    samples: int = 0  # aligned samples for that
+    dropped: dict[str, int] = field(default_factory=dict)  # messages left out of these, by cause
+    odd: list[str] = field(default_factory=list)  # what the user should know
+    payload: float | None = None  # mass at the tip by the bag's own metadata [kg]
+    # What can be learned from, where there is something.
     recording: Recording | None = field(default=None, repr=False)
-    plan: Sources | None = field(default=None, repr=False)
+    plan: Sources | None = field(default=None, repr=False)  # names of its columns
 
     def as_dict(self) -> dict[str, Any]:
         """Give the report as it is printed with ``--json``."""
@@ -258,27 +189,7 @@ def _verdict(
 
 
 def recorded_names(path: str | Path, topics: Collection[str]) -> frozenset[str]:
-    """
-    List whom the joint-state messages of some topics speak of.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topics : collection of str
-        Topics as a description names them, of which some may not be there.
-
-    Returns
-    -------
-    frozenset of str
-        Names of joints or gauges.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
-
-    """
+    """List whom the joint-state messages of some topics speak of."""
     bag = open_bag(path, Notes(str(path), quiet=True))
     there = {resolve(topic, bag.topics, str(path), JOINT_STATE) for topic in topics}
     states = load_joint_states(bag, sorted(topic for topic in there if topic is not None))
@@ -287,27 +198,7 @@ def recorded_names(path: str | Path, topics: Collection[str]) -> frozenset[str]:
 
 
 def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
-    """
-    Describe a bag.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    arm : Arm, optional
-        Whose joints and gauges to look for; guessed from the topics by default.
-
-    Returns
-    -------
-    BagReport
-        Also for bags that cannot be used; the verdict says why.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read at all.
-
-    """
+    """Describe a bag; arm: guessed from the topics by default."""
     notes = Notes(str(path), quiet=True)
     bag = open_bag(path, notes)
     topics = load_joint_states(bag, [name for name, info in bag.topics.items()

@@ -37,27 +37,14 @@ LAYOUTS = {JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
 
 @dataclass(frozen=True, eq=False)
 class DecodedTopic:
-    """
-    All messages of a topic of JointState, or of another type with named values.
+    """All messages of a topic of JointState, or of another type with named values."""
 
-    Attributes
-    ----------
-    topic : str
-        Name of the topic.
-    log_time, stamp : ndarray of int64, shape (n,)
-        When each was recorded, and its header stamp, zero where it has none [ns].
-    blocks : list of MessageBatch
-        Messages by layout.
-    msgtype : str
-        Type of the messages.
-
-    """
-
-    topic: str
+    topic: str  # name of the topic
+    # When each was recorded, and its header stamp, zero where it has none, (n,) [ns].
     log_time: NDArray[np.int64]
     stamp: NDArray[np.int64]
-    blocks: list[MessageBatch]
-    msgtype: str = JOINT_STATE
+    blocks: list[MessageBatch]  # messages by layout
+    msgtype: str = JOINT_STATE  # type of the messages
 
     @property
     def stamped(self) -> bool:
@@ -66,27 +53,7 @@ class DecodedTopic:
 
 
 def decode_joint_states(raw: RawMessages, path: str) -> DecodedTopic:
-    """
-    Decode a topic.
-
-    Parameters
-    ----------
-    raw : RawMessages
-        Messages of that topic, as they are stored.
-    path : str
-        Bag, for messages.
-
-    Returns
-    -------
-    DecodedTopic
-        Arrays.
-
-    Raises
-    ------
-    BagError
-        If the type is another one, or a message cannot be decoded.
-
-    """
+    """Decode a topic."""
     layout = LAYOUTS.get(raw.msgtype)
     if layout is None:
         msg = (f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected {JOINT_STATE}; '
@@ -103,22 +70,7 @@ def decode_joint_states(raw: RawMessages, path: str) -> DecodedTopic:
 
 
 def load_joint_states(bag: Bag, topics: Collection[str]) -> dict[str, DecodedTopic]:
-    """
-    Read and decode topics of a bag.
-
-    Parameters
-    ----------
-    bag : Bag
-        Bag that was opened.
-    topics : collection of str
-        Topics that it has, of the types in `LAYOUTS`.
-
-    Returns
-    -------
-    dict of str to DecodedTopic
-        Decoded topics.
-
-    """
+    """Read and decode topics of a bag."""
     for name in topics:
         msgtype = bag.topics[name].msgtype if name in bag.topics else ''
         if msgtype in EXPECTED:
@@ -132,18 +84,7 @@ def ranges_of_others(states: DecodedTopic, names: Sequence[str]) -> dict[str, fl
     """
     Say how far joints move that are not asked for.
 
-    Parameters
-    ----------
-    states : DecodedTopic
-        Topic of the joint states.
-    names : sequence of str
-        Joints that are asked for.
-
-    Returns
-    -------
-    dict of str to float
-        Name to range of its positions, the outermost percents left out [rad or m].
-
+    Returns name to range of its positions, the outermost percents left out [rad or m].
     """
     found: dict[str, float] = {}
     for block in states.blocks:
@@ -159,24 +100,7 @@ def ranges_of_others(states: DecodedTopic, names: Sequence[str]) -> dict[str, fl
 
 
 def check_lengths(states: DecodedTopic, names: Sequence[str], path: str) -> None:
-    """
-    Refuse messages whose arrays do not go with their names.
-
-    Parameters
-    ----------
-    states : DecodedTopic
-        Topic that was decoded.
-    names : sequence of str
-        Names of interest; messages without any of them are not looked at.
-    path : str
-        Bag, for messages.
-
-    Raises
-    ------
-    BagError
-        If an array is neither empty nor as long as ``name``, or a name stands there twice.
-
-    """
+    """Refuse messages whose arrays do not go with their names."""
     for block in states.blocks:
         layout = block.layout
         if not set(names) & set(layout.names):

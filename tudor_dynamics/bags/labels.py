@@ -53,23 +53,7 @@ def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> WrenchSeri
     """
     Read the wrenches of a bag.
 
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topic : str
-        Name, with or without the leading slash.
-
-    Returns
-    -------
-    WrenchSeries or None
-        None where the bag has no such topic, or no message in it.
-
-    Raises
-    ------
-    BagError
-        If the bag is damaged, or the topic is of another type.
-
+    Returns None where the bag has no such topic, or no message in it.
     """
     bag = open_bag(path)
     name = _topic_of(bag, topic, (WRENCH_STAMPED,), path)
@@ -97,27 +81,7 @@ def read_flags(
     """
     Read a Bool topic, which has no stamps of its own, on the header stamps of another.
 
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topic : str
-        Name, with or without the leading slash.
-    clock : str
-        JointState topic: what its header stamps are apart from its log times (median), the log
-        times of the Bool are moved by.
-
-    Returns
-    -------
-    (ndarray of int64, ndarray of bool), each of shape (n,), or None
-        Times of the messages, not decreasing [ns], and what they say; None where the bag has no
-        such topic, or no message in it.
-
-    Raises
-    ------
-    BagError
-        If the bag is damaged, or the topic is of another type.
-
+    Returns (n,) [ns], None where the bag has no such topic, or no message in it.
     """
     bag = open_bag(path)
     name = _topic_of(bag, topic, (BOOL, WRENCH_STAMPED), path)

@@ -39,50 +39,16 @@ RESERVE, RESERVED = 'reserve', 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """
-    All messages of a bag in the order in which they were recorded.
+    """All messages of a bag in the order in which they were recorded."""
 
-    Attributes
-    ----------
-    topics : dict of str to str
-        Topic to message type.
-    time : ndarray of int64, shape (n,)
-        Log times [ns].
-    topic : list of str
-        Topic of each message.
-    data : list of bytes
-        Messages as CDR buffers.
-
-    """
-
-    topics: dict[str, str]
-    time: NDArray[np.int64]
-    topic: list[str]
-    data: list[bytes]
+    topics: dict[str, str]  # topic to message type
+    time: NDArray[np.int64]  # log times, (n,) [ns]
+    topic: list[str]  # topic of each message
+    data: list[bytes]  # messages as CDR buffers
 
 
 def read_track(path: str | Path, topics: Collection[str] = ()) -> Track:
-    """
-    Read a bag for replay.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    topics : collection of str
-        Topics wanted; all by default.
-
-    Returns
-    -------
-    Track
-        Messages.
-
-    Raises
-    ------
-    BagError
-        If the bag is damaged, empty, or lacks a topic.
-
-    """
+    """Read a bag for replay; topics: all by default."""
     bag = open_bag(path)
     wanted = [name if name.startswith('/') else f'/{name}' for name in topics]
     missing = [name for name in wanted if name not in bag.topics]
@@ -108,20 +74,6 @@ class LiveWriter:
     Until then it lies in a hidden directory beside. What was saved there can be read whatever
     becomes of the process, see `open_bag`. A disk that becomes full ends the bag with what was
     saved: room for that is kept from the start.
-
-    Parameters
-    ----------
-    path : str or Path
-        Directory to make; must not exist.
-    storage : {'mcap', 'sqlite3'}
-        Format of the storage file.
-
-    Raises
-    ------
-    BagError
-        If the path exists, or cannot be written. `add`, `write`, `save` and `close` raise it where
-        the disk takes no more; the bag is finished then.
-
     """
 
     def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
@@ -153,17 +105,7 @@ class LiveWriter:
         return self._bag.count
 
     def add(self, topic: str, msgtype: str) -> bool:
-        """
-        Announce a topic; False for a type that this program does not know.
-
-        Parameters
-        ----------
-        topic : str
-            Name of the topic.
-        msgtype : str
-            Type of its messages, such as ``sensor_msgs/msg/JointState``.
-
-        """
+        """Announce a topic; False for a type that this program does not know."""
         if topic not in self._connections:
             if msgtype not in self._typestore.types:
                 return False
@@ -177,15 +119,7 @@ class LiveWriter:
         """
         Write a message of a topic that was announced; ``time`` in ns.
 
-        Parameters
-        ----------
-        topic : str
-            Name of a topic that was announced.
-        time : int
-            Time at which the message came [ns].
-        data : bytes
-            The message as CDR buffer.
-
+        time [ns].
         """
         with self._ending():
             self._bag.writer.write(self._connections[topic], time, data)

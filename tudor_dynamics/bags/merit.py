@@ -48,25 +48,7 @@ TWO_TURNS = 4 * np.pi
 
 
 def read_merit(path: str | Path) -> FloatArray:
-    """
-    Read and check a MERIt file.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV file of the MERIt recordings.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, 17)
-        Columns as in `COLUMNS`.
-
-    Raises
-    ------
-    BagError
-        If the file is not such a table; the line is named.
-
-    """
+    """Read and check a MERIt file; returns (samples, 17)."""
     path = Path(path)
     try:
         with io.TextIOWrapper(open_regular(path), encoding='utf-8-sig', newline='') as stream:
@@ -140,29 +122,7 @@ def _check(path: Path, table: FloatArray) -> None:
 
 
 def import_merit(path: str | Path, out: str | Path, *, storage: str = 'mcap') -> int:
-    """
-    Make a bag of a MERIt file.
-
-    Parameters
-    ----------
-    path : str or Path
-        CSV file of the MERIt recordings.
-    out : str or Path
-        Bag to make; must not exist.
-    storage : {'mcap', 'sqlite3'}
-        Format of the storage file.
-
-    Returns
-    -------
-    int
-        Number of samples.
-
-    Raises
-    ------
-    BagError
-        If the file cannot be used, or the bag not written.
-
-    """
+    """Make a bag of a MERIt file."""
     table = read_merit(path)
     stamp = START + np.round(table[:, 0] * 1e9).astype(np.int64)
     write_bag(out, [

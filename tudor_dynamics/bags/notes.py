@@ -22,24 +22,7 @@ from tudor_dynamics.errors import TudorWarning
 
 
 class Notes:
-    """
-    Collect oddities and warn of each.
-
-    Parameters
-    ----------
-    path : str
-        Bag that is read; stands before each warning.
-    quiet : bool
-        Collect the notes only, and warn of none.
-
-    Attributes
-    ----------
-    texts : list of str
-        All notes, in the order in which they were made.
-    lacking : list of str
-        Those that say why efforts or strains are not there.
-
-    """
+    """Collect oddities and warn of each."""
 
     def __init__(self, path: str, *, quiet: bool = False) -> None:
         self.path = path
@@ -48,17 +31,7 @@ class Notes:
         self._quiet = quiet
 
     def add(self, text: str, *, lacking: bool = False) -> None:
-        """
-        Note an oddity, once.
-
-        Parameters
-        ----------
-        text : str
-            One sentence without the path.
-        lacking : bool
-            Whether efforts or strains are not there for this reason.
-
-        """
+        """Note an oddity, once."""
         if text in self.texts:
             return
         self.texts.append(text)

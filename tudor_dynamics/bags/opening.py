@@ -145,27 +145,7 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
 
 
 def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
-    """
-    Open a rosbag2.
-
-    Parameters
-    ----------
-    path : str or Path
-        Directory with or without ``metadata.yaml``, or a bare ``.db3`` or ``.mcap`` file.
-    notes : Notes, optional
-        Collects what is odd; by default each oddity is warned of.
-
-    Returns
-    -------
-    Bag
-        Topics and files; messages are read by its ``read``.
-
-    Raises
-    ------
-    BagError
-        If there is no bag, or it is damaged.
-
-    """
+    """Open a rosbag2."""
     path = Path(path)
     notes = Notes(str(path)) if notes is None else notes
     try:
@@ -196,15 +176,7 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
 
 
 def abandoned(path: Path) -> list[Path]:
-    """
-    Give what recorders that were killed left of a bag.
-
-    Parameters
-    ----------
-    path : Path
-        Directory of the bag.
-
-    """
+    """Give what recorders that were killed left of a bag."""
     try:
         return sorted(item / path.name for item in path.parent.iterdir()
                       if item.name.startswith(scratch_prefix(path))

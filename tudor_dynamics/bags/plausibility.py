@@ -47,38 +47,17 @@ STILL = {False: 1e-3, True: 1e-4}
 
 @dataclass(frozen=True)
 class VelocityRatio:
-    """
-    Displacement over integrated velocity of a joint.
+    """Displacement over integrated velocity of a joint."""
 
-    Attributes
-    ----------
-    ratio : float
-        Median over windows with movement; 1 where position and velocity agree.
-    spread : float
-        Median relative deviation from it.
-
-    """
-
-    ratio: float
-    spread: float
+    ratio: float  # median over windows with movement; 1 where position and velocity agree
+    spread: float  # median relative deviation from it
 
 
 def velocity_ratio(recording: Recording, joint: int) -> VelocityRatio | None:
     """
     Compare the position of a joint with its velocity.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording that has velocities.
-    joint : int
-        Column of the joint.
-
-    Returns
-    -------
-    VelocityRatio or None
-        None where the joint moves too little to tell.
-
+    Returns None where the joint moves too little to tell.
     """
     assert recording.dq is not None
     width = max(1, round(WINDOW / recording.dt))
@@ -113,21 +92,6 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
 
     Degrees beside rad/s show in the ratio of displacement and velocity. Degrees in both only show
     in their size: positions far outside the limits or beyond two turns, speeds that no arm has.
-
-    Parameters
-    ----------
-    recording : Recording
-        To be checked.
-    plan : Sources
-        Kinds and limits of the joints.
-    notes : Notes
-        Is told of what is suspicious.
-
-    Raises
-    ------
-    BagError
-        If positions or velocities look like degrees.
-
     """
     suspects = []
     for column, (name, slides, reach) in enumerate(
@@ -153,24 +117,7 @@ def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
 
 
 def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -> Recording:
-    """
-    Leave velocities out that are all zero for a joint that moves: nobody measures them.
-
-    Parameters
-    ----------
-    recording : Recording
-        To be looked at.
-    plan : Sources
-        Names and kinds of the joints.
-    notes : Notes
-        Is told of what is left out.
-
-    Returns
-    -------
-    Recording
-        Without velocities and with the names of the joints, or as it was.
-
-    """
+    """Leave velocities out that are all zero for a joint that moves: nobody measures them."""
     if recording.dq is None:
         return recording
     zero = tuple(name for name, moves, column in zip(
@@ -218,22 +165,7 @@ def _check_velocity(
 
 
 def moving_joints(recording: Recording, prismatic: Sequence[bool]) -> list[bool]:
-    """
-    Say which joints move.
-
-    Parameters
-    ----------
-    recording : Recording
-        To be looked at.
-    prismatic : sequence of bool
-        Kind of each joint.
-
-    Returns
-    -------
-    list of bool
-        True where the range without its outermost percents exceeds the noise of an encoder.
-
-    """
+    """Say which joints move."""
     low, high = np.percentile(recording.q, [1, 99], axis=0)
     spans: FloatArray = high - low
     return [bool(span > STILL[slides]) for span, slides in zip(spans, prismatic, strict=True)]

@@ -48,37 +48,7 @@ def assemble(
     need_motion: bool = False,
     checksum: bool = True,
 ) -> Recording:
-    """
-    Make a recording of decoded topics.
-
-    Parameters
-    ----------
-    bag : Bag
-        Where they came from.
-    topics : dict of str to DecodedTopic
-        Decoded topics by their full names.
-    plan : Sources
-        What to look for.
-    notes : Notes
-        Is told what is odd.
-    need_output : bool
-        Refuse a bag with neither efforts nor strains.
-    need_motion : bool
-        Refuse a bag in which no joint moves.
-    checksum : bool
-        Compute the checksum of the storage files.
-
-    Returns
-    -------
-    Recording
-        Signals of the joints and gauges of the plan.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be used for what was asked; the message says why and what to do.
-
-    """
+    """Make a recording of decoded topics."""
     work = Assembly(bag, topics, plan, notes)
     motion, dq = work.motion()
     effort = work.output(motion, plan.joints, plan.efforts)
@@ -198,28 +168,7 @@ def read_planned(
     need_output: bool = False,
     need_motion: bool = False,
 ) -> Recording:
-    """
-    Read what a plan names from a bag, as `read_recording` does.
-
-    Parameters
-    ----------
-    path : str or Path
-        rosbag2 directory, ``.mcap`` or ``.db3``.
-    plan : Sources
-        What to look for.
-    notes : Notes
-        Is told what is odd.
-    need_output : bool
-        Refuse a bag with neither efforts nor strains.
-    need_motion : bool
-        Refuse a bag in which no joint moves.
-
-    Returns
-    -------
-    Recording
-        Aligned arrays.
-
-    """
+    """Read what a plan names from a bag, as `read_recording` does."""
     bag = open_bag(path, notes)
     topics = load_joint_states(bag, planned_topics(bag, plan))
     return assemble(bag, topics, plan, notes, need_output=need_output, need_motion=need_motion)

@@ -26,44 +26,23 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True)
 class SetBack:
-    """
-    A clock that was set back while it stamped messages.
+    """A clock that was set back while it stamped messages."""
 
-    Attributes
-    ----------
-    time : float
-        Where, since the first stamp [s].
-    seconds : float
-        By how much [s].
-    lost : int
-        Messages with stamps that had been there before.
-
-    """
-
-    time: float
-    seconds: float
-    lost: int
+    time: float  # where, since the first stamp [s]
+    seconds: float  # by how much [s]
+    lost: int  # messages with stamps that had been there before
 
 
 @dataclass(frozen=True)
 class Oddities:
-    """
-    What the arrays of a recording do not show of its bag.
+    """What the arrays of a recording do not show of its bag."""
 
-    Attributes
-    ----------
-    set_backs : tuple of SetBack
-        Where the clock of the joint states was set back; the record is split there.
-    others : dict of str to float
-        How far each other name of the joint states moves, its outermost percents left out
-        [rad or m].
-    zero_velocities : tuple of str
-        Joints that move, but whose velocities are all zero: velocities are not used.
-
-    """
-
+    # Where the clock of the joint states was set back; the record is split there.
     set_backs: tuple[SetBack, ...] = ()
+    # How far each other name of the joint states moves, its outermost percents left out
+    # [rad or m].
     others: dict[str, float] = field(default_factory=dict)
+    # Joints that move, but whose velocities are all zero: velocities are not used.
     zero_velocities: tuple[str, ...] = ()
 
 

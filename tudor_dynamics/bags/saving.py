@@ -43,15 +43,7 @@ class WholeFile(FileIO):
     """A file without buffer that writes all or raises; a buffer would keep what failed."""
 
     def write(self, data: Any) -> int:
-        """
-        Write all bytes; a disk that becomes full takes some of them first.
-
-        Parameters
-        ----------
-        data : bytes-like
-            Bytes to be written.
-
-        """
+        """Write all bytes; a disk that becomes full takes some of them first."""
         rest = memoryview(data)
         while rest:
             rest = rest[self._some(rest):]
@@ -62,15 +54,7 @@ class WholeFile(FileIO):
 
 
 class McapSaver:
-    """
-    MCAP: a chunk is ended, and the file cut behind the last whole one.
-
-    Parameters
-    ----------
-    writer : rosbags.rosbag2.Writer
-        Writer whose file is saved.
-
-    """
+    """MCAP: a chunk is ended, and the file cut behind the last whole one."""
 
     def __init__(self, writer: Any) -> None:
         self._storage = storage = writer.storage
@@ -104,15 +88,7 @@ class McapSaver:
 
 
 class SqliteSaver:
-    """
-    SQLite: a transaction is ended, or taken back.
-
-    Parameters
-    ----------
-    writer : rosbags.rosbag2.Writer
-        Writer whose file is saved.
-
-    """
+    """SQLite: a transaction is ended, or taken back."""
 
     def __init__(self, writer: Any) -> None:
         self._connection = writer.storage.conn
@@ -129,17 +105,7 @@ class SqliteSaver:
 
 
 class SavedWriter:
-    """
-    rosbags' writer with a way back.
-
-    Parameters
-    ----------
-    writer : rosbags.rosbag2.Writer
-        Writer that was opened.
-    storage : {'mcap', 'sqlite3'}
-        Format of its storage file.
-
-    """
+    """rosbags' writer with a way back."""
 
     def __init__(self, writer: Writer, storage: str) -> None:
         self.writer: Any = writer

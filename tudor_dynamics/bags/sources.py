@@ -35,42 +35,16 @@ UNLIMITED = 1e6
 
 @dataclass(frozen=True)
 class ChannelSource:
-    """
-    Where the values of one joint or gauge stand.
+    """Where the values of one joint or gauge stand."""
 
-    Attributes
-    ----------
-    topic : str
-        As described (relative or absolute).
-    name : str
-        Name in the messages; in an array the place, from 0.
-    field : str
-        Field of the messages: ``effort``, ``position``, ``data``, or an interface.
-    msgtype : str
-        Type that the messages must have.
-
-    """
-
-    topic: str
-    name: str
-    field: str
-    msgtype: str = JOINT_STATE
+    topic: str  # as described (relative or absolute)
+    name: str  # name in the messages; in an array the place, from 0
+    field: str  # field of the messages: `effort`, `position`, `data`, or an interface
+    msgtype: str = JOINT_STATE  # type that the messages must have
 
 
 def channel_of(source: SourceSpec, name: str, field: str) -> ChannelSource:
-    """
-    Give the channel that a description names.
-
-    Parameters
-    ----------
-    source : SourceSpec
-        Topic of a joint's effort or of a gauge.
-    name : str
-        Joint or gauge.
-    field : {'effort', 'position'}
-        Field that carries the value in a JointState.
-
-    """
+    """Give the channel that a description names."""
     if source.index is not None:
         return ChannelSource(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
     if source.interface is not None:
@@ -80,35 +54,16 @@ def channel_of(source: SourceSpec, name: str, field: str) -> ChannelSource:
 
 @dataclass(frozen=True)
 class Sources:
-    """
-    What a recording is made of.
+    """What a recording is made of."""
 
-    Attributes
-    ----------
-    joint_topic : str
-        Topic of the joint states, as described (relative or absolute).
-    joints : tuple of str
-        Names of the joints, in the order of the columns.
-    prismatic : tuple of bool
-        Kind of each joint.
-    reach : tuple of float or None
-        Largest plausible ``|q|`` of each joint [rad or m]; None where any is.
-    efforts : tuple of ChannelSource
-        Where each joint's effort stands.
-    gauges : tuple of str
-        Names of the gauges.
-    strains : tuple of ChannelSource
-        Where each gauge's reading stands.
-
-    """
-
-    joint_topic: str
-    joints: tuple[str, ...]
-    prismatic: tuple[bool, ...]
+    joint_topic: str  # topic of the joint states, as described (relative or absolute)
+    joints: tuple[str, ...]  # names of the joints, in the order of the columns
+    prismatic: tuple[bool, ...]  # kind of each joint
+    # Largest plausible `|q|` of each joint [rad or m]; None where any is.
     reach: tuple[float | None, ...]
-    efforts: tuple[ChannelSource, ...]
-    gauges: tuple[str, ...] = ()
-    strains: tuple[ChannelSource, ...] = ()
+    efforts: tuple[ChannelSource, ...]  # where each joint's effort stands
+    gauges: tuple[str, ...] = ()  # names of the gauges
+    strains: tuple[ChannelSource, ...] = ()  # where each gauge's reading stands
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -118,20 +73,7 @@ class Sources:
 
 
 def plan_from_arm(arm: Arm) -> Sources:
-    """
-    Make the plan of an arm.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description that was read and checked.
-
-    Returns
-    -------
-    Sources
-        Its active joints, their efforts, all its gauges.
-
-    """
+    """Make the plan of an arm."""
     model = arm.full_model
     prismatic, reach = [], []
     for joint in arm.joints:
@@ -160,31 +102,7 @@ def plan_from_arm(arm: Arm) -> Sources:
 def resolve(
     name: str, topics: Mapping[str, TopicInfo], path: str, msgtype: str = JOINT_STATE,
 ) -> str | None:
-    """
-    Find a topic of the description in a bag.
-
-    Parameters
-    ----------
-    name : str
-        As described: ``joint_states``, ``/joint_states`` or ``/ns/joint_states``.
-    topics : dict of str to TopicInfo
-        Topics of the bag.
-    path : str
-        Bag, for messages.
-    msgtype : str
-        Type of its messages.
-
-    Returns
-    -------
-    str or None
-        The topic of that name, or the only one of that type in a namespace that ends so.
-
-    Raises
-    ------
-    BagError
-        If several namespaces have one.
-
-    """
+    """Find a topic of the description in a bag."""
     relative = name.lstrip('/')
     for candidate in (name, f'/{relative}', relative):
         if candidate in topics:

@@ -35,26 +35,13 @@ MAX_VALUE = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """
-    Values of some names.
+    """Values of some names."""
 
-    Attributes
-    ----------
-    what : str
-        For messages, e.g. ``effort in /motor_currents``.
-    names : tuple of str
-        Names of the columns.
-    stamp : ndarray of int64, shape (n,)
-        Times of the samples [ns].
-    values : ndarray of shape (n, n_names)
-        In the units of the topic.
-
-    """
-
+    # For messages, e.g. `effort in /motor_currents`.
     what: str
-    names: tuple[str, ...]
-    stamp: NDArray[np.int64]
-    values: FloatArray
+    names: tuple[str, ...]  # names of the columns
+    stamp: NDArray[np.int64]  # times of the samples, (n,) [ns]
+    values: FloatArray  # in the units of the topic, (n, names)
 
     def at(self, rows: NDArray) -> Stream:
         """Give the stream with a selection of its rows."""
@@ -67,28 +54,7 @@ def select(
     field: str,
     stamp: NDArray[np.int64],
 ) -> tuple[Stream, NDArray[np.intp]]:
-    """
-    Take the values of names from all messages that have them.
-
-    Parameters
-    ----------
-    states : DecodedTopic
-        Decoded topic, lengths checked.
-    names : sequence of str
-        Names of the columns wanted.
-    field : str
-        Array to take them from: ``position``, ``velocity``, ``effort``, ``data``, an interface.
-    stamp : ndarray of int64
-        Time of every message of the topic [ns].
-
-    Returns
-    -------
-    Stream
-        Values in the order of the messages; none where no message has them all.
-    ndarray of int
-        Message each row came from.
-
-    """
+    """Take the values of names from all messages that have them: stamp [ns]."""
     rows, parts = [], []
     for block in states.blocks:
         layout = block.layout
@@ -117,25 +83,7 @@ def choose_clock(
     one topic without stamps sends all to their log times. Messages of a type that has no stamp get
     their log times less what stamped messages of the bag take to be recorded.
 
-    Parameters
-    ----------
-    topics : dict of str to DecodedTopic
-        Decoded topics by name.
-    notes : Notes
-        Is told where log times are used.
-    path : str
-        Bag, for messages.
-
-    Returns
-    -------
-    dict of str to ndarray of int64
-        Time of each message of each topic [ns].
-
-    Raises
-    ------
-    BagError
-        If there are neither stamps nor log times.
-
+    Returns time of each message of each topic [ns].
     """
     unset = [name for name, states in topics.items()
              if states.stamped and len(states.stamp) > 1 and not states.stamp.any()]
@@ -161,29 +109,7 @@ def choose_clock(
 
 
 def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
-    """
-    Mark samples that are no measured numbers, refuse channels that are mostly so.
-
-    Parameters
-    ----------
-    stream : Stream
-        Stream of any output.
-    notes : Notes
-        Is told how many samples of which channels are NaN, infinite or beyond `MAX_VALUE`.
-    path : str
-        Bag, for messages.
-
-    Returns
-    -------
-    Stream
-        The same with NaN for every such value.
-
-    Raises
-    ------
-    BagError
-        If more than a few samples of a channel are so.
-
-    """
+    """Mark samples that are no measured numbers, refuse channels that are mostly so."""
     bad = ~(np.abs(stream.values) <= MAX_VALUE)
     if not bad.any():
         return stream

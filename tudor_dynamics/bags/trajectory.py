@@ -179,25 +179,7 @@ class Trajectory:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """
-    Read motion from a table, as `Trajectory.table` writes it; columns in any order.
-
-    Parameters
-    ----------
-    path : Path
-        CSV file: ``t``, then ``JOINT`` of each joint, and what is known beside.
-
-    Returns
-    -------
-    Trajectory
-        Motion; efforts are not read.
-
-    Raises
-    ------
-    BagError
-        If it is no such table; the message says what is wrong where.
-
-    """
+    """Read motion from a table, as `Trajectory.table` writes it; columns in any order."""
     try:
         text = read_bounded(path, MAX_TABLE_BYTES).decode()
     except (OSError, ValueError) as err:
@@ -237,43 +219,20 @@ def read_trajectory(path: Path) -> Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class TrajectorySeries:
-    """
-    Messages of one JointTrajectory topic.
+    """Messages of one JointTrajectory topic."""
 
-    Attributes
-    ----------
-    topic : str
-        Full name, e.g. ``/joint_trajectory``.
-    stamp : ndarray of int64, shape (n,)
-        Times at which they are recorded, and header stamps where there are no others [ns].
-    trajectories : sequence of Trajectory
-        One for each message.
-    header : ndarray of int64, shape (n,), optional
-        Header stamps; 0 lets a controller begin at once [ns].
-    frames : sequence of str, optional
-        Frames of the headers; none by default.
-    msgtype : str
-        Type of the messages.
-
-    """
-
+    # Full name, e.g. `/joint_trajectory`.
     topic: str
+    # Times at which they are recorded, and header stamps where there are no others, (n,) [ns].
     stamp: NDArray[np.int64]
-    trajectories: Sequence[Trajectory]
+    trajectories: Sequence[Trajectory]  # one for each message
+    # Header stamps; 0 lets a controller begin at once, (n,) [ns].
     header: NDArray[np.int64] | None = None
-    frames: Sequence[str] = ()
-    msgtype: str = TRAJECTORY
+    frames: Sequence[str] = ()  # frames of the headers; none by default
+    msgtype: str = TRAJECTORY  # type of the messages
 
     def encode(self) -> list[bytes]:
-        """
-        Encode the messages.
-
-        Returns
-        -------
-        list of bytes
-            CDR buffers, little endian.
-
-        """
+        """Encode the messages."""
         typestore = get_typestore(Stores.ROS2_JAZZY)
         types = typestore.types
         nothing = np.zeros(0)

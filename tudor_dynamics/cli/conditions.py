@@ -32,17 +32,7 @@ def condition_values(report: ExcitationReport) -> dict[str, Any]:
 
 
 def print_conditions(names: Sequence[str], reports: Sequence[ExcitationReport]) -> None:
-    """
-    Print the condition numbers of motions.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the motions.
-    reports : sequence of ExcitationReport
-        One for each.
-
-    """
+    """Print the condition numbers of motions."""
     table = new_table('condition numbers of the regressors: below 30 good, above 1000 poor',
                       names=('motion', 'output', 'channels', 'shown least'),
                       figures=('condition', 'parameters'))

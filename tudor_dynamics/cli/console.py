@@ -45,13 +45,7 @@ class StepProgress:
     """
     A progress bar over steps that are named as they begin.
 
-    Parameters
-    ----------
-    progress : rich.progress.Progress or None
-        Bar to be moved; None where nobody watches.
-    total : int
-        Number of steps.
-
+    progress: None where nobody watches.
     """
 
     def __init__(self, progress: Progress | None, total: int) -> None:
@@ -71,20 +65,7 @@ class StepProgress:
 
 @contextmanager
 def steps(total: int) -> Iterator[StepProgress]:
-    """
-    Show a progress bar on standard error while a terminal watches.
-
-    Parameters
-    ----------
-    total : int
-        Number of steps.
-
-    Yields
-    ------
-    StepProgress
-        To be called with the name of each step as it begins.
-
-    """
+    """Show a progress bar on standard error while a terminal watches."""
     console = Console(file=sys.stderr)
     if not console.is_terminal:
         yield StepProgress(None, total)
@@ -121,15 +102,7 @@ def _percent(value: float) -> str:
 
 
 def print_findings(findings: Sequence[Finding]) -> None:
-    """
-    Print what the doctor says, one finding after the other.
-
-    Parameters
-    ----------
-    findings : sequence of Finding
-        Nothing is printed where there are none.
-
-    """
+    """Print what the doctor says, one finding after the other."""
     for item in findings:
         where = f'{item.bag}: ' if item.bag else ''
         print(printable(f'doctor: {item.title}: {where}{item.what}'))
@@ -139,22 +112,7 @@ def print_findings(findings: Sequence[Finding]) -> None:
 
 
 def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) -> Table:
-    """
-    Lay figures out as a table.
-
-    Parameters
-    ----------
-    title : str
-        Title above the table.
-    rows : list of (output, model, Score, units)
-        One model of one output each; units by channel.
-
-    Returns
-    -------
-    rich.table.Table
-        Over all channels first, then each channel.
-
-    """
+    """Lay figures out as a table."""
     table = new_table(title, names=('channel',), figures=(
         'RMSE', 'unit', 'sigma(E)', 'fit\n%', 'Eq. 18\n%', 'rel. error\n%'))
     table.columns[2].justify = 'left'
@@ -174,24 +132,7 @@ def score_table(title: str, rows: list[tuple[str, str, Score, dict[str, str]]]) 
 def new_table(
     title: str, names: Sequence[str] = (), figures: Sequence[str] = (),
 ) -> Table:
-    """
-    Make a table whose names may take several lines and whose figures are never cut.
-
-    Parameters
-    ----------
-    title : str
-        Title above the table.
-    names : sequence of str
-        Heads of the columns of text, which come first.
-    figures : sequence of str
-        Heads of the columns of numbers, aligned at the right.
-
-    Returns
-    -------
-    rich.table.Table
-        Table without rows; more columns may be added.
-
-    """
+    """Make a table whose names may take several lines and whose figures are never cut."""
     table = Table(title=title, title_justify='left', box=box.SIMPLE_HEAD, show_edge=False,
                   pad_edge=False, padding=(0, GAP - 1, 0, 0))
     for name in names:
@@ -232,17 +173,7 @@ def _arrange(table: Table, width: int) -> int:
 
 
 def add_running(parser: Any, jobs: int | None = os.cpu_count() or 1) -> None:
-    """
-    Add what says where pieces of work are done.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser or group of its options
-        Parser of a command.
-    jobs : int or None
-        Default of ``--jobs``.
-
-    """
+    """Add what says where pieces of work are done."""
     parser.add_argument('--jobs', type=int, default=jobs, metavar='N',
                         help='processes (default: one a core)')
     parser.add_argument('--cluster', metavar='tcp://HOST:PORT',
@@ -251,14 +182,6 @@ def add_running(parser: Any, jobs: int | None = os.cpu_count() or 1) -> None:
 
 
 def check_running(args: argparse.Namespace) -> None:
-    """
-    Refuse numbers of processes that there cannot be.
-
-    Parameters
-    ----------
-    args : argparse.Namespace
-        What was given to the command.
-
-    """
+    """Refuse numbers of processes that there cannot be."""
     if args.jobs < 1:
         raise UsageError(f'--jobs {args.jobs}: give 1 or more')

@@ -182,18 +182,7 @@ def chosen_rate(spec: PreprocessingSpec, rate: str | None) -> PreprocessingSpec:
 
 
 def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
-    """
-    Write every sample that was compared, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        File to write. Arrays are named ``OUTPUT_KIND_WHAT``, WHAT being bag, stamp [ns], measured,
-        predicted and residual; ``OUTPUT_channels`` names the columns.
-    found : dict
-        Output to kind to validation.
-
-    """
+    """Write every sample that was compared, whole or not at all."""
     arrays: dict[str, Any] = {}
     for output, kinds in found.items():
         for kind, item in kinds.items():
@@ -213,24 +202,7 @@ def save_traces(path: Path, found: dict[str, dict[str, Validation]]) -> None:
 
 
 def write(path: str | Path, option: str, content: bytes) -> None:
-    """
-    Write a file that was asked for, whole or not at all.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write.
-    option : str
-        Option that asks for it.
-    content : bytes
-        What is written.
-
-    Raises
-    ------
-    UsageError
-        If it cannot be written.
-
-    """
+    """Write a file that was asked for, whole or not at all."""
     try:
         write_whole(Path(path), content)
     except OSError as err:

@@ -107,19 +107,7 @@ def _content(
 
 
 def show(full: FullParameters, target: str, console: Console) -> None:
-    """
-    Print what was found, what it rests on, and what the format leaves out.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified.
-    target : str
-        Format that is written.
-    console : rich.console.Console
-        Console to print on.
-
-    """
+    """Print what was found, what it rests on, and what the format leaves out."""
     solution, model = full.solution, full.arm.model
     table = new_table(f'{full.arm.name}: bodies and drives', names=('joint',), figures=(
         'mass [kg]', '+-', 'described', 'from data', 'error free', 'error'))

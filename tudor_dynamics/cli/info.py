@@ -121,19 +121,7 @@ def _channel_table(topic: TopicReport) -> Table:
 
 
 def show(report: BagReport, console: Console, findings: Sequence[Finding] = ()) -> None:
-    """
-    Print a report.
-
-    Parameters
-    ----------
-    report : BagReport
-        Of one bag.
-    console : rich.console.Console
-        Console to print on.
-    findings : sequence of Finding
-        What the doctor says.
-
-    """
+    """Print a report."""
     start = ''
     if report.start is not None and report.start > REAL_TIME:
         moment = datetime.fromtimestamp(report.start, tz=timezone.utc)

@@ -61,20 +61,7 @@ OK, NOT_GOOD_ENOUGH, WRONG_INPUT = 0, 1, 2
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """
-    Build the parser.
-
-    Parameters
-    ----------
-    only : str, optional
-        Subcommand whose options are needed; the others get a name and a line of help.
-
-    Returns
-    -------
-    argparse.ArgumentParser
-        Parser of ``tudor``.
-
-    """
+    """Build the parser."""
     parser = argparse.ArgumentParser(
         prog='tudor',
         description='Dynamics of lightweight and elastic robot arms, learned from rosbags.',
@@ -112,20 +99,7 @@ def _show_warning(message: Warning | str, category: type[Warning], *_: object) -
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """
-    Run ``tudor``.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments without the program name; those of the process by default.
-
-    Returns
-    -------
-    int
-        Exit code: 0 done, 1 data or model not good enough, 2 wrong input.
-
-    """
+    """Run ``tudor``; argv: those of the process by default."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     only = next((word for word in arguments if word in SUBCOMMANDS), None)
     name = f'tudor {only}' if only else 'tudor'

@@ -23,15 +23,7 @@ from tudor_dynamics.identification.planned import Comparison
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """
-    Print standard errors expected and reached.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        Plan and fit.
-
-    """
+    """Print standard errors expected and reached."""
     table = new_table(
         f'standard errors, expected by the plan and reached ({comparison.runs:.2g} runs of it)',
         names=('parameter', 'unit'),

@@ -27,24 +27,7 @@ AnyEstimator = ContactEstimator | TorqueEstimator
 
 
 def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) -> AnyEstimator:
-    """
-    Choose what estimates contacts.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of the arm.
-    kind : str
-        Kind of model in use.
-    methods : collection of str
-        What is listened to, of strain, effort and momentum.
-
-    Raises
-    ------
-    ModelError
-        If neither strain nor the momentum observer can tell; it says why.
-
-    """
+    """Choose what estimates contacts."""
     why = []
     if 'strain' in methods:
         try:

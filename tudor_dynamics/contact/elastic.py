@@ -48,25 +48,7 @@ class ElasticFront:
     """
     An elastic arm that follows positions, uncorrected, and is linearised as it goes.
 
-    Parameters
-    ----------
-    model : FittedElastic
-        Elastic model of the strain.
-    spans : sequence of Span
-        Where contacts are looked for.
-    moment_deviation : ndarray of shape (n_gauges,)
-        Standard deviation of what a sample of 0.01 s measures [N m].
-
-    Attributes
-    ----------
-    noise : float
-        Density of the white force at the tip that stands for what nobody modelled [N^2 s].
-
-    Raises
-    ------
-    ModelError, SimulationError
-        If the model cannot be used, or a span lies on a rigid link.
-
+    moment_deviation (gauges,) [N m], noise [N^2 s].
     """
 
     def __init__(
@@ -112,23 +94,8 @@ class ElasticFront:
         """
         Go to the next sample.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 to begin anew, at rest [s].
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_gauges,)
-            Moment at each gauge without a contact [N m].
-
-        Raises
-        ------
-        SimulationError
-            If the motion makes the model diverge, or bend until it is no arm any more.
-
+        dt [s]: 0 to begin anew, at rest; row (3 joints,): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges,) [N m].
         """
         if dt <= 0.0:
             self._driven.forget()
@@ -155,15 +122,7 @@ class ElasticFront:
         takes over what the true one does, and the states, which are the difference of both,
         know of it.
 
-        Parameters
-        ----------
-        left : ndarray of shape (n_gauges,)
-            Measured less followed moments [N m].
-        dt : float
-            Time since the sample before [s].
-        states : ndarray of shape (n_spans, 2 c + PRESSING)
-            States of all hypotheses; changed.
-
+        left (gauges,) [N m], dt [s], states (spans, 2 c + PRESSING).
         """
         equations, c = self._driven.tables.equations, self.modes
         before = equations.vectors[[Z, DZ]][:, equations.free]
@@ -179,26 +138,8 @@ class ElasticFront:
         """
         Carry a hypothesis to the newest sample.
 
-        Parameters
-        ----------
-        number : int
-            Of its span.
-        state, covariance : ndarray of shape (2 c + PRESSING,) and its square
-            Vibrations and what presses; overwritten.
-        dt : float
-            Time since the sample before [s].
-        fade : float
-            Part of what presses that is still there behind the sample.
-        rise : ndarray of shape (PRESSING, PRESSING)
-            What its covariance grows by.
-        calm : float
-            Part of the white force that there is.
-
-        Returns
-        -------
-        ndarray of shape (n_gauges, 2 c + PRESSING)
-            Moment at each gauge by state.
-
+        dt [s], rise (PRESSING, PRESSING); writes state, covariance (2 c + PRESSING,); returns
+        (gauges, 2 c + PRESSING).
         """
         acting = self._acting[number]
         turn_basis(self._before, self._small[0], self._basis, state, covariance)

@@ -32,49 +32,24 @@ TOLD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ContactEstimate:
-    """
-    What touches an arm at one sample.
+    """What touches an arm at one sample."""
 
-    Attributes
-    ----------
-    stamp : int
-        Header stamp of the sample [ns].
-    link : str
-        Link that is touched, the most likely one; its frame is that of the vectors.
-    joint : str
-        Joint that moves it.
-    felt : bool
-        Whether something touches the arm beyond doubt.
-    force, torque : ndarray of shape (3,)
-        On the link, about the origin of its frame [N, N m].
-    force_deviation : float
-        Standard deviation of the force across the link [N].
-    torque_deviation : float
-        Standard deviation of the torque about the axis that its gauges see [N m].
-    place, place_deviation : float
-        Along the link, from its joint; NaN where force and place cannot be told apart [m].
-    point : ndarray of shape (3,)
-        The place in the frame of the link; NaN where it is not known [m].
-    pressing : ndarray of shape (n_spans, PRESSING)
-        For each span (F, F a, A) [N, N m, N].
-    likely : ndarray of shape (n_spans,)
-        Logarithm of the likelihood of the newest readings.
-
-    """
-
-    stamp: int
-    link: str
-    joint: str
-    felt: bool
+    stamp: int  # header stamp of the sample [ns]
+    link: str  # link that is touched, the most likely one; its frame is that of the vectors
+    joint: str  # joint that moves it
+    felt: bool  # whether something touches the arm beyond doubt
+    # On the link, about the origin of its frame, (3,) [N, N m].
     force: FloatArray
     torque: FloatArray
-    force_deviation: float
+    force_deviation: float  # standard deviation of the force across the link [N]
+    # Standard deviation of the torque about the axis that its gauges see [N m].
     torque_deviation: float
+    # Along the link, from its joint; NaN where force and place cannot be told apart [m].
     place: float
     place_deviation: float
-    point: FloatArray
-    pressing: FloatArray
-    likely: FloatArray
+    point: FloatArray  # the place in the frame of the link; NaN where it is not known, (3,) [m]
+    pressing: FloatArray  # for each span (F, F a, A), (spans, PRESSING) [N, N m, N]
+    likely: FloatArray  # logarithm of the likelihood of the newest readings, (spans,)
 
     @property
     def located(self) -> bool:
@@ -90,19 +65,9 @@ class ContactEstimate:
 
 @dataclass
 class ContactRecord:
-    """
-    Sums over a contact: its place does not change, so all samples tell of it together.
+    """Sums over a contact: its place does not change, so all samples tell of it together."""
 
-    Attributes
-    ----------
-    spans : tuple of Span
-        Where contacts are looked for.
-    links : tuple of str
-        Link of each.
-
-    """
-
-    spans: tuple[Span, ...]
+    spans: tuple[Span, ...]  # where contacts are looked for
     links: tuple[str, ...]
     _likely: FloatArray = field(init=False)
     _moments: FloatArray = field(init=False)
@@ -115,15 +80,7 @@ class ContactRecord:
         self._moments, self._largest = np.zeros((n, 4)), np.zeros(n)
 
     def add(self, estimate: ContactEstimate) -> None:
-        """
-        Take a sample of the contact.
-
-        Parameters
-        ----------
-        estimate : ContactEstimate
-            What was estimated there.
-
-        """
+        """Take a sample of the contact."""
         force, moment = estimate.pressing[:, ACROSS], estimate.pressing[:, MOMENT]
         self._likely = self._likely + estimate.likely
         self._moments = self._moments + np.column_stack(
@@ -135,12 +92,8 @@ class ContactRecord:
         """
         Give what it comes to.
 
-        Returns
-        -------
-        dict
-            ``link``, ``force`` (mean across the link) and ``largest_force`` [N], ``place`` and
-            ``place_deviation`` (None where it cannot be told) [m]; empty without a sample.
-
+        Returns ``link``, ``force`` (mean across the link) and ``largest_force`` [N], ``place`` and
+        ``place_deviation`` (None where it cannot be told) [m]; empty without a sample.
         """
         if self._count == 0 or not self.spans:
             return {}
@@ -183,37 +136,15 @@ def prior_spread(spans: list[Span]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """
-    What is believed of each span at a sample.
+    """What is believed of each span at a sample."""
 
-    Attributes
-    ----------
-    pressing : ndarray of shape (n_spans, PRESSING)
-        (F, F a, A) [N, N m, N].
-    covariance : ndarray of shape (n_spans, PRESSING, PRESSING)
-        Covariance of what presses on each span.
-    weight : ndarray of shape (n_spans,)
-        How likely each is, in all 1.
-
-    """
-
-    pressing: FloatArray
-    covariance: FloatArray
-    weight: FloatArray
+    pressing: FloatArray  # (F, F a, A), (spans, PRESSING) [N, N m, N]
+    covariance: FloatArray  # covariance of what presses on each span, (spans, PRESSING, PRESSING)
+    weight: FloatArray  # how likely each is, in all 1, (spans,)
 
 
 def significance(belief: Belief, k: int) -> float:
-    """
-    Give the squared size of (F, F a) on a span, in standard deviations.
-
-    Parameters
-    ----------
-    belief : Belief
-        What is believed of all spans.
-    k : int
-        Number of the span.
-
-    """
+    """Give the squared size of (F, F a) on a span, in standard deviations."""
     value, spread = belief.pressing[k, :ALONG], belief.covariance[k, :ALONG, :ALONG]
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     white = spread / np.outer(scale, scale) + 1e-9 * np.eye(ALONG)
@@ -222,19 +153,7 @@ def significance(belief: Belief, k: int) -> float:
 
 
 def place_on(belief: Belief, k: int, span: Span) -> tuple[float, float]:
-    """
-    Give the place on a span and its standard deviation, within the span [m].
-
-    Parameters
-    ----------
-    belief : Belief
-        What is believed of all spans.
-    k : int
-        Number of the span.
-    span : Span
-        The span itself.
-
-    """
+    """Give the place on a span and its standard deviation, within the span [m]."""
     prior = (span.outer - span.inner) / math.sqrt(12.0)
     force, moment = float(belief.pressing[k, ACROSS]), float(belief.pressing[k, MOMENT])
     if prior == 0.0 or force == 0.0:

@@ -61,21 +61,12 @@ RECENT = 0.03
 
 
 class Doubt(NamedTuple):
-    """
-    What counts as felt, in squared standard deviations.
+    """What counts as felt, in squared standard deviations."""
 
-    Attributes
-    ----------
-    felt, left : float
-        From which, and until which, something is felt.
-    offset : float
-        From which what is left over is taken for no offset.
-
-    """
-
+    # From which, and until which, something is felt.
     felt: float
     left: float
-    offset: float
+    offset: float  # from which what is left over is taken for no offset
 
 
 RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)

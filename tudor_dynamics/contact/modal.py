@@ -35,15 +35,8 @@ def slow_modes(small: NDArray, basis: NDArray, squares: NDArray, rates: NDArray)
     """
     Find the slowest modes, scaled to a mass of one.
 
-    Parameters
-    ----------
-    small : ndarray of shape (3, m, m)
-        Mass, damping and stiffness.
-    basis : ndarray of shape (m, c)
-        Result: shape of each mode by coordinate.
-    squares, rates : ndarray of shape (c,)
-        Result: squares of the frequencies [rad^2/s^2], and damping [1/s].
-
+    small (3, m, m); squares, rates (c,): result: squares of the frequencies [rad^2/s^2], and
+    damping [1/s]; writes basis (m, c).
     """
     lower = np.linalg.cholesky(small[0])
     inverse = np.linalg.inv(lower)
@@ -62,15 +55,7 @@ def turn_basis(before: NDArray, mass: NDArray, now: NDArray, state: NDArray, cov
     """
     Describe the same vibration by the modes of another pose.
 
-    Parameters
-    ----------
-    before, now : ndarray of shape (m, c)
-        Shapes before and now.
-    mass : ndarray of shape (m, m)
-        Mass matrix of the pose now.
-    state, covariance : ndarray of shape (2 c + k,) and (2 c + k, 2 c + k)
-        Amplitudes, their rates, and what presses; overwritten.
-
+    before, now (m, c), mass (m, m); writes state, covariance (2 c + k,).
     """
     c, n = before.shape[1], state.shape[0]
     change = now.T @ mass @ before
@@ -89,25 +74,7 @@ def carry(
     """
     Carry state and covariance over one sample.
 
-    Parameters
-    ----------
-    state, covariance
-        As in ``turn_basis``; overwritten.
-    squares, rates : ndarray of shape (c,)
-        As ``slow_modes`` gives them.
-    white : ndarray of shape (c, w)
-        White noise on the modes.
-    acting : ndarray of shape (c, k)
-        What presses, on the modes.
-    dt : float
-        Time between the samples [s].
-    noise : float
-        Power density of the white noise [N^2 s].
-    fade : float
-        Part of what presses that is still there behind the sample.
-    rise : ndarray of shape (k, k)
-        What the covariance of what presses grows by.
-
+    squares, rates (c,), white (c, w), acting (c, k), dt [s], noise [N^2 s], rise (k, k).
     """
     c, k, n = squares.shape[0], acting.shape[1], state.shape[0]
     step, entering = np.zeros((n, n)), np.zeros((n, white.shape[1]))
@@ -138,25 +105,8 @@ def correct(
     """
     Correct a state by what gauges show beyond the model.
 
-    Parameters
-    ----------
-    state, covariance
-        State of n numbers, and its covariance; overwritten.
-    rows : ndarray of shape (n_gauges, n)
-        Moment at each gauge by state.
-    variance : ndarray of shape (n_gauges,)
-        Of the measured moments [N^2 m^2].
-    measured : ndarray of shape (n_gauges,)
-        Measured less followed moments; NaN for a gauge that does not count [N m].
-    trusted : float
-        Standard deviations beyond which an innovation makes what was measured less likely only
-        in proportion (Huber): models are wrong now and then.
-
-    Returns
-    -------
-    float
-        Logarithm of the likelihood of what was measured, with Huber's tails.
-
+    rows (gauges, n), variance (gauges,) [N^2 m^2]; measured (gauges,) [N m]: NaN for a gauge that
+    does not count.
     """
     n, likely = state.shape[0], 0.0
     # one gauge after the other: their noise is independent

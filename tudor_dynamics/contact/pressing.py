@@ -60,21 +60,7 @@ def pressing_columns(
     """
     Write the generalised forces of a unit of what presses on a span.
 
-    Parameters
-    ----------
-    body, side : int
-        Body of the link, and its axis across the beam: 1 or 2.
-    sign : float
-        1 where that axis is the link's ``across``, else -1.
-    inner, outer : float
-        Ends of the span, from the start of the beam [m].
-    start : float
-        Where the beam starts, from the joint [m].
-    pushed : ndarray of shape (m, PRESSING)
-        Result: generalised forces by coordinate.
-    *arrays : ndarray
-        Arm, see ``driven_of``; no wrench acts on it.
-
+    inner, outer, start [m]; writes pushed (m, PRESSING).
     """
     driven = driven_of(arrays)
     m, chain = pushed.shape[0], driven.chain
@@ -101,29 +87,7 @@ class Pressing:
     """
     A span of a link, as compiled code has it.
 
-    Parameters
-    ----------
-    span : Span
-        Span, counted from the joint.
-    along, across : ndarray of shape (3,)
-        Directions of the link in the frame of its joint.
-    mechanism : Mechanism
-        Mechanism of the driven arm.
-    gauges : GaugePlaces
-        Where the gauges sit on it.
-
-    Attributes
-    ----------
-    numbers : tuple
-        First arguments of ``pressing_columns``.
-    through : ndarray of shape (n_gauges, PRESSING)
-        Moment at each gauge that nodes do not carry, see ``unsaid``.
-
-    Raises
-    ------
-    SimulationError
-        If the link is rigid.
-
+    along, across (3,), through (gauges, PRESSING).
     """
 
     def __init__(

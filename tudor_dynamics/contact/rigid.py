@@ -29,17 +29,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class RigidFront:
-    """
-    Levers of forces on spans about the gauges; nothing is carried from sample to sample.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges.
-    spans : sequence of Span
-        Where contacts are looked for.
-
-    """
+    """Levers of forces on spans about the gauges; nothing is carried from sample to sample."""
 
     modes = 0
 
@@ -63,16 +53,8 @@ class RigidFront:
         """
         Give the moment at each gauge by what presses, span by span.
 
-        Parameters
-        ----------
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        list of ndarray of shape (n_gauges, PRESSING)
-            Positive for a load that the joint holds.
-
+        row (3 joints,): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges, PRESSING).
         """
         self._q[self._columns] = row[:len(self._columns)]
         pin.forwardKinematics(self._model, self._data, self._q)

@@ -29,20 +29,11 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """
-    Gains of all gauges.
+    """Gains of all gauges."""
 
-    Attributes
-    ----------
-    gain : ndarray of shape (n_gauges,)
-        Reading per moment, in units of the gauges; NaN where nobody knows [1/(N m)].
-    source : str
-        Who says so; empty for nobody.
-
-    """
-
+    # Reading per moment, in units of the gauges; NaN where nobody knows, (gauges,) [1/(N m)].
     gain: FloatArray
-    source: str
+    source: str  # who says so; empty for nobody
 
     @property
     def known(self) -> list[bool]:
@@ -51,17 +42,7 @@ class Scale:
 
 
 def gauge_scale(bundle: ModelBundle, kind: str) -> Scale:
-    """
-    Find the scale of the gauges.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of an arm.
-    kind : str
-        Kind of model in use; an elastic one knows the gains by itself.
-
-    """
+    """Find the scale of the gauges."""
     model = bundle.models.get('strain', {}).get(kind)
     if isinstance(model, FittedElastic) and model.coefficients_ is not None:
         return Scale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
@@ -74,18 +55,7 @@ def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
     """
     Give what a model leaves over of strain in free motion, as a standard deviation.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of an arm.
-    kind : str
-        Kind of model in use.
-
-    Returns
-    -------
-    ndarray of shape (n_gauges,)
-        In units of the gauges; NaN where nothing tells.
-
+    Returns (gauges,), NaN where nothing tells.
     """
     model = bundle.models['strain'][kind]
     names = bundle.arm.gauge_names
@@ -102,15 +72,7 @@ def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
 
 
 def torque_scale(arm: Arm) -> FloatArray:
-    """
-    Give the torque at each active joint per unit of its effort [N m or N]; NaN where unknown.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its efforts, and motors where it has some.
-
-    """
+    """Give the torque at active joints per unit of effort [N m or N]; NaN where unknown."""
     motors = {motor.joint: motor for motor in arm.spec.motors}
     return np.array([
         1.0 if joint.effort.unit != 'A' else

@@ -41,23 +41,13 @@ PUSH = 10.0
 
 @dataclass(frozen=True)
 class Span:
-    """
-    A part of a link, and what is known of a contact there before anything was measured.
+    """A part of a link, and what is known of a contact there before anything was measured."""
 
-    Attributes
-    ----------
-    joint : str
-        Joint that moves the link.
-    inner, outer : float
-        Ends, from the joint along the link; equal where the place is known [m].
-    across, along : float
-        Standard deviation of the force across and along the link [N].
-
-    """
-
-    joint: str
+    joint: str  # joint that moves the link
+    # Ends, from the joint along the link; equal where the place is known [m].
     inner: float
     outer: float
+    # Standard deviation of the force across and along the link [N].
     across: float = PUSH
     along: float = 0.0
 
@@ -83,66 +73,30 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class LinkAxes:
-    """
-    Directions of a link in the frame of its joint.
+    """Directions of a link in the frame of its joint."""
 
-    Attributes
-    ----------
-    along, across, bending : ndarray of shape (3,)
-        Along the link, across it in the plane that its gauges see, and the axis they bend about.
-
-    """
-
+    # (3,): along the link, across it in the plane that its gauges see, and the axis they bend
+    # about.
     along: FloatArray
     across: FloatArray
     bending: FloatArray
 
 
 def gauge_axis(arm: Arm, gauge: GaugeSpec) -> FloatArray:
-    """
-    Give the axis that a gauge's link bends about, in the frame of its joint.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that the gauge is on.
-    gauge : GaugeSpec
-        One of its gauges.
-
-    """
+    """Give the axis that a gauge's link bends about, in the frame of its joint."""
     return (joint_axis(arm.full_model, gauge.joint) if gauge.axis is None
             else unit_vector(gauge.axis))
 
 
 def link_axes(arm: Arm, joint: str) -> LinkAxes:
-    """
-    Give the directions of a link that has gauges.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with a gauge behind the joint.
-    joint : str
-        Joint that moves the link.
-
-    """
+    """Give the directions of a link that has gauges."""
     gauge = next(gauge for gauge in arm.gauges if gauge.joint == joint)
     along, bending = unit_vector(gauge.direction), gauge_axis(arm, gauge)
     return LinkAxes(along, np.cross(bending, along), bending)
 
 
 def link_end(arm: Arm, joint: str) -> float | None:
-    """
-    Give how far a link with gauges reaches from its joint [m]; None where nothing tells.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with a gauge behind the joint.
-    joint : str
-        Joint that moves the link.
-
-    """
+    """Give how far a link with gauges reaches from its joint [m]; None where nothing tells."""
     model, axes = arm.full_model, link_axes(arm, joint)
     index = model.getJointId(joint)
     ends = [model.jointPlacements[child].translation @ axes.along
@@ -161,18 +115,7 @@ def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
     A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
     contact of those. With one gauge a link, two of them in one plane tell a force at the tip.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges.
-    known : sequence of bool
-        Which gauges have a scale.
-
-    Returns
-    -------
-    tuple of Span
-        Base first; empty where no gauge has a scale, or no link a length.
-
+    Returns an empty tuple where no gauge has a scale, or no link a length.
     """
     places: dict[str, list[float]] = {}
     for gauge, counts in zip(arm.gauges, known, strict=True):

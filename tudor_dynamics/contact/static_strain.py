@@ -37,42 +37,15 @@ LEAST = 0.5
 
 @dataclass(frozen=True, eq=False)
 class StaticReadings:
-    """
-    What gauges of a resting arm read.
+    """What gauges of a resting arm read."""
 
-    Attributes
-    ----------
-    weight : ndarray of shape (n_gauges,)
-        Of its own weight, but for constants, in units of the gauges.
-    share : ndarray of shape (n_gauges,) or None
-        Of a unit force at the tip of the bent arm [1/N]; None where only levers tell.
-
-    """
-
-    weight: FloatArray
+    weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
+    # (gauges,): of a unit force at the tip of the bent arm [1/N]; None where only levers tell.
     share: FloatArray | None
 
 
 class StaticStrain:
-    """
-    Readings of gauges of a resting arm.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges.
-    model : Model, optional
-        Model of its strain; without one the links of the description count, with the gains of
-        ``sensors``.
-    normal : tuple of 3 floats
-        Direction of a force at the tip, in the base frame.
-
-    Attributes
-    ----------
-    source : str
-        Where it comes from; 'none' where nothing tells, and it is then zero at every pose.
-
-    """
+    """Readings of gauges of a resting arm."""
 
     def __init__(
         self, arm: Arm, model: Model | None = None,
@@ -108,13 +81,7 @@ class StaticStrain:
         """
         Give the readings at a pose; a force that bends the arm changes its levers.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_joints,)
-            Positions of the active joints [rad or m].
-        force : float
-            Force at the tip, about which its share is taken [N].
-
+        q (joints,) [rad or m], force [N].
         """
         force = max(force, LEAST)
         if (self._last is None or float(np.abs(q - self._at).max()) > NEAR

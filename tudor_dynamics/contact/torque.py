@@ -38,28 +38,9 @@ FELT, LEFT = 5.0, 3.0
 
 
 class TorqueEstimator:
-    """
-    Estimates link and external torque of a contact.
+    """Estimates link and external torque of a contact."""
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of the arm.
-
-    Attributes
-    ----------
-    source : str
-        Whose residuals it takes.
-
-    Raises
-    ------
-    ModelError
-        If the bundle does not say how large efforts may be in free motion, or the torque of no
-        joint is known.
-
-    """
-
-    source = 'momentum'
+    source = 'momentum'  # whose residuals it takes
 
     def __init__(self, bundle: ModelBundle) -> None:
         arm = bundle.arm
@@ -93,19 +74,7 @@ class TorqueEstimator:
         """
         Take a sample into account; arguments as in ``ContactEstimator.step``.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        begins : bool
-            Whether nothing before it counts.
-        row : ndarray of shape (3 n_joints,)
-            Motion; not used.
-        measured : ndarray of shape (n_joints,)
-            Efforts; not used.
-        residual : ndarray of shape (n_joints,) or None
-            Of the momentum observer, the negative of the external effort.
-
+        stamp [ns], row (3 joints,), measured, residual (joints,).
         """
         if residual is None:
             self.felt = False

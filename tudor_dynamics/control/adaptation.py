@@ -49,24 +49,7 @@ class Adaptation:
     """
     Follows payload and pose through a schedule.
 
-    Parameters
-    ----------
-    schedule : Schedule
-        Of the arm.
-    acceleration : ndarray of shape (n_joints,)
-        Largest planned acceleration [rad/s^2]; what a reference seems to have beyond is a jump.
-
-    Attributes
-    ----------
-    timeout : float
-        Age at which a payload is not believed any more, 0 for none [s].
-    payload : float or None
-        Payload in use [kg]; None before any was told.
-    weight : float
-        Part of the scheduled gains in use, the rest is fixed ones.
-    point : Point or None
-        What the schedule says for payload and pose in use.
-
+    acceleration (joints,) [rad/s^2], timeout [s]; payload [kg]: None before any was told.
     """
 
     def __init__(self, schedule: Schedule, acceleration: FloatArray) -> None:
@@ -82,22 +65,7 @@ class Adaptation:
         self._slow: FloatArray | None = None
 
     def tell(self, now: float, payload: float) -> str:
-        """
-        Take a payload.
-
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        payload : float
-            Mass at the tip [kg].
-
-        Returns
-        -------
-        str
-            Why it is not taken; empty if it is.
-
-        """
+        """Take a payload: now [s], payload [kg]; returns an empty string if it is."""
         low, high = float(self.schedule.payload[0]), float(self.schedule.payload[-1])
         room = ROOM * (high - low) + LEAST_ROOM
         if low - room <= payload <= high + room:
@@ -155,23 +123,8 @@ class Adaptation:
         """
         Follow for one sample.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        dt : float
-            Time since the sample before [s].
-        q : ndarray of shape (n_joints,)
-            Measured positions of the joints [rad].
-        dq_ref : ndarray of shape (n_joints,)
-            Speeds of the reference [rad/s].
-
-        Returns
-        -------
-        ndarray of shape (n_damped,) or None
-            By how much the load has changed with pose and acceleration [units of the gauges];
-            None while the payload is unknown, and was.
-
+        now, dt [s], q (joints,) [rad], dq_ref (joints,) [rad/s]; returns (damped,)
+        [units of the gauges], None while the payload is unknown, and was.
         """
         known = self.known(now)
         change = dt / BLEND_TIME
@@ -203,21 +156,7 @@ class Adaptation:
         """
         Follow for one sample, and let damper and loop have what is in use then.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        dt : float
-            Time since the sample before [s].
-        q : ndarray of shape (n_joints,)
-            Measured positions of the joints [rad].
-        dq_ref : ndarray of shape (n_joints,)
-            Speeds of the reference [rad/s].
-        damper : Damper
-            Gets gains, and the change of the load.
-        gains : LoopGains
-            Gets the position gain, and the delay up to which all hold.
-
+        now, dt [s], q (joints,) [rad], dq_ref (joints,) [rad/s].
         """
         shift = self.step(now, dt, q, dq_ref)
         if shift is None or self.point is None:

@@ -59,22 +59,8 @@ def position_law(
     """
     Give the speed that the position loop of one joint wants.
 
-    Parameters
-    ----------
-    gains : ndarray of shape (GAINS,)
-        Of the joint.
-    q_ref, dq_ref : float
-        Position and speed of the reference [rad, rad/s].
-    q : float
-        Measured position [rad].
-    yielding : float
-        Speed added by the damper [rad/s].
-
-    Returns
-    -------
-    float
-        Speed, to be bounded by the envelope [rad/s].
-
+    gains (GAINS,), q_ref, dq_ref [rad, rad/s], q [rad], yielding [rad/s]; returns speed, to be
+    bounded by the envelope [rad/s].
     """
     return dq_ref + gains[POSITION_GAIN] * (q_ref - q) + yielding
 
@@ -86,22 +72,7 @@ def velocity_law(
     """
     Give the current of one joint.
 
-    Parameters
-    ----------
-    gains, state : ndarray of shape (GAINS,), (STATES,)
-        Of the joint; the state is advanced.
-    dt : float
-        Step of the loop [s].
-    speed, dq : float
-        Commanded and measured speed [rad/s].
-    ahead : float
-        Current that the wanted motion is known to need, so that no error has to ask for it [A].
-
-    Returns
-    -------
-    float
-        Current [A].
-
+    gains, state (GAINS,), dt [s], speed, dq [rad/s], ahead [A]; returns current [A].
     """
     error = speed - dq
     current = gains[VELOCITY_GAIN] * error + state[INTEGRAL] + ahead
@@ -117,27 +88,14 @@ def velocity_law(
 
 @dataclass(frozen=True)
 class JointGains:
-    """
-    Gains of one joint.
+    """Gains of one joint."""
 
-    Attributes
-    ----------
-    position : float
-        Speed per position error [1/s]; at most 0.3 times the first eigenfrequency in rad/s, or
-        the position loop undoes the damping.
-    velocity : float
-        Current per speed error [A s/rad].
-    integral : float
-        Current per integrated speed error [A/rad].
-    current_limit : float
-        Largest current of the drive [A].
-
-    """
-
+    # Speed per position error [1/s]; at most 0.3 times the first eigenfrequency in rad/s, or the
+    # position loop undoes the damping.
     position: float
-    velocity: float
-    integral: float
-    current_limit: float = math.inf
+    velocity: float  # current per speed error [A s/rad]
+    integral: float  # current per integrated speed error [A/rad]
+    current_limit: float = math.inf  # largest current of the drive [A]
 
     @property
     def row(self) -> FloatArray:
@@ -151,24 +109,6 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
 
     The velocity loop sees the rotor alone, because the elastic link follows far below its
     bandwidth w: K = J w / k_t, and the integrator has its corner at a fifth of w.
-
-    Parameters
-    ----------
-    motor : MotorSpec
-        Rotor, gear and torque constant.
-    damper : DamperSpec
-        Position gain and bandwidth of the velocity loop.
-
-    Returns
-    -------
-    JointGains
-        In SI units.
-
-    Raises
-    ------
-    ArmError
-        If the inertia of the rotor is not known.
-
     """
     if motor.reflected_inertia <= 0.0:
         msg = (f'motor of joint {motor.joint!r}: rotor_inertia is 0, so that the velocity loop '
@@ -182,25 +122,7 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
 
 
 def arm_gains(arm: Arm) -> list[JointGains]:
-    """
-    Tune the cascade of an arm's active joints.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description with motors and damper.
-
-    Returns
-    -------
-    list of JointGains
-        In the order of the active joints.
-
-    Raises
-    ------
-    ArmError
-        If the description lacks a motor or the damper.
-
-    """
+    """Tune the cascade of an arm's active joints."""
     if arm.spec.damper is None:
         msg = (f'{arm.source}: there is no damper, which has position_gain and '
                'velocity_bandwidth of the joint cascade; add damper:')
@@ -221,23 +143,7 @@ def velocity_lag(damper: DamperSpec) -> float:
 
 
 class Cascade:
-    """
-    Cascade of several joints, step by step.
-
-    Parameters
-    ----------
-    gains : sequence of JointGains
-        One a joint.
-    dt : float
-        Step of the loop [s].
-    limits : Limits, optional
-        What nothing exceeds; none by default.
-    lag : float
-        From a commanded speed to the motion, see ``velocity_lag`` [s].
-    stop : DriveStop, optional
-        How the drives stop by themselves, see `Envelope`.
-
-    """
+    """Cascade of several joints, step by step: dt, lag [s]."""
 
     def __init__(self, gains: list[JointGains], dt: float, limits: Limits | None = None,
                  lag: float = 0.0, stop: DriveStop | None = None) -> None:
@@ -264,22 +170,8 @@ class Cascade:
         """
         Give the currents for one step.
 
-        Parameters
-        ----------
-        q_ref, dq_ref : array of shape (n_joints,)
-            Position and speed of the reference [rad, rad/s].
-        q, dq : array of shape (n_joints,)
-            Measured motion [rad, rad/s].
-        yielding : array of shape (n_joints,)
-            Speed added by the damper [rad/s].
-        ahead : array of shape (n_joints,)
-            Feed-forward, see `velocity_law` [A].
-
-        Returns
-        -------
-        ndarray of shape (n_joints,)
-            Currents [A].
-
+        q_ref, dq_ref, q, dq (joints,) [rad, rad/s], yielding (joints,) [rad/s], ahead (joints,)
+        [A]; returns (joints,) [A].
         """
         count = len(self.gains)
         q_ref, dq_ref, q, dq, yielding, ahead = (

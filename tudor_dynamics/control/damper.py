@@ -65,60 +65,32 @@ MEANING = {
 
 @dataclass(frozen=True)
 class DamperSettings:
-    """
-    Settings of the damper of one joint; strains in the unit of the gauge.
+    """Settings of the damper of one joint; strains in the unit of the gauge."""
 
-    Attributes
-    ----------
-    joint, gauge : str
-        Names of joint and gauge.
-    gain : float
-        Yielding speed per mean-free strain; negative where strain counts positive for the load
-        that the joint holds [rad/s per unit].
-    mean_frequency : float
-        Corner of the DC blocker [Hz].
-    mean_window : float
-        Length of the moving average that takes its place, 0 for none [s].
-    speed_limit : float
-        Bound of the yielding speed [rad/s].
-    dead_time, stale_time : float
-        Without a change of the reading, and without a reading, until it counts as a fault [s].
-    max_rate, max_strain : float
-        Fastest plausible change [unit/s] and largest plausible reading [unit].
-    fade_time, recovery : float
-        For fading in or out, and how long the gauge must have been well [s].
-    moving_frequency : float, optional
-        Corner of the DC blocker while the reference moves; the same by default [Hz].
-    scale : float, optional
-        Unit of the gauge per m/m.
-
-    """
-
+    # Names of joint and gauge.
     joint: str
     gauge: str
+    # Yielding speed per mean-free strain; negative where strain counts positive for the load that
+    # the joint holds [rad/s per unit].
     gain: float
-    mean_frequency: float = 0.1
-    mean_window: float = 0.0
-    speed_limit: float = math.inf
+    mean_frequency: float = 0.1  # corner of the DC blocker [Hz]
+    mean_window: float = 0.0  # length of the moving average that takes its place, 0 for none [s]
+    speed_limit: float = math.inf  # bound of the yielding speed [rad/s]
+    # Without a change of the reading, and without a reading, until it counts as a fault [s].
     dead_time: float = 0.05
     stale_time: float = 0.05
+    # Fastest plausible change [unit/s] and largest plausible reading [unit].
     max_rate: float = math.inf
     max_strain: float = math.inf
+    # For fading in or out, and how long the gauge must have been well [s].
     fade_time: float = 0.1
     recovery: float = 0.5
+    # Corner of the DC blocker while the reference moves; the same by default [Hz].
     moving_frequency: float | None = None
-    scale: float = 1.0
+    scale: float = 1.0  # unit of the gauge per m/m
 
     def row(self, dt: float) -> FloatArray:
-        """
-        Give the settings in the order of the columns, for a step [s].
-
-        Parameters
-        ----------
-        dt : float
-            Step of the loop [s].
-
-        """
+        """Give the settings in the order of the columns, for a step [s]."""
         return np.array([
             self.gain, 2.0 * math.pi * self.mean_frequency, np.rint(self.mean_window / dt),
             self.speed_limit, max(self.dead_time, 5.0 * dt), max(self.stale_time, 3.0 * dt),
@@ -134,27 +106,7 @@ PLAUSIBLE_STRAIN = 5e-3
 
 
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
-    """
-    Take the damper's settings from an arm description.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description with a damper.
-    share : float
-        Part of the gains to use, e.g. for a careful first try.
-
-    Returns
-    -------
-    list of DamperSettings
-        One for each joint that has a gauge in the damper.
-
-    Raises
-    ------
-    ArmError
-        If there is no damper, or a gauge does not measure strain.
-
-    """
+    """Take the damper's settings from an arm description."""
     if arm.spec.damper is None:
         msg = f'{arm.source}: there is no damper; add damper: with the gains of its joints'
         raise ArmError(msg)
@@ -178,17 +130,7 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
 
 
 class Damper:
-    """
-    Damper of several joints, step by step.
-
-    Parameters
-    ----------
-    settings : sequence of DamperSettings
-        One a joint.
-    dt : float
-        Step of the loop [s].
-
-    """
+    """Damper of several joints, step by step: dt [s]."""
 
     def __init__(self, settings: list[DamperSettings], dt: float) -> None:
         self.joints = tuple(item.joint for item in settings)
@@ -213,17 +155,7 @@ class Damper:
         """
         Take scheduled gains in use, and let the means go along with the load.
 
-        Parameters
-        ----------
-        gain : ndarray of shape (n_joints,)
-            Yielding speeds per mean-free strain [rad/s per m/m].
-        mean_frequency : float
-            Corner of the DC blocker [Hz].
-        weight : float
-            Part of these, the rest is that of the settings.
-        shift : ndarray of shape (n_joints,)
-            By how much the load has changed since the step before [units of the gauges].
-
+        gain (joints,) [rad/s per m/m], mean_frequency [Hz], shift (joints,) [units of the gauges].
         """
         wanted = np.full((len(gain), 3), 2.0 * math.pi * mean_frequency)
         wanted[:, 0] = -gain / self._scale
@@ -253,22 +185,7 @@ class Damper:
         """
         Give the yielding speeds for one step.
 
-        Parameters
-        ----------
-        strain : array of shape (n_joints,)
-            Readings of the gauges, in their units; not a number where missing.
-        fresh : array of bool, shape (n_joints,)
-            Whether each reading is a new one.
-        saturated : array of bool, shape (n_joints,)
-            Whether each joint's current or speed is at its limit.
-        moving : float
-            How much the reference moves, from 0 at rest to 1, see ``moving_share``.
-
-        Returns
-        -------
-        ndarray of shape (n_joints,)
-            To be added to the velocity reference of each joint [rad/s].
-
+        strain (joints,) [its unit], fresh, saturated (joints,); returns (joints,) [rad/s].
         """
         count = len(self.joints)
         values = np.broadcast_to(np.asarray(strain, dtype=float), count)

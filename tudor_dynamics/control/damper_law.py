@@ -58,29 +58,7 @@ def damper_law(
     """
     Give the yielding speed of one joint.
 
-    Parameters
-    ----------
-    settings, state : ndarray of shape (SETTINGS,), (STATES,)
-        Of the joint; the state is advanced.
-    past : ndarray of shape (window,)
-        Readings for the moving average.
-    dt : float
-        Step of the loop [s].
-    strain : float
-        Reading of the gauge.
-    fresh : bool
-        Whether the reading is a new one.
-    saturated : bool
-        Whether the joint's current or speed is at its limit.
-    moving : float
-        How much the reference moves, from 0 at rest to 1: the load of the link changes with the
-        pose then, and the mean has to follow it, or the joint yields to it.
-
-    Returns
-    -------
-    float
-        Speed [rad/s].
-
+    settings, state (SETTINGS,), past (window,), dt [s]; returns speed [rad/s].
     """
     state[AGE] += dt
     state[UNCHANGED] += dt

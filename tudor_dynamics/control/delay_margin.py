@@ -31,22 +31,7 @@ PHASE = 0.25
 
 
 def damping_share(delay: float, full: float) -> float:
-    """
-    Give the part of the damper's gain that a delay allows.
-
-    Parameters
-    ----------
-    delay : float
-        Of the whole loop, as the readings show it [s].
-    full : float
-        Up to which the whole gain is stable with room, ``damper.full_delay`` [s].
-
-    Returns
-    -------
-    float
-        From 1 to 0.
-
-    """
+    """Give the part of the damper's gain that a delay allows: delay, full [s]."""
     ratio = delay / full
     if ratio <= 1.0:
         return 1.0

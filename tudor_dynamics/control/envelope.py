@@ -39,20 +39,7 @@ not overshot from T = e lag on."""
 
 
 class Envelope:
-    """
-    Envelope of several joints, step by step.
-
-    Parameters
-    ----------
-    limits : Limits
-        What nothing exceeds.
-    lag : float
-        From a command until the joints move so [s].
-    stop : DriveStop, optional
-        How the drives stop by themselves if whoever holds the envelope dies: before each position
-        limit there is room left for that. Without, commands are counted on to come.
-
-    """
+    """Envelope of several joints, step by step: lag [s]."""
 
     def __init__(self, limits: Limits, lag: float, stop: DriveStop | None = None) -> None:
         joints = len(limits.lower)
@@ -87,27 +74,11 @@ class Envelope:
         return np.asarray((self.cuts & BY_SPEED) > 0)
 
     def set_lag(self, lag: float) -> None:
-        """
-        Take another time from command to motion into use [s].
-
-        Parameters
-        ----------
-        lag : float
-            Time from command to motion [s].
-
-        """
+        """Take another time from command to motion into use [s]."""
         self.rows[:, TIME] = max(APPROACH * lag, lag + self._timeout)
 
     def begin(self, command: ArrayLike) -> None:
-        """
-        Begin anew at the speeds that the joints have [rad/s].
-
-        Parameters
-        ----------
-        command : array of shape (n_joints,)
-            Speeds that the joints have [rad/s].
-
-        """
+        """Begin anew at the speeds that the joints have [rad/s]: command (joints,) [rad/s]."""
         self.state[:] = 0.0
         self.state[:, COMMAND] = command
 
@@ -119,20 +90,7 @@ class Envelope:
         """
         Bound the wanted speeds.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the commands before [s].
-        wanted : array of shape (n_joints,)
-            Speeds that are asked for [rad/s].
-        q : array of shape (n_joints,)
-            Measured positions [rad].
-
-        Returns
-        -------
-        ndarray of shape (n_joints,)
-            Commands [rad/s].
-
+        dt [s], wanted (joints,) [rad/s], q (joints,) [rad]; returns (joints,) [rad/s].
         """
         wanted, q = np.asarray(wanted, dtype=float), np.asarray(q, dtype=float)
         return np.array([envelope_law(self.rows[j], self.state[j], dt, float(wanted[j]),

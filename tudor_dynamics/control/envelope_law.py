@@ -45,20 +45,8 @@ def approach_speed(way: float, acceleration: float, time: float) -> float:
     """
     Give the fastest speed towards a position limit from which the joint still stops before it.
 
-    Parameters
-    ----------
-    way : float
-        Left to the limit [rad]; below 0 beyond it.
-    acceleration : float
-        With which the joint brakes [rad/s^2].
-    time : float
-        For which it goes on as fast before [s].
-
-    Returns
-    -------
-    float
-        v with v time + v^2 / (2 a) = way, so v <= sqrt(2 a way); 0 beyond the limit [rad/s].
-
+    acceleration [rad/s^2], time [s]; way [rad]: below 0 beyond it; returns [rad/s], 0 beyond the
+    limit.
     """
     if way <= 0.0:
         return 0.0
@@ -73,22 +61,7 @@ def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: floa
     """
     Give the speed nearest to the wanted one that keeps a joint within its limits.
 
-    Parameters
-    ----------
-    row, state : ndarray of shape (ROW,), (STATES,)
-        Limits of the joint, infinite for none, and its state, which is advanced.
-    dt : float
-        Time since the command before [s].
-    wanted : float
-        Speed, the damper's share included [rad/s].
-    q : float
-        Measured position [rad].
-
-    Returns
-    -------
-    float
-        Speed [rad/s].
-
+    row, state (ROW,), dt [s], wanted [rad/s], q [rad]; returns speed [rad/s].
     """
     limit = COMMANDED * row[SPEED]
     speed = min(max(wanted, -limit), limit)

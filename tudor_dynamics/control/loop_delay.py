@@ -43,11 +43,7 @@ class DelayMeter:
     time ago leave unexplained; the least tells the delay. Times are those of the samples' stamps,
     to which commands are the answers: no other clock is needed.
 
-    Parameters
-    ----------
-    speed : ndarray of shape (n_joints,)
-        Limits of the joints, as a scale [rad/s].
-
+    speed (joints,) [rad/s].
     """
 
     def __init__(self, speed: FloatArray) -> None:
@@ -69,13 +65,7 @@ class DelayMeter:
         """
         Take a command [rad/s] into account, the answer to the sample of a time [s].
 
-        Parameters
-        ----------
-        now : float
-            Time of the sample that is answered [s].
-        command : ndarray of shape (n_joints,)
-            Speeds that were commanded [rad/s].
-
+        command (joints,) [rad/s].
         """
         if self._count == len(self._at):
             keep = max(int(np.searchsorted(self._at, now - 2.0 * LONGEST)), self._count // 4)
@@ -90,34 +80,12 @@ class DelayMeter:
         self._count += 1
 
     def commanded(self, now: float, lag: float) -> FloatArray:
-        """
-        Give the command in force a time [s] before now; nothing before the first [rad/s].
-
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        lag : float
-            How long before [s].
-
-        """
+        """Give the command in force a time [s] before now; nothing before the first [rad/s]."""
         place = int(np.searchsorted(self._at[:self._count], now - lag, 'right')) - 1
         return self._commands[place] if place >= 0 else np.zeros(len(self._scale))
 
     def add_motion(self, now: float, dt: float, dq: FloatArray) -> None:
-        """
-        Take measured speeds into account.
-
-        Parameters
-        ----------
-        now : float
-            Time of the sample [s].
-        dt : float
-            Time over which the speeds are means [s].
-        dq : ndarray of shape (n_joints,)
-            Measured speeds of the joints [rad/s].
-
-        """
+        """Take measured speeds into account: now, dt [s], dq (joints,) [rad/s]."""
         dq = dq / self._scale
         if np.abs(dq).max(initial=0.0) < MOVING or self._count == 0 or (
                 self._at[0] > now - LONGEST):

@@ -37,18 +37,7 @@ def learned_period(period: float, dt: float) -> float:
     """
     Learn the time between samples; long ones lack some in between, so short ones count more.
 
-    Parameters
-    ----------
-    period : float
-        As it was known [s].
-    dt : float
-        Between the last two samples [s].
-
-    Returns
-    -------
-    float
-        As it is known now [s].
-
+    period, dt [s]; returns [s].
     """
     share = period if dt > period else min(QUICK * period, 1.0)
     return period + share * (min(dt, 2.0 * period) - period)
@@ -58,30 +47,8 @@ class LoopGains:
     """
     Gains of damper and position loop in use.
 
-    Parameters
-    ----------
-    spec : DamperSpec
-        Gains of the description, and the delay up to which they hold.
-    speed : ndarray of shape (n_joints,)
-        Limits of the joints, as a scale [rad/s].
-    share : float
-        Part of the damper's gains that is asked for.
-
-    Attributes
-    ----------
-    share, position_gain : float
-        What is asked for: part of the damper's gains, speed per position error [1/s].
-    full_delay : float
-        Delay of the loop up to which the damper's gains hold [s].
-    delay : DelayMeter
-        Measures the loop.
-    excited : str
-        Why the damper is off until ``reset``; empty if it is not.
-    adapts : bool
-        Whether gains follow the loop; on a real arm always.
-    weight : float
-        Part of the damper's gains in force.
-
+    speed (joints,) [rad/s], share, position_gain [1/s], full_delay [s]; excited: empty if it is
+    not.
     """
 
     def __init__(self, spec: DamperSpec, speed: FloatArray, share: float = 1.0) -> None:
@@ -106,15 +73,7 @@ class LoopGains:
         self.delay.reset()
 
     def set_position_gain(self, gain: float) -> None:
-        """
-        Ask for a speed per position error [1/s], 0 for that of description or schedule.
-
-        Parameters
-        ----------
-        gain : float
-            Speed per position error, 0 for that of the description or schedule [1/s].
-
-        """
+        """Ask for a speed per position error [1/s], 0 for that of description or schedule."""
         self._asked = gain
 
     @property
@@ -123,19 +82,7 @@ class LoopGains:
         return self._asked if self._asked > 0.0 else self._basis
 
     def adapt(self, position_gain: float, full_delay: float, weight: float) -> None:
-        """
-        Take scheduled values in use.
-
-        Parameters
-        ----------
-        position_gain : float
-            Speed per position error [1/s].
-        full_delay : float
-            Delay of the loop up to which the scheduled gains hold [s].
-        weight : float
-            Part of these, the rest is that of the description.
-
-        """
+        """Take scheduled values in use: position_gain [1/s], full_delay [s]."""
         self._basis = self.described + weight * (position_gain - self.described)
         self.full_delay = self.described_delay + weight * (full_delay - self.described_delay)
 
@@ -161,28 +108,12 @@ class LoopGains:
         return (CAREFUL_DELAY if delay is None else delay) + self._lag + period
 
     def position_gain_in_use(self, period: float) -> float:
-        """
-        Give the speed per position error that the loop allows [1/s].
-
-        Parameters
-        ----------
-        period : float
-            Time between commands [s].
-
-        """
+        """Give the speed per position error that the loop allows [1/s]: period [s]."""
         gain = self.described if self.excited else self.position_gain
         return min(gain, position_gain_limit(self.assumed_delay + self._lag + period))
 
     def step(self, dt: float) -> float:
-        """
-        Advance by a step [s] and give the part of the damper's gains in force.
-
-        Parameters
-        ----------
-        dt : float
-            Time since the step before [s].
-
-        """
+        """Advance by a step [s] and give the part of the damper's gains in force."""
         change = dt / RAMP_TIME
         self.weight += min(max(self.share * self.allowed_share - self.weight, -change), change)
         return self.weight
@@ -191,17 +122,7 @@ class LoopGains:
         """
         Look for a swing in what was added to the reference [s, rad/s], see `SwingWatch`.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the step before [s].
-        added : ndarray of shape (n_joints,)
-            What position loop and damper add to the reference's speeds [rad/s].
-        moving : bool
-            Whether the reference moves.
-        cut : bool
-            Whether the speed limit cut the command.
-
+        dt [s], added (joints,) [rad/s].
         """
         excited = self._swing.step(dt, added, moving, cut)
         if excited:

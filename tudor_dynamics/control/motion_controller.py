@@ -56,44 +56,7 @@ class MotionController:
     After any interruption it does so again: it brakes as planned motion does and holds where it
     stopped. Encoders that cannot be believed are a fault: it stands still until ``reset``.
 
-    Parameters
-    ----------
-    arm : Arm
-        Description with a damper and limits.
-    share : float, default=1.0
-        Part of the damper's gains.
-    timeout : float, default=0.1
-        A reference or positions that are older are missing [s].
-
-    Attributes
-    ----------
-    state : State
-        What the joints do.
-    cause : str
-        Why, in one sentence.
-    reference : ReferenceGate
-        Takes references, and refuses impossible ones.
-    gains : LoopGains
-        Gains asked for and in use, delay of the loop.
-    adaptation : Adaptation or None
-        Lets gains follow payload and pose; without, or where the payload is unknown, they are
-        those of the description.
-    limits : Limits
-        What nothing exceeds.
-    period : float
-        Between samples, as it was learned [s].
-    takeovers : int
-        How often it took over an arm that it had not commanded just before.
-    cuts : collections.Counter
-        Commands that the envelope cut, by joint.
-
-    Raises
-    ------
-    ArmError
-        If there is no damper.
-    SignalError
-        If a joint has no limits of speed and acceleration.
-
+    timeout, period [s].
     """
 
     def __init__(self, arm: Arm, share: float = 1.0, timeout: float = 0.1) -> None:
@@ -153,24 +116,8 @@ class MotionController:
         """
         Give the commands for one sample.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        dt : float
-            Time since the sample before, by its stamp; 0 where nothing before it counts [s].
-        q : ndarray of shape (n_joints,)
-            Positions, finite [rad or m].
-        strain : ndarray of shape (n_gauges,)
-            Readings in units of the gauges; not a number where missing.
-        fresh : ndarray of bool, shape (n_gauges,)
-            Whether each reading is new.
-
-        Returns
-        -------
-        ndarray of shape (n_joints,) or None
-            Commanded speeds [rad/s or m/s]; None until it is known how fast the arm is.
-
+        now [s], q (joints,) [rad or m], strain, fresh (gauges,); dt [s]: 0 where nothing before it
+        counts; returns (joints,) [rad/s or m/s], None until it is known how fast the arm is.
         """
         self._at = now
         self.period = self.period or max(dt, 0.0)
@@ -204,16 +151,7 @@ class MotionController:
         """
         Give commands where positions fail to come; to be called every `WATCH` seconds.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-
-        Returns
-        -------
-        ndarray of shape (n_joints,) or None
-            Commanded speeds, braking to standstill [rad/s or m/s]; None while positions come.
-
+        now [s]; returns (joints,) [rad/s or m/s], None while positions come.
         """
         if self._q is None or now - self._at <= self._patience:
             return None
@@ -223,11 +161,7 @@ class MotionController:
         """
         Brake without looking at positions, as `watch` does; None once the joints stand.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-
+        now [s].
         """
         if self._q is None or not self.envelope.command.any():
             return None

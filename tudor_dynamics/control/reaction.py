@@ -41,28 +41,7 @@ class ReactingReference:
     """
     Reference motion, step by step, that yields to collisions.
 
-    Parameters
-    ----------
-    limits : Limits
-        What is planned: speed, acceleration and range of each joint.
-    q : ndarray of shape (n_joints,)
-        Where the joints rest [rad].
-    reaction : {'none', 'hold', 'retreat', 'comply'}
-        What to do at a collision.
-    retreat_time : float
-        Part of the path just driven that is driven back [s].
-    comply_speed : float
-        Largest speed of complying, of the speed limit.
-    shaping : Shaping, optional
-        How moves are shaped; not at all by default.
-
-    Attributes
-    ----------
-    q, dq : ndarray of shape (n_joints,)
-        Position and speed of the reference [rad, rad/s].
-    reacting : bool
-        Whether a collision has taken over; goals wait until ``clear``.
-
+    q (joints,) [rad], retreat_time [s]; shaping: not at all by default.
     """
 
     def __init__(
@@ -138,15 +117,7 @@ class ReactingReference:
             self._length = 0.0
 
     def step(self, dt: float) -> None:
-        """
-        Advance by a step [s].
-
-        Parameters
-        ----------
-        dt : float
-            Time since the step before [s].
-
-        """
+        """Advance by a step [s]."""
         if not self.reacting:
             self._planner.step(dt)
             self._remember(dt)
@@ -207,19 +178,6 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
     """
     Give the speed with which a joint yields to the strain of a contact.
 
-    Parameters
-    ----------
-    strain : float
-        Residual of the gauge behind the joint, in its unit.
-    unit_scale : float
-        Unit of the gauge per m/m.
-    gain : float
-        Yielding speed per strain, of the damper [rad/s per m/m].
-
-    Returns
-    -------
-    float
-        Speed [rad/s]; strain counts positive for the load that the joint holds, so it is negative.
-
+    strain [its unit], gain [rad/s per m/m]; returns speed [rad/s].
     """
     return -gain * strain / unit_scale if math.isfinite(strain) else 0.0

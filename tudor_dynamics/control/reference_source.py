@@ -46,37 +46,8 @@ class ReferenceSource:
     """
     Reference motion of an arm.
 
-    Parameters
-    ----------
-    arm : Arm
-        Description with limits.
-    reaction : {'none', 'hold', 'retreat', 'comply'}
-        What to do at a collision.
-    retreat_time : float
-        Part of the path just driven that is driven back [s].
-    timeout : float
-        Positions that are older are missing [s].
-    shaping : Shaping, optional
-        How moves are shaped; not at all by default.
-
-    Attributes
-    ----------
-    shaping : Shaping
-        As above; its payload may change at any time.
-    motion : ReactingReference or None
-        None before the first positions and while none come.
-    collision : bool
-        State of the collision detector, as it was told last.
-    halted : str
-        Why no goals are taken; empty where they are.
-    note : str
-        What happened last to make it begin again or refuse; empty for nothing.
-
-    Raises
-    ------
-    SignalError
-        If a joint has no limits of speed and acceleration.
-
+    retreat_time, timeout [s]; shaping: not at all by default; motion: None before the first
+    positions and while none come; halted: empty where they are; note: empty for nothing.
     """
 
     def __init__(
@@ -112,62 +83,21 @@ class ReferenceSource:
         return self.motion is not None and self.motion.reacting
 
     def wander(self, seed: int) -> None:
-        """
-        Take random targets from now on (an APRBS), others in each stretch of ten minutes.
-
-        Parameters
-        ----------
-        seed : int
-            Seed of the random targets.
-
-        """
+        """Take random targets from now on (an APRBS), others in each stretch of ten minutes."""
         self._seed, self._stretches = seed, 0
 
     def measured(self, now: float, q: FloatArray) -> None:
-        """
-        Take measured positions [rad] into account, at a local time [s].
-
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        q : ndarray of shape (n_joints,)
-            Measured positions of the joints [rad].
-
-        """
+        """Take measured positions [rad] into account, at a local time [s]: q (joints,) [rad]."""
         self._measured, self._at = q.copy(), now
 
     def configure(self, reaction: str, retreat_time: float) -> None:
-        """
-        Take another reaction into use.
-
-        Parameters
-        ----------
-        reaction : str
-            What a collision leads to.
-        retreat_time : float
-            How far back along its path the arm retreats [s].
-
-        """
+        """Take another reaction into use: retreat_time [s]."""
         self.reaction, self.retreat_time = reaction, retreat_time
         if self.motion is not None:
             self.motion.reaction, self.motion.retreat_time = reaction, retreat_time
 
     def go(self, target: FloatArray) -> str:
-        """
-        Take a goal.
-
-        Parameters
-        ----------
-        target : ndarray of shape (n_joints,)
-            [rad]; a joint whose target is not a number keeps the one it has.
-
-        Returns
-        -------
-        str
-            Why it is refused; empty if it is taken.
-
-        """
+        """Take a goal: target (joints,); returns an empty string if it is taken."""
         motion = self.motion
         if motion is None:
             return 'no positions come: where the arm is, is not known'
@@ -204,18 +134,7 @@ class ReferenceSource:
         """
         Advance the reference.
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        dt : float
-            Time since the step before [s].
-
-        Returns
-        -------
-        tuple of ndarray, or None
-            Positions and speeds [rad, rad/s]; None while none can be told.
-
+        now, dt [s]; returns positions and speeds [rad, rad/s], None while none can be told.
         """
         if self._measured is None:
             return None

@@ -25,59 +25,29 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """
-    A mode of the links, joints held.
+    """A mode of the links, joints held."""
 
-    Attributes
-    ----------
-    frequency : float
-        Frequency of the undamped mode [Hz].
-    damping : float
-        Damping ratio of the links alone.
-    drive : ndarray of shape (n_joints,)
-        What an acceleration of each joint drives it with; see ``signals.shaped_profile``.
-    strain : ndarray of shape (n_damped,)
-        Its strain at the gauge of each damped joint [units of the gauges].
-
-    """
-
-    frequency: float
-    damping: float
+    frequency: float  # frequency of the undamped mode [Hz]
+    damping: float  # damping ratio of the links alone
+    # (joints,): what an acceleration of each joint drives it with; see `signals.shaped_profile`.
     drive: FloatArray
+    # Its strain at the gauge of each damped joint, (damped,) [units of the gauges].
     strain: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """
-    A schedule at one payload and pose.
+    """A schedule at one payload and pose."""
 
-    Attributes
-    ----------
-    gain : ndarray of shape (n_damped,)
-        Yielding speed per mean-free strain [rad/s per m/m].
-    position_gain : float
-        Speed per position error [1/s].
-    full_delay : float
-        Delay of the loop up to which these gains hold [s].
-    reached : float
-        Damping ratio that they give; that asked for, or what the loop allows.
-    load : ndarray of shape (n_damped,)
-        Strain of the arm at rest [units of the gauges].
-    inertia : ndarray of shape (n_damped, n_joints)
-        Strain by the acceleration of each joint, links following [unit per rad/s^2].
-    modes : tuple of Mode
-        The first modes, ascending.
-
-    """
-
-    gain: FloatArray
-    position_gain: float
-    full_delay: float
-    reached: float
-    load: FloatArray
+    gain: FloatArray  # yielding speed per mean-free strain, (damped,) [rad/s per m/m]
+    position_gain: float  # speed per position error [1/s]
+    full_delay: float  # delay of the loop up to which these gains hold [s]
+    reached: float  # damping ratio that they give; that asked for, or what the loop allows
+    load: FloatArray  # strain of the arm at rest, (damped,) [units of the gauges]
+    # Strain by the acceleration of each joint, links following, (damped, joints)
+    # [unit per rad/s^2].
     inertia: FloatArray
-    modes: tuple[Mode, ...]
+    modes: tuple[Mode, ...]  # the first modes, ascending
 
     def row(self) -> FloatArray:
         """Give its values in the order of ``columns_of``."""
@@ -88,22 +58,7 @@ class Point:
 
 
 def columns_of(joints: tuple[str, ...], damped: tuple[str, ...], modes: int) -> tuple[str, ...]:
-    """
-    Name the columns of a node.
-
-    Parameters
-    ----------
-    joints, damped : tuple of str
-        Active joints, and those with a damper.
-    modes : int
-        Number of modes.
-
-    Returns
-    -------
-    tuple of str
-        Names in the order of ``Point.row``.
-
-    """
+    """Name the columns of a node."""
     return (*(f'gain({d})' for d in damped), 'position_gain', 'full_delay', 'reached',
             *(f'load({d})' for d in damped),
             *(f'inertia({d},{j})' for d in damped for j in joints),

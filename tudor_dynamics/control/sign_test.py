@@ -47,20 +47,10 @@ HIGH_PASS = 0.7
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
-    """
-    Strain after a small step.
+    """Strain after a small step."""
 
-    Attributes
-    ----------
-    dt : float
-        Sample time [s].
-    strain : ndarray of shape (n_samples,)
-        From the end of the step on, 3 s or more.
-
-    """
-
-    dt: float
-    strain: FloatArray
+    dt: float  # sample time [s]
+    strain: FloatArray  # from the end of the step on, 3 s or more, (samples,)
 
 
 class Sign(Enum):
@@ -73,27 +63,14 @@ class Sign(Enum):
 
 @dataclass(frozen=True)
 class SignResult:
-    """
-    Result for one joint.
+    """Result for one joint."""
 
-    Attributes
-    ----------
-    joint : str
-        Name of the joint.
-    sign : Sign
-        Outcome of the test.
-    without, damped : float
-        Mean time of the ringing's energy without the damper and with it [s].
-    text : str
-        One sentence for the user.
-
-    """
-
-    joint: str
-    sign: Sign
+    joint: str  # name of the joint
+    sign: Sign  # outcome of the test
+    # Mean time of the ringing's energy without the damper and with it [s].
     without: float
     damped: float
-    text: str
+    text: str  # one sentence for the user
 
 
 Measure = Callable[[str, float, float], StepResponse]
@@ -115,19 +92,7 @@ def decay_time(response: StepResponse, noise: float = 0.0) -> float:
     """
     Give the mean time of the energy of the ringing: short for a quick decay.
 
-    Parameters
-    ----------
-    response : StepResponse
-        Strain after a step.
-    noise : float
-        Variance that is there at rest.
-
-    Returns
-    -------
-    float
-        1/(2 rate) for a long record of an exponential decay, half the record or more where
-        nothing decays [s].
-
+    Returns [s].
     """
     energy = ringing(response) ** 2 - noise
     t = np.arange(energy.size) * response.dt
@@ -139,20 +104,7 @@ def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
     """
     Say whether a running response grows: the reason to stop a test at once.
 
-    Parameters
-    ----------
-    strain : array of shape (n_samples,)
-        Strain since the step.
-    dt : float
-        Sample time [s].
-    factor : float
-        Growth of the peak from the first to the last half second that counts.
-
-    Returns
-    -------
-    bool
-        False as long as less than a second has been seen.
-
+    strain (samples,), dt [s]; returns False as long as less than a second has been seen.
     """
     values = np.asarray(strain, dtype=float)
     half = int(round(0.5 / dt))
@@ -165,30 +117,7 @@ def check_sign(
     joint: str, measure: Measure, *, step: float = STEP, shares: Sequence[float] = SHARES,
     rest: StepResponse | None = None,
 ) -> SignResult:
-    """
-    Test the sign of one joint's damper.
-
-    Parameters
-    ----------
-    joint : str
-        Name of the joint that makes the steps.
-    measure : callable
-        Makes a step and returns the strain; called once without the damper and once for each
-        share until one tells. It should stop the motion where ``grows`` says so, and return what
-        it has.
-    step : float
-        Size of the steps [rad].
-    shares : sequence of float
-        Parts of the damper's gain, ascending.
-    rest : StepResponse, optional
-        Strain at rest, for its noise; none by default.
-
-    Returns
-    -------
-    SignResult
-        Whether the sign is right.
-
-    """
+    """Test the sign of one joint's damper: step [rad]."""
     if not shares:
         msg = 'no share of the gain to test with; give at least one'
         raise SignalError(msg)

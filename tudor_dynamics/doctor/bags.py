@@ -34,22 +34,7 @@ SAME_SHARE = 0.9
 
 
 def examine_bags(arm: Arm, bags: Sequence[BagData]) -> tuple[Finding, ...]:
-    """
-    Look at the bags of a fit or of an evaluation.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    bags : sequence of BagData
-        Bags that were read.
-
-    Returns
-    -------
-    tuple of Finding
-        What all bags have in common first.
-
-    """
+    """Look at the bags of a fit or of an evaluation."""
     found = [examine_bag(arm, bag) for bag in bags]
     known = merged([item.findings for item in found])
     # bags that are known to be wrong are no measure for the others
@@ -70,20 +55,7 @@ def examine_bag(arm: Arm, bag: BagData) -> Examined:
 
 
 def merged(findings: Sequence[Sequence[Finding]]) -> list[Finding]:
-    """
-    Tell once what several bags show alike.
-
-    Parameters
-    ----------
-    findings : sequence of sequence of Finding
-        Of each bag.
-
-    Returns
-    -------
-    list of Finding
-        Those of several bags name them all.
-
-    """
+    """Tell once what several bags show alike."""
     groups: dict[tuple[str, tuple[str, ...], str], list[Finding]] = {}
     for i, of_bag in enumerate(findings):
         for item in of_bag:
@@ -95,20 +67,7 @@ def merged(findings: Sequence[Sequence[Finding]]) -> list[Finding]:
 
 
 def copies(bags: Sequence[BagData]) -> list[Finding]:
-    """
-    Find bags that hold the same motion, in whatever storage and under whatever name.
-
-    Parameters
-    ----------
-    bags : sequence of BagData
-        Bags that were read.
-
-    Returns
-    -------
-    list of Finding
-        One for each pair.
-
-    """
+    """Find bags that hold the same motion, in whatever storage and under whatever name."""
     findings = []
     for i, one in enumerate(bags):
         for other in bags[i + 1:]:

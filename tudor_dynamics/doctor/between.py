@@ -41,66 +41,30 @@ OFF = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """
-    A bag for the comparison.
+    """A bag for the comparison."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the bag.
-    case : Case
-        Bag with its arm.
-    payload : float or None
-        Mass at the tip as it is stated [kg].
-
-    """
-
-    name: str
-    case: Case
-    payload: float | None = None
+    name: str  # name of the bag
+    case: Case  # bag with its arm
+    payload: float | None = None  # mass at the tip as it is stated [kg]
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """
-    What the model of one bag makes of another.
+    """What the model of one bag makes of another."""
 
-    Attributes
-    ----------
-    slope, share : ndarray of shape (n_channels,)
-        Measured over expected output, and how much that explains: friction and zero left out
-        where the rest tells enough, otherwise with friction.
-    load : ndarray of shape (n_channels,)
-        Kilograms at the end of the arm that explain the rest, in units of the output [unit].
-    carried : float
-        Part of the residual that a body at the end of the arm leaves.
-    error : float
-        Relative error of the prediction.
-
-    """
-
+    # (channels,): measured over expected output, and how much that explains: friction and zero
+    # left out where the rest tells enough, otherwise with friction.
     slope: FloatArray
     share: FloatArray
+    # Kilograms at the end of the arm that explain the rest, in units of the output, (channels,)
+    # [unit].
     load: FloatArray
-    carried: float
-    error: float
+    carried: float  # part of the residual that a body at the end of the arm leaves
+    error: float  # relative error of the prediction
 
 
 def compare(bags: Sequence[Seen]) -> list[Finding]:
-    """
-    Find the bag that differs from the others.
-
-    Parameters
-    ----------
-    bags : sequence of Seen
-        Two or more bags of one arm.
-
-    Returns
-    -------
-    list of Finding
-        Units and signs first, then loads.
-
-    """
+    """Find the bag that differs from the others."""
     findings: list[Finding] = []
     if len(bags) < 2:
         return findings
@@ -119,19 +83,7 @@ def compare(bags: Sequence[Seen]) -> list[Finding]:
 
 
 def pair(one: Case, other: Case, output: str) -> Pair:
-    """
-    Let the least squares of one bag predict another bag.
-
-    Parameters
-    ----------
-    one : Case
-        Bag that is learned from.
-    other : Case
-        Bag that is predicted.
-    output : {'effort', 'strain'}
-        Output that both have.
-
-    """
+    """Let the least squares of one bag predict another bag."""
     parameters = one.usual[output].parameters(one.outputs[output])
     explained = other.usual[output]
     measured = other.outputs[output]

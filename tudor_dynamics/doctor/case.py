@@ -40,26 +40,7 @@ class Case:
     """
     What is known of a bag, and how much of its outputs an alternative explains.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm as it is described.
-    recording : Recording
-        Signals without outliers.
-    thinned : Thinned
-        The same, thinned.
-    broken : set of str
-        Joints and gauges whose outputs are not what was measured; they are left out.
-
-    Attributes
-    ----------
-    sound : dict of str to ndarray of bool
-        Channels of each output that are not broken.
-    outputs : dict of str to ndarray of shape (n, n_channels)
-        Efforts and strains, where there are some.
-    names : tuple of (str, str)
-        Output and channel of each entry of `shares`.
-
+    outputs (n, channels).
     """
 
     def __init__(
@@ -79,17 +60,7 @@ class Case:
                            for channel in bodies.channels)
 
     def scale(self, name: str, factors: Mapping[str, float]) -> None:
-        """
-        Divide channels by factors, before anything is compared.
-
-        Parameters
-        ----------
-        name : {'effort', 'strain'}
-            Output whose channels are divided.
-        factors : mapping of str to float
-            Channel to what it is too large by.
-
-        """
+        """Divide channels by factors, before anything is compared."""
         divisor = np.array([factors.get(one, 1.0) for one in self.bodies[name].channels])
         self.outputs[name] = self.outputs[name] / divisor
 
@@ -100,15 +71,7 @@ class Case:
         """
         Build the least squares of all outputs for another motion, gravity or description.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n, 3 n_joints), optional
-            In place of the recorded one.
-        gravity : ndarray of shape (3,), optional
-            In place of that of the description [m/s^2].
-        arm : Arm, optional
-            In place of the description, with the same joints and gauges.
-
+        motion (n, 3 joints), gravity (3,) [m/s^2].
         """
         x = self.motion if motion is None else motion
         described = self.bodies if arm is None else {
@@ -117,15 +80,7 @@ class Case:
                 for name, bodies in described.items()}
 
     def rows(self, output: str) -> FloatArray:
-        """
-        Give the rows of the bodies as the description has them.
-
-        Parameters
-        ----------
-        output : {'effort', 'strain'}
-            Output whose rows are wanted.
-
-        """
+        """Give the rows of the bodies as the description has them."""
         return self.bodies[output].rows(self.motion)
 
     @property
@@ -139,12 +94,6 @@ class Case:
 
         What is left of a channel is known as well as its independent samples are many, which
         behind one filter go with time; the log ratios of all channels add up.
-
-        Parameters
-        ----------
-        least : float
-            Gain that is asked for where there is enough.
-
         """
         return max(least, 1.5 * float(np.sqrt(len(self.names) * self.brevity / ENOUGH)))
 
@@ -170,18 +119,7 @@ class Case:
         """
         Give the part of the variance of each channel that is left.
 
-        Parameters
-        ----------
-        explained : mapping of str to Explained
-            Rows of the outputs.
-        outputs : mapping of str to ndarray, optional
-            Outputs in place of the measured ones.
-
-        Returns
-        -------
-        ndarray of shape (n_channels of all outputs,)
-            In the order of `names`.
-
+        Returns (channels of all outputs,).
         """
         values = {**self.outputs, **(outputs or {})}
         return np.concatenate([item.shares(values[name]) for name, item in explained.items()])
@@ -193,11 +131,7 @@ def gain(now: FloatArray, other: FloatArray) -> float:
 
     Up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise.
 
-    Parameters
-    ----------
-    now, other : ndarray of shape (n_channels,)
-        Parts of the variances that are left.
-
+    now, other (channels,).
     """
     return float(np.sum(np.log(now / other)))
 

@@ -38,37 +38,14 @@ THOUSAND = 1000.0
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
-    """
-    A finding with the arm as it would be without it.
+    """A finding with the arm as it would be without it."""
 
-    Attributes
-    ----------
-    finding : Finding
-        What is wrong; its evidence is a size until a bag is at hand.
-    mended : Arm or None
-        Arm with the remedy; None where that cannot be guessed.
-
-    """
-
-    finding: Finding
-    mended: Arm | None = None
+    finding: Finding  # what is wrong; its evidence is a size until a bag is at hand
+    mended: Arm | None = None  # arm with the remedy; None where that cannot be guessed
 
 
 def suspects(arm: Arm) -> list[Suspect]:
-    """
-    Look at a description alone.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description that was read.
-
-    Returns
-    -------
-    list of Suspect
-        At most one a kind.
-
-    """
+    """Look at a description alone."""
     found = _table(arm)
     mended = next((item.mended for item in found if item.mended is not None), arm)
     return found + _gauges(mended)
@@ -132,18 +109,7 @@ def link_length(arm: Arm, gauge: GaugeSpec) -> float | None:
     """
     Say how far the link of a gauge reaches along its direction.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with the gauge.
-    gauge : GaugeSpec
-        Gauge, with the joint before its link.
-
-    Returns
-    -------
-    float or None
-        To the farthest joint or frame on the link [m]; None where the kinematics do not say.
-
+    Returns [m], None where the kinematics do not say.
     """
     model = arm.full_model
     joint = model.getJointId(gauge.joint)

@@ -31,26 +31,13 @@ AT: tuple[Literal['joints', 'motors'], ...] = ('joints', 'motors')
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """
-    Drives as they might be.
+    """Drives as they might be."""
 
-    Attributes
-    ----------
-    kind : str
-        Key of the finding that it would be.
-    channels : tuple of str
-        Motor, and the joint that turns it; all that are coupled where nothing should be.
-    couplings : CouplingsSpec or None
-        What the description would say.
-    explained : dict of str to Explained
-        Rows of the outputs.
-
-    """
-
-    kind: str
+    kind: str  # key of the finding that it would be
+    # Motor, and the joint that turns it; all that are coupled where nothing should be.
     channels: tuple[str, ...]
-    couplings: CouplingsSpec | None
-    explained: dict[str, Explained]
+    couplings: CouplingsSpec | None  # what the description would say
+    explained: dict[str, Explained]  # rows of the outputs
 
     @property
     def ratio(self) -> float:
@@ -64,20 +51,7 @@ def with_couplings(arm: Arm, couplings: CouplingsSpec | None) -> Arm:
 
 
 def other_drives(case: Case) -> Iterator[Drives]:
-    """
-    Go through drives that are coupled otherwise than the description says.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-
-    Yields
-    ------
-    Drives
-        None coupled, where some are; otherwise each motor that its neighbour might turn.
-
-    """
+    """Go through drives that are coupled otherwise than the description says."""
     arm, names = case.arm, case.arm.active_joints
     if 'effort' not in case.outputs or len(names) < 2:
         return

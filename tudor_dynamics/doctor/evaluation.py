@@ -33,39 +33,15 @@ from tudor_dynamics.payload.estimate import PayloadEstimate
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """
-    What bags show beside a model.
+    """What bags show beside a model."""
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Of the bags alone, and of the bags beside the model.
-    loads : dict of str to PayloadEstimate
-        Bag whose residuals look like a load, to what is known of it.
-
-    """
-
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # of the bags alone, and of the bags beside the model
+    # Bag whose residuals look like a load, to what is known of it.
     loads: dict[str, PayloadEstimate]
 
 
 def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluated:
-    """
-    Look at bags that a model is compared with.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models of one arm.
-    data : sequence of BagData
-        Bags of that arm.
-
-    Returns
-    -------
-    Evaluated
-        Findings, and loads that the model does not know of.
-
-    """
+    """Look at bags that a model is compared with."""
     findings, loads = [], {}
     for bag in data:
         examined = examine_bag(bundle.arm, bag)

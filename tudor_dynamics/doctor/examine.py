@@ -43,44 +43,17 @@ BROKEN = ('constant', 'held', 'dying', 'saturated')
 
 @dataclass(frozen=True, eq=False)
 class Examined:
-    """
-    What was found about a bag.
+    """What was found about a bag."""
 
-    Attributes
-    ----------
-    findings : tuple of Finding
-        What is wrong; empty for a clean bag of a right description.
-    case : Case or None
-        Bag with its arm, for comparisons with other bags; None where it is too short.
-    chosen : Alternative or None
-        What explains it better than the description, or the description as it is.
-
-    """
-
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # what is wrong; empty for a clean bag of a right description
+    # Bag with its arm, for comparisons with other bags; None where it is too short.
     case: Case | None = None
+    # What explains it better than the description, or the description as it is.
     chosen: Alternative | None = None
 
 
 def examine(arm: Arm, recording: Recording, retimed: Timing | None = None) -> Examined:
-    """
-    Look at a bag.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm as it is described.
-    recording : Recording
-        Signals of the bag.
-    retimed : Timing, optional
-        Why its stamps were replaced by even ones, where they were.
-
-    Returns
-    -------
-    Examined
-        Findings, in the order of what would be looked at first.
-
-    """
+    """Look at a bag."""
     clean, findings = look_at_samples(recording, arm.active_joints, arm.gauge_names, retimed)
     findings = not_listed(arm, recording) + findings
     described = suspects(arm)
@@ -108,26 +81,7 @@ def look_at_samples(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
     retimed: Timing | None = None,
 ) -> tuple[Recording, list[Finding]]:
-    """
-    Look at what needs no description: samples and stamps.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-    joints, gauges : tuple of str
-        Names of its columns.
-    retimed : Timing, optional
-        Why its stamps were replaced by even ones, where they were.
-
-    Returns
-    -------
-    recording : Recording
-        Without outliers.
-    findings : list of Finding
-        What is wrong.
-
-    """
+    """Look at what needs no description: samples and stamps."""
     clean, findings = samples.outliers(recording, joints, gauges)
     findings += samples.flat(clean, joints, gauges)
     findings += samples.standstill(clean, samples.moving(clean))
@@ -144,20 +98,7 @@ def look_at_samples(
 
 
 def odd_bag(recording: Recording) -> list[Finding]:
-    """
-    Tell of what was found while the bag was read: its clock, and velocities that are none.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-
-    Returns
-    -------
-    list of Finding
-        What is wrong.
-
-    """
+    """Tell of what was found while the bag was read: its clock, and velocities that are none."""
     findings = []
     for item in recording.oddities.set_backs:
         findings.append(Finding(
@@ -176,22 +117,7 @@ def odd_bag(recording: Recording) -> list[Finding]:
 
 
 def not_listed(arm: Arm, recording: Recording) -> list[Finding]:
-    """
-    Find joints of the kinematics that move, but are held by the description.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm as it is described.
-    recording : Recording
-        Signals of a bag.
-
-    Returns
-    -------
-    list of Finding
-        One at most.
-
-    """
+    """Find joints of the kinematics that move, but are held by the description."""
     moved = {name: span for name, span in recording.oddities.others.items()
              if name in arm.held_joints and span > HELD_SPAN}
     if not moved:

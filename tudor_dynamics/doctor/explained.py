@@ -38,15 +38,7 @@ class Explained:
 
     Channels of a group share their parameters and are weighted by their residuals.
 
-    Parameters
-    ----------
-    rows : ndarray of shape (n, n_channels, n_columns)
-        Rows of the shared parameters.
-    own : sequence of ndarray of shape (n, n_own)
-        What each channel has to itself.
-    groups : sequence of tuple of int
-        Channels that share their parameters.
-
+    rows (n, channels, columns), own (n, own).
     """
 
     def __init__(
@@ -60,35 +52,12 @@ class Explained:
         self._grams = [x.T @ x for x in self._rows]
 
     def freed(self, channel: int, values: FloatArray) -> FloatArray:
-        """
-        Free values of what a channel has to itself.
-
-        Parameters
-        ----------
-        channel : int
-            Whose friction and zero it is.
-        values : ndarray of shape (n,)
-            Any function of time.
-
-        """
+        """Free values of what a channel has to itself: values (n,)."""
         basis = self._own[channel]
         return np.asarray(values - basis @ (basis.T @ values))
 
     def residuals(self, outputs: FloatArray) -> FloatArray:
-        """
-        Give what is left of each channel.
-
-        Parameters
-        ----------
-        outputs : ndarray of shape (n, n_channels)
-            Measured values of all channels.
-
-        Returns
-        -------
-        ndarray of shape (n, n_channels)
-            Residuals of the least squares.
-
-        """
+        """Give what is left of each channel: outputs (n, channels); returns (n, channels)."""
         return np.column_stack([
             self.freed(i, outputs[:, i]) - self._rows[i] @ x
             for i, x in enumerate(self.parameters(outputs))])
@@ -97,16 +66,7 @@ class Explained:
         """
         Give the parameters of the bodies.
 
-        Parameters
-        ----------
-        outputs : ndarray of shape (n, n_channels)
-            Measured values of all channels.
-
-        Returns
-        -------
-        ndarray of shape (n_channels, n_columns)
-            The same for all channels of a group.
-
+        outputs (n, channels); returns (channels, columns).
         """
         found = np.empty((outputs.shape[1], self._rows[0].shape[1]))
         for group in self.groups:
@@ -131,16 +91,7 @@ class Explained:
         """
         Give the part of each channel's variance that is left.
 
-        Parameters
-        ----------
-        outputs : ndarray of shape (n, n_channels)
-            Measured values of all channels.
-
-        Returns
-        -------
-        ndarray of shape (n_channels,)
-            Squared relative residuals, 0 to 1.
-
+        outputs (n, channels); returns (channels,).
         """
         return share_of(self.residuals(outputs), outputs)
 
@@ -148,18 +99,7 @@ class Explained:
         """
         Give the part of each candidate's variance that one channel's rows leave.
 
-        Parameters
-        ----------
-        channel : int
-            Whose rows, with parameters of their own.
-        candidates : ndarray of shape (n, n_candidates)
-            Values that might be those of the channel.
-
-        Returns
-        -------
-        ndarray of shape (n_candidates,)
-            Squared relative residuals, 0 to 1.
-
+        candidates (n, candidates); returns (candidates,).
         """
         basis, rows = self._own[channel], self._rows[channel]
         free = candidates - basis @ (basis.T @ candidates)
@@ -167,22 +107,7 @@ class Explained:
         return share_of(left, candidates)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
-        """
-        Free values of all that one channel's rows can explain.
-
-        Parameters
-        ----------
-        channel : int
-            Whose rows and own columns count.
-        values : ndarray of shape (n,)
-            Any function of time.
-
-        Returns
-        -------
-        ndarray of shape (n,)
-            What is left.
-
-        """
+        """Free values of all that one channel's rows can explain: values (n,); returns (n,)."""
         free, rows = self.freed(channel, values), self._rows[channel]
         return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
 
@@ -190,20 +115,7 @@ class Explained:
         """
         Give what a channel has to itself, beside known parameters of the bodies.
 
-        Parameters
-        ----------
-        channel : int
-            Whose own columns count.
-        values : ndarray of shape (n,)
-            What it measures.
-        parameters : ndarray of shape (n_columns,)
-            Of the bodies.
-
-        Returns
-        -------
-        ndarray of shape (n_own,)
-            Coefficients of its own columns.
-
+        values (n,), parameters (columns,); returns (own,).
         """
         own, left = self._plain[channel], values - self._bodies[channel] @ parameters
         return _solve(own.T @ own, own.T @ left)
@@ -212,15 +124,7 @@ class Explained:
         """
         Give what a channel measures with known parameters.
 
-        Parameters
-        ----------
-        channel : int
-            Whose rows and own columns count.
-        parameters : ndarray of shape (n_columns,)
-            Of the bodies.
-        own : ndarray of shape (n_own,)
-            Coefficients of its own columns.
-
+        parameters (columns,), own (own,).
         """
         return np.asarray(self._bodies[channel] @ parameters + self._plain[channel] @ own)
 
@@ -230,35 +134,14 @@ class Explained:
         """
         Learn one channel from some samples, and foretell all of them.
 
-        Parameters
-        ----------
-        channel : int
-            Whose rows and own columns count.
-        values : ndarray of shape (n,)
-            What it measures.
-        known : ndarray of bool, shape (n,)
-            Samples that are learned from.
-
-        Returns
-        -------
-        ndarray of shape (n,)
-            What it would measure, as far as these samples tell.
-
+        values, known (n,); returns (n,).
         """
         columns = np.column_stack([self._bodies[channel], self._plain[channel]])
         some = columns[known]
         return np.asarray(columns @ _solve(some.T @ some, some.T @ values[known], FORETELLING))
 
     def extended(self, columns: FloatArray) -> Explained:
-        """
-        Give each channel more columns to itself.
-
-        Parameters
-        ----------
-        columns : ndarray of shape (n, n_more)
-            The same for all channels.
-
-        """
+        """Give each channel more columns to itself: columns (n, more)."""
         return Explained(np.stack(self._bodies, axis=1),
                          [np.column_stack([own, columns]) for own in self._plain], self.groups)
 
@@ -266,20 +149,7 @@ class Explained:
         """
         Say whether friction brakes a joint, as it does wherever directions are right.
 
-        Parameters
-        ----------
-        channel : int
-            Whose effort it is; its own columns are ``ddq, dq, sign(dq), 1``.
-        output : ndarray of shape (n,)
-            Measured effort of the joint.
-
-        Returns
-        -------
-        power : float
-            Correlation of friction and speed: near 1 where it brakes, near -1 where it drives.
-        share : float
-            Squared residual without friction over that with it.
-
+        output (n,).
         """
         own, rows = self._plain[channel], self._bodies[channel]
         both, few = np.column_stack([rows, own]), np.column_stack([

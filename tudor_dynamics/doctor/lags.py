@@ -48,36 +48,17 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class Lag:
-    """
-    The lag that explains an output best.
+    """The lag that explains an output best."""
 
-    Attributes
-    ----------
-    seconds : float
-        Positive where the output comes late [s].
-    gain : float
-        By how much less it leaves, see `case.gain`.
-    now, otherwise : float
-        Relative residual without and with the lag.
-
-    """
-
-    seconds: float
-    gain: float
+    seconds: float  # positive where the output comes late [s]
+    gain: float  # by how much less it leaves, see `case.gain`
+    # Relative residual without and with the lag.
     now: float
     otherwise: float
 
 
 def best_lag(shares: Callable[[float], FloatArray]) -> Lag:
-    """
-    Search for the lag that leaves least.
-
-    Parameters
-    ----------
-    shares : callable
-        Gives what is left of each channel at a lag.
-
-    """
+    """Search for the lag that leaves least."""
     values = [shares(float(lag)) for lag in LAGS]
     scores = np.array([float(np.sum(np.log(x))) for x in values])
     i = int(np.argmin(scores))
@@ -93,24 +74,7 @@ def best_lag(shares: Callable[[float], FloatArray]) -> Lag:
 
 
 def output_lag(case: Case, name: str, chosen: Alternative) -> Lag:
-    """
-    Search for the lag of all efforts, or of all strains.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    name : {'effort', 'strain'}
-        Output that may be late.
-    chosen : Alternative
-        Rows, and what was found to be exchanged, turned or scaled before.
-
-    Returns
-    -------
-    Lag
-        The one that explains the output best.
-
-    """
+    """Search for the lag of all efforts, or of all strains."""
     change = _change(case, name, chosen)
 
     def shares(lag: float) -> FloatArray:
@@ -136,18 +100,7 @@ def velocity_lag(recording: Recording, thinned: Thinned) -> Finding | None:
     """
     Look for a lag of the driver's velocities behind the derivative of the positions.
 
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-    thinned : Thinned
-        The same, thinned.
-
-    Returns
-    -------
-    Finding or None
-        None where there are none, or they come in time.
-
+    Returns None where there are none, or they come in time.
     """
     if not thinned.has('velocity'):
         return None
@@ -168,22 +121,7 @@ def lag_told(
     """
     Tell of a lag, where it is more than drivers usually have.
 
-    Parameters
-    ----------
-    recording : Recording
-        Bag that it was found in.
-    name : {'effort', 'strain', 'velocity'}
-        What comes late.
-    lag : Lag
-        By how much.
-    brevity : float
-        How much shorter the recording is than one that tells small lags.
-
-    Returns
-    -------
-    Finding or None
-        None where it comes in time.
-
+    Returns None where it comes in time.
     """
     if abs(lag.seconds) < LEAST[name] * np.sqrt(brevity) or lag.gain < LEAST_GAIN[name]:
         return None

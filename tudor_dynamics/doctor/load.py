@@ -40,20 +40,7 @@ def load_of(
     """
     Explain what a model leaves over by a body at the end of the arm.
 
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    predicted : mapping of str to ndarray of shape (n, n_channels)
-        What the model says of its motion, by output.
-    bag : str
-        Name of the bag, for the finding.
-
-    Returns
-    -------
-    Finding or None
-        None where a load explains little.
-
+    predicted (n, channels); returns None where a load explains little.
     """
     best: Finding | None = None
     for output, values in predicted.items():

@@ -26,17 +26,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class BodyRows:
-    """
-    Rows of an output, linear in the parameters of the bodies and in gravity.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    output : {'effort', 'strain'}
-        What is measured.
-
-    """
+    """Rows of an output, linear in the parameters of the bodies and in gravity."""
 
     def __init__(self, arm: Arm, output: str) -> None:
         strain = output == 'strain'
@@ -65,18 +55,8 @@ class BodyRows:
         """
         Evaluate the rows of the bodies.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        gravity : ndarray of shape (3,), optional
-            In the base frame; that of the description by default [m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n, n_channels, n_columns)
-            N m or N per parameter.
-
+        gravity (3,) [m/s^2]; motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (n, channels, columns).
         """
         out = np.zeros((len(motion), len(self.channels), 10 * (self.model.njoints - 1)))
         self._bodies.rows(self._coupling.of_joints(motion), out,
@@ -89,16 +69,8 @@ class BodyRows:
         """
         Evaluate what gravity along each axis of the base adds to the rows.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints; the positions count.
-
-        Returns
-        -------
-        ndarray of shape (3, n, n_channels, n_columns)
-            For 1 m/s^2 each.
-
+        motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints, the positions count; returns
+        (3, n, channels, columns).
         """
         still = motion.copy()
         still[:, motion.shape[1] // 3:] = 0.0
@@ -108,17 +80,7 @@ class BodyRows:
         """
         Evaluate what each channel has to itself: rotor, friction and offset, or an offset.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints.
-
-        Returns
-        -------
-        list of ndarray of shape (n, n_own)
-            For each channel; of efforts ``ddq, dq, sign(dq), 1`` of its motor, and behind them
-            the first three of other motors that it feels.
-
+        motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints; returns (n, own).
         """
         ones = np.ones((len(motion), 1))
         if not self._own:

@@ -46,26 +46,12 @@ STANDSTILL = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """
-    A column of a recording.
+    """A column of a recording."""
 
-    Attributes
-    ----------
-    field : {'q', 'effort', 'strain'}
-        Array it stands in.
-    name : str
-        Joint or gauge.
-    column : int
-        Column of the array.
-    values : ndarray of shape (n,)
-        Samples in their unit.
-
-    """
-
-    field: str
-    name: str
-    column: int
-    values: FloatArray
+    field: str  # array it stands in
+    name: str  # joint or gauge
+    column: int  # column of the array
+    values: FloatArray  # samples in their unit, (n,)
 
     @property
     def words(self) -> str:
@@ -77,22 +63,7 @@ class Channel:
 def channels(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> Iterator[Channel]:
-    """
-    Go through positions, efforts and strains, by joint and gauge.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-    joints, gauges : tuple of str
-        Names of the columns.
-
-    Yields
-    ------
-    Channel
-        One for each column that there is.
-
-    """
+    """Go through positions, efforts and strains, by joint and gauge."""
     for field, names in (('q', joints), ('effort', joints), ('strain', gauges)):
         values = getattr(recording, field)
         if values is not None:
@@ -103,24 +74,7 @@ def channels(
 def outliers(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> tuple[Recording, list[Finding]]:
-    """
-    Find single samples that are far off, and give the recording without them.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-    joints, gauges : tuple of str
-        Names of the columns.
-
-    Returns
-    -------
-    recording : Recording
-        With the neighbours' mean in their places, for the checks that follow.
-    findings : list of Finding
-        One for each channel.
-
-    """
+    """Find single samples that are far off, and give the recording without them."""
     changed: dict[str, FloatArray] = {}
     findings = []
     for item in channels(recording, joints, gauges):
@@ -179,22 +133,7 @@ def runs(x: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def flat(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> list[Finding]:
-    """
-    Find outputs that never change, are held, die, or are saturated.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag, without outliers.
-    joints, gauges : tuple of str
-        Names of the columns.
-
-    Returns
-    -------
-    list of Finding
-        One for each channel that is not as it should be.
-
-    """
+    """Find outputs that never change, are held, die, or are saturated."""
     moves = moving(recording)
     findings = []
     for item in channels(recording, joints, gauges):
@@ -216,16 +155,7 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
     """
     Say at which samples a joint moves.
 
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True where a joint is within a tenth of a second of a motion.
-
+    Returns (n,), True where a joint is within a tenth of a second of a motion.
     """
     width = max(1, round(0.1 / recording.dt))
     found = np.zeros(len(recording.stamp), dtype=bool)
@@ -301,22 +231,7 @@ def _saturated(recording: Recording, item: Channel) -> Finding | None:
 
 
 def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
-    """
-    Tell of standstill before and after the motion.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-    moves : ndarray of bool, shape (n,)
-        Where a joint moves, from `moving`.
-
-    Returns
-    -------
-    list of Finding
-        One at most.
-
-    """
+    """Tell of standstill before and after the motion: moves (n,)."""
     if not moves.any():
         return []
     t = recording.t

@@ -41,61 +41,22 @@ SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
 
 @dataclass(frozen=True, eq=False)
 class Alternative:
-    """
-    A description of the same recording with one thing changed.
+    """A description of the same recording with one thing changed."""
 
-    Attributes
-    ----------
-    kind : str
-        Key of the finding that it would be; empty for the description as it is.
-    channels : tuple of str
-        Joints or gauges concerned.
-    gain : float
-        By how much less it leaves, see `case.gain`.
-    shares : ndarray
-        What it leaves of each channel.
-    explained : dict of str to Explained
-        Its rows, by output.
-    outputs : dict of str to ndarray
-        Outputs that it would explain.
-    size : float or None
-        Scale of an effort, or ratio of a coupling.
-    gravity : ndarray of shape (3,) or None
-        Of another direction [m/s^2].
-    positions : bool
-        Whether positions alone are exchanged.
-    couplings : CouplingsSpec or None
-        Of other drives.
-
-    """
-
-    kind: str
-    channels: tuple[str, ...]
-    gain: float
-    shares: FloatArray
-    explained: dict[str, Explained]
-    outputs: dict[str, FloatArray]
-    size: float | None = None
-    gravity: FloatArray | None = None
-    positions: bool = False
-    couplings: CouplingsSpec | None = None
+    kind: str  # key of the finding that it would be; empty for the description as it is
+    channels: tuple[str, ...]  # joints or gauges concerned
+    gain: float  # by how much less it leaves, see `case.gain`
+    shares: FloatArray  # what it leaves of each channel
+    explained: dict[str, Explained]  # its rows, by output
+    outputs: dict[str, FloatArray]  # outputs that it would explain
+    size: float | None = None  # scale of an effort, or ratio of a coupling
+    gravity: FloatArray | None = None  # of another direction, (3,) [m/s^2]
+    positions: bool = False  # whether positions alone are exchanged
+    couplings: CouplingsSpec | None = None  # of other drives
 
 
 def alternatives(case: Case) -> Iterator[Alternative]:
-    """
-    Go through all single changes of a description.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-
-    Yields
-    ------
-    Alternative
-        With its gain, whatever that is.
-
-    """
+    """Go through all single changes of a description."""
     yield from gravities(case)
     yield from _directions(case)
     yield from _joint_pairs(case)
@@ -119,20 +80,7 @@ def _judged(
 
 
 def gravities(case: Case) -> Iterator[Alternative]:
-    """
-    Try gravity along the other axes of the base.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-
-    Yields
-    ------
-    Alternative
-        One for each axis that gravity does not lie along.
-
-    """
+    """Try gravity along the other axes of the base."""
     own = np.array(case.arm.spec.gravity)
     size = float(np.linalg.norm(own))
     if size == 0.0:
@@ -147,17 +95,7 @@ def gravities(case: Case) -> Iterator[Alternative]:
 
 
 def tilted(case: Case, gravity: FloatArray) -> Alternative:
-    """
-    Try another gravity.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    gravity : ndarray of shape (3,)
-        In the base frame [m/s^2].
-
-    """
+    """Try another gravity: gravity (3,) [m/s^2]."""
     kind = 'gravity_axis' if feels_gravity(case) else 'axes_parallel_to_gravity'
     return _judged(case, kind, (), case.explained(gravity=gravity), gravity=gravity)
 
@@ -174,22 +112,7 @@ def feels_gravity(case: Case) -> bool:
 
 
 def refined(case: Case, start: Alternative) -> Alternative:
-    """
-    Turn gravity away from an axis as far as the outputs want it.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    start : Alternative
-        Best of the axes.
-
-    Returns
-    -------
-    Alternative
-        The best direction found; the axis itself where turning it brings little.
-
-    """
+    """Turn gravity away from an axis as far as the outputs want it."""
     assert start.gravity is not None
     best, step = start, 0.35
     while step > 0.04:
@@ -286,20 +209,7 @@ def driven_by_friction(case: Case, explained: Explained, effort: FloatArray) -> 
     """
     Find joints whose friction would drive them: effort and motion count in other directions.
 
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    explained : Explained
-        Rows of the efforts.
-    effort : ndarray of shape (n, n_joints)
-        Efforts in their units.
-
-    Returns
-    -------
-    list of int
-        Joints whose friction is negative beyond doubt.
-
+    effort (n, joints) [its unit].
     """
     n = effort.shape[1]
     found = []
@@ -314,18 +224,7 @@ def choose(case: Case, hinted: list[int]) -> Alternative | None:
     """
     Choose the alternative that explains a recording better, if one does.
 
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    hinted : list of int
-        Joints whose friction is negative.
-
-    Returns
-    -------
-    Alternative or None
-        None where the description explains it as well as any other.
-
+    Returns None where the description explains it as well as any other.
     """
     best = max(alternatives(case), key=lambda item: item.gain, default=None)
     if best is None:

@@ -38,44 +38,23 @@ STEP = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """
-    A gapless stretch at the full rate, smoothed.
+    """A gapless stretch at the full rate, smoothed."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n,)
-        Time since the start of the recording [s].
-    keep : ndarray of int
-        Samples that are used.
-    outputs : dict of str to ndarray of shape (n, n_channels)
-        ``effort``, ``strain`` and ``velocity``, where there are some.
-
-    """
-
-    t: FloatArray
-    keep: IndexArray
+    t: FloatArray  # time since the start of the recording, (n,) [s]
+    keep: IndexArray  # samples that are used
+    # (n, channels): `effort`, `strain` and `velocity`, where there are some.
     outputs: dict[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
-    """
-    What the doctor compares: motion and outputs of the same bandwidth.
+    """What the doctor compares: motion and outputs of the same bandwidth."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n,)
-        Time since the start of the recording [s].
-    motion : ndarray of shape (n, 3 n_joints)
-        ``[q, dq, ddq]``, from the positions alone [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    parts : tuple of Part
-        Stretches they come from.
-
-    """
-
-    t: FloatArray
+    t: FloatArray  # time since the start of the recording, (n,) [s]
+    # `[q, dq, ddq]`, from the positions alone, (n, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...]  # stretches they come from
 
     def has(self, name: str) -> bool:
         """Say whether an output, or the driver's velocity, of this name is there."""
@@ -85,18 +64,7 @@ class Thinned:
         """
         Give an output on the samples kept, as if it had come earlier.
 
-        Parameters
-        ----------
-        name : str
-            ``effort``, ``strain`` or ``velocity``.
-        lag : float, default=0.0
-            Time by which it is taken to be late [s].
-
-        Returns
-        -------
-        ndarray of shape (n, n_channels)
-            Values in their units.
-
+        lag [s]; returns (n, channels) [its unit].
         """
         found = []
         for part in self.parts:
@@ -111,20 +79,7 @@ class Thinned:
 
 
 def thin(recording: Recording) -> Thinned | None:
-    """
-    Thin a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        Signals without outliers.
-
-    Returns
-    -------
-    Thinned or None
-        None where no stretch is long enough.
-
-    """
+    """Thin a recording; returns None where no stretch is long enough."""
     t_all = recording.t
     chosen = [part for part in recording.segments
               if t_all[part.stop - 1] - t_all[part.start] >= LEAST_SECONDS

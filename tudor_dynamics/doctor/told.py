@@ -29,22 +29,7 @@ NEARLY = 2.0
 
 
 def told(case: Case, chosen: Alternative) -> Finding:
-    """
-    Say what an alternative means.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    chosen : Alternative
-        What explains it better than the description.
-
-    Returns
-    -------
-    Finding
-        With the residuals now and then.
-
-    """
+    """Say what an alternative means."""
     what, remedy, size, unit = _words(case, chosen)
     return Finding(chosen.kind, what, remedy, case.recording.path, chosen.channels, None, size,
                    unit, MEASURE, relative(case.now), relative(chosen.shares))
@@ -104,22 +89,7 @@ def axis_name(gravity: np.ndarray) -> str:
 
 
 def opposite(case: Case, hinted: list[int]) -> list[Finding]:
-    """
-    Tell of directions that no residual tells of: of efforts alone, and of gravity turned round.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    hinted : list of int
-        Joints whose friction would drive them.
-
-    Returns
-    -------
-    list of Finding
-        One for each joint, or one for gravity.
-
-    """
+    """Report directions that no residual shows: of efforts alone, and of gravity reversed."""
     names = case.arm.active_joints
     findings = []
     for i in hinted:

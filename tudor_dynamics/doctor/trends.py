@@ -48,22 +48,7 @@ def trends(
     """
     Look for drift and for channels that die, in what the model of the bag leaves over.
 
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-    name : {'effort', 'strain'}
-        Output that is looked at.
-    explained : Explained
-        Rows of the output.
-    output : ndarray of shape (n, n_channels)
-        Measured values of its channels.
-
-    Returns
-    -------
-    list of Finding
-        One at most for each channel.
-
+    output (n, channels).
     """
     t = case.thinned.t
     line = (t - t.mean())[:, None]

@@ -34,20 +34,7 @@ THOUSAND = 30.0
 
 
 def sizes(case: Case) -> list[Finding]:
-    """
-    Find efforts whose size is that of another unit.
-
-    Parameters
-    ----------
-    case : Case
-        Bag with its arm.
-
-    Returns
-    -------
-    list of Finding
-        One for all joints that are too large by the same factor, or one for each.
-
-    """
+    """Find efforts whose size is that of another unit."""
     effort = case.outputs['effort']
     units = [joint.effort.unit for joint in case.arm.joints]
     largest = np.abs(effort).max(axis=0)

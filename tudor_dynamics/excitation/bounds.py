@@ -44,33 +44,18 @@ EFFORT = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Efforts:
-    """
-    Efforts that a motion asks for, by what is known of the arm, and their limits.
+    """Efforts that a motion asks for, by what is known of the arm, and their limits."""
 
-    Attributes
-    ----------
-    regressor : EffortRegressor
-        Rows of the efforts.
-    parameters : ndarray of shape (n_joints, n_columns)
-        Parameters of each channel.
-    largest : ndarray of shape (n_joints,)
-        Largest planned effort [A, N m or N]; infinite where none is known.
-
-    """
-
-    regressor: EffortRegressor
-    parameters: FloatArray
+    regressor: EffortRegressor  # rows of the efforts
+    parameters: FloatArray  # parameters of each channel, (joints, columns)
+    # (joints,): largest planned effort [A, N m or N]; infinite where none is known.
     largest: FloatArray
 
     def ratio(self, motion: FloatArray) -> FloatArray:
         """
         Give efforts over their limits, shape (n_samples, n_joints).
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints.
         """
         return self.regressor.outputs(motion, self.parameters) / self.largest
 
@@ -79,18 +64,7 @@ def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | N
     """
     Collect what is known of the efforts of an arm and of their limits.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose motors or URDF may say the limits.
-    parameters : ndarray of shape (n_joints, n_columns), optional
-        Parameters of a fitted model; by default the bodies of the URDF, without friction.
-
-    Returns
-    -------
-    Efforts or None
-        None where no limit, or nothing of the bodies, is known.
-
+    parameters (joints, columns); returns None where no limit, or nothing of the bodies, is known.
     """
     largest = EFFORT * effort_limits(arm)
     if parameters is None:
@@ -111,26 +85,15 @@ def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | N
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """
-    How far a motion goes to its limits and beyond.
+    """How far a motion goes to its limits and beyond."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration, effort : ndarray of shape (n_joints,)
-        Largest part of each limit; of the effort 0 where it is not known.
-    clearance : float
-        Least distance between links, where it is less than `CLEARANCE` [m].
-    nearest : tuple of str
-        Links that come as near as that.
-
-    """
-
+    # (joints,): largest part of each limit; of the effort 0 where it is not known.
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     effort: FloatArray
-    clearance: float
-    nearest: tuple[str, ...]
+    clearance: float  # least distance between links, where it is less than `CLEARANCE` [m]
+    nearest: tuple[str, ...]  # links that come as near as that
 
     @property
     def excess(self) -> float:
@@ -140,19 +103,7 @@ class Beyond:
 
 
 class Bounds:
-    """
-    All that a motion keeps to.
-
-    Parameters
-    ----------
-    bounds, limits : JointRange, MotionLimits
-        Of positions, and of speeds and accelerations.
-    efforts : Efforts, optional
-        Efforts and their limits, where they are known.
-    links : SelfCollision, optional
-        Shapes of the links, where there are such.
-
-    """
+    """All that a motion keeps to."""
 
     def __init__(
         self, bounds: JointRange, limits: MotionLimits, efforts: Efforts | None = None,
@@ -170,18 +121,8 @@ class Bounds:
         """
         Punish positions, speeds and accelerations beyond their limits.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        float
-            Mean square of what is beyond, in units of the limits.
-        ndarray of shape (n_samples, 3 n_joints)
-            Its slope by the motion.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
         """
         ratio = (motion - self._centre) / self._size
         beyond = np.maximum(np.abs(ratio) - 1.0, 0.0)
@@ -193,18 +134,8 @@ class Bounds:
         """
         Punish efforts beyond their limits, and links that come too near; as `penalty` does.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        float
-            Mean square, in units of the limits and of the clearance.
-        ndarray of shape (n_samples, 3 n_joints)
-            Its slope by the motion.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
         """
         cost, slope = 0.0, np.zeros_like(motion)
         count = len(motion) * len(self.range.lower)
@@ -232,11 +163,7 @@ class Bounds:
         """
         Say how far a motion goes.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         parts = np.split(np.abs((motion - self._centre) / self._size).max(axis=0), 3)
         n = len(self.range.lower)

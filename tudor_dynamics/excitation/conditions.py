@@ -34,40 +34,19 @@ REPORT_RATE = 20.0
 
 @dataclass(frozen=True)
 class GroupCondition:
-    """
-    Conditioning of one group of outputs with common parameters.
+    """Conditioning of one group of outputs with common parameters."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Joints or gauges.
-    condition : float
-        Condition number of the regressor with columns of unit length.
-    weakest : str
-        Parameter that the motion excites least in relation to the others.
-    parameters : int
-        Number of base parameters.
-
-    """
-
-    channels: tuple[str, ...]
-    condition: float
-    weakest: str
-    parameters: int
+    channels: tuple[str, ...]  # joints or gauges
+    condition: float  # condition number of the regressor with columns of unit length
+    weakest: str  # parameter that the motion excites least in relation to the others
+    parameters: int  # number of base parameters
 
 
 @dataclass(frozen=True)
 class ExcitationReport:
-    """
-    Conditioning of all outputs.
+    """Conditioning of all outputs."""
 
-    Attributes
-    ----------
-    effort, strain : tuple of GroupCondition
-        Groups of joints; groups of gauges, empty where the arm has none.
-
-    """
-
+    # Groups of joints; groups of gauges, empty where the arm has none.
     effort: tuple[GroupCondition, ...]
     strain: tuple[GroupCondition, ...]
 
@@ -78,24 +57,7 @@ class ExcitationReport:
 
 
 def excitation_report(arm: Arm, reference: Reference, *, form: str = 'exact') -> ExcitationReport:
-    """
-    Judge a motion by the regressors of an arm.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that is to move.
-    reference : Reference
-        Motion of its active joints.
-    form : {'exact', 'paper'}
-        Where the strain regressor takes the bending moment.
-
-    Returns
-    -------
-    ExcitationReport
-        Condition numbers.
-
-    """
+    """Judge a motion by the regressors of an arm."""
     every = max(int(round(1.0 / (REPORT_RATE * reference.dt))), 1)
     motion = reference.motion[::every]
     return ExcitationReport(
@@ -126,51 +88,17 @@ def _conditions(
 
 @dataclass(frozen=True)
 class ChosenSeed:
-    """
-    A seed, the report of its motion, and the worst condition number of each seed tried.
+    """A seed, the report of its motion, and the worst condition number of each seed tried."""
 
-    Attributes
-    ----------
-    seed : int
-        Seed with the best motion.
-    report : ExcitationReport
-        Condition numbers of its motion.
-    tried : dict of int to float
-        Worst condition number of each seed tried.
-
-    """
-
-    seed: int
-    report: ExcitationReport
-    tried: dict[int, float]
+    seed: int  # seed with the best motion
+    report: ExcitationReport  # condition numbers of its motion
+    tried: dict[int, float]  # worst condition number of each seed tried
 
 
 def best_seed(
     arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int],
 ) -> ChosenSeed:
-    """
-    Choose the seed whose motion has the least worst condition number.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that is to move.
-    make : callable
-        Makes the motion of a seed.
-    seeds : sequence of int
-        Seeds to try.
-
-    Returns
-    -------
-    ChosenSeed
-        The first of the best.
-
-    Raises
-    ------
-    SignalError
-        If there is no seed to try.
-
-    """
+    """Choose the seed whose motion has the least worst condition number."""
     if not seeds:
         msg = 'no seed to try; give at least one'
         raise SignalError(msg)

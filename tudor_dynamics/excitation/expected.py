@@ -43,70 +43,28 @@ OUTPUTS = ('effort', 'strain')
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """
-    Noise of the outputs.
+    """Noise of the outputs."""
 
-    Attributes
-    ----------
-    size : dict of str to ndarray
-        For each output, standard deviation of each channel, in its unit.
-    residual : bool
-        Whether that is what a fit leaves, behind its filters; otherwise that of single samples,
-        white.
-
-    """
-
-    size: dict[str, FloatArray]
+    size: dict[str, FloatArray]  # for each output, standard deviation of each channel, in its unit
+    # Whether that is what a fit leaves, behind its filters; otherwise that of single samples,
+    # white.
     residual: bool = False
 
 
 @dataclass(frozen=True)
 class ExpectedError:
-    """
-    Standard error of one parameter.
+    """Standard error of one parameter."""
 
-    Attributes
-    ----------
-    output : {'effort', 'strain'}
-        What the parameter predicts.
-    channels : tuple of str
-        Channels that share it.
-    column : str
-        Column of the regressor.
-    name : str
-        What the base parameter stands for.
-    unit : str
-        Unit of the parameter, and so of its standard error.
-    value : float
-        Standard error; infinite where the motion does not show it.
-
-    """
-
-    output: str
-    channels: tuple[str, ...]
-    column: str
-    name: str
-    unit: str
-    value: float
+    output: str  # what the parameter predicts
+    channels: tuple[str, ...]  # channels that share it
+    column: str  # column of the regressor
+    name: str  # what the base parameter stands for
+    unit: str  # unit of the parameter, and so of its standard error
+    value: float  # standard error; infinite where the motion does not show it
 
 
 def played(trajectory: Trajectory, arm: Arm) -> Recording:
-    """
-    Give the recording of an arm that followed a trajectory exactly.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Motion of the active joints, in their order.
-    arm : Arm
-        Arm that moves.
-
-    Returns
-    -------
-    Recording
-        Positions and velocities; efforts and strains are zero.
-
-    """
+    """Give the recording of an arm that followed a trajectory exactly."""
     n, joints = trajectory.q.shape
     return Recording(
         'the planned motion', np.round(trajectory.t * 1e9).astype(np.int64), trajectory.q,
@@ -119,28 +77,7 @@ def expected_errors(
     models: Mapping[str, AnalyticalModel], arm: Arm, trajectory: Trajectory,
     preprocessing: PreprocessingSpec, noise: Noise,
 ) -> list[ExpectedError]:
-    """
-    Say how well a motion will show the parameters of models.
-
-    Parameters
-    ----------
-    models : mapping of str to AnalyticalModel
-        For each output its model; it need not be fitted.
-    arm : Arm
-        Arm that moves.
-    trajectory : Trajectory
-        Motion of its active joints, at the rate of the recording to be.
-    preprocessing : PreprocessingSpec
-        Filters and rate of the fit.
-    noise : Noise
-        Noise of the outputs.
-
-    Returns
-    -------
-    list of ExpectedError
-        Standard errors of weighted least squares from one recording.
-
-    """
+    """Say how well a motion will show the parameters of models."""
     stretches = prepare(played(trajectory, arm), preprocessing)
     gain = 1.0 if noise.residual else noise_gain(stretches[0], preprocessing)
     found = []

@@ -43,20 +43,10 @@ what a motion does not show at all is expensive, not infinite."""
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """
-    A model whose parameters are to be shown.
+    """A model whose parameters are to be shown."""
 
-    Attributes
-    ----------
-    model : AnalyticalModel
-        Model of efforts or strains; it need not be fitted.
-    noise : ndarray of shape (n_channels,)
-        Standard deviation of each channel, in its unit.
-
-    """
-
-    model: AnalyticalModel
-    noise: FloatArray
+    model: AnalyticalModel  # model of efforts or strains; it need not be fitted
+    noise: FloatArray  # standard deviation of each channel, in its unit, (channels,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +78,7 @@ Criterion = Callable[[Sequence[FloatArray]], tuple[float, list[FloatArray]]]
 
 
 def mean_error(covariances: Sequence[FloatArray]) -> tuple[float, list[FloatArray]]:
-    """
-    Give the mean logarithm of all standard errors: no unit matters, nor what is large or small.
-
-    Parameters
-    ----------
-    covariances : sequence of ndarray
-        Covariance of each group.
-
-    Returns
-    -------
-    float
-        Cost.
-    list of ndarray
-        Slopes by the information matrices.
-
-    """
+    """Give the mean logarithm of all standard errors: units and sizes do not matter."""
     count = sum(len(item) for item in covariances)
     cost, slopes = 0.0, []
     for covariance in covariances:
@@ -114,15 +89,7 @@ def mean_error(covariances: Sequence[FloatArray]) -> tuple[float, list[FloatArra
 
 
 class Information:
-    """
-    Information that motions hold about the parameters of several models.
-
-    Parameters
-    ----------
-    subjects : sequence of Subject
-        Models with the noise of their channels.
-
-    """
+    """Information that motions hold about the parameters of several models."""
 
     def __init__(self, subjects: Sequence[Subject]) -> None:
         self._parts: list[tuple[Regressor, list[_Group]]] = []
@@ -136,11 +103,7 @@ class Information:
         """
         Give the information matrix of each group of channels of all models.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         return [_square(rows) for rows in self.rows(motion)]
 
@@ -148,11 +111,7 @@ class Information:
         """
         Give the rows of each group in units of its noise, (n_samples, n_channels, n_parameters).
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
         return [group.rows(rows) for rows, groups in found for group in groups]
@@ -163,20 +122,8 @@ class Information:
         """
         Judge a motion.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        criterion : callable
-            Makes one number of all covariances.
-
-        Returns
-        -------
-        float
-            Cost; the smaller, the more the motion shows.
-        ndarray of shape (n_samples, 3 n_joints)
-            Its slope by the motion.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
         """
         rows = [regressor.rows(motion) for regressor, _ in self._parts]
         cost, slopes = criterion([
@@ -207,16 +154,7 @@ def covariance_of(information: FloatArray) -> FloatArray:
     """
     Invert an information matrix in units of its columns.
 
-    Parameters
-    ----------
-    information : ndarray of shape (n_parameters, n_parameters)
-        Sum of the products of rows, each in units of its noise.
-
-    Returns
-    -------
-    ndarray of shape (n_parameters, n_parameters)
-        Covariance; very large, but finite, where nothing is shown.
-
+    information (parameters, parameters); returns (parameters, parameters).
     """
     size = np.sqrt(np.diag(information))
     size = np.where(size > 0.0, size, 1e-6 * max(float(size.max(initial=0.0)), 1e-300))

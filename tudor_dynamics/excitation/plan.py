@@ -46,72 +46,27 @@ HIGHEST = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """
-    What is to be identified, behind which filters, in which noise.
+    """What is to be identified, behind which filters, in which noise."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Arm with the friction that is identified.
-    models : dict of str to AnalyticalModel
-        For each output the model that a fit would fit.
-    preprocessing : PreprocessingSpec
-        Filters and rate of that fit.
-    noise : Noise
-        Noise of the outputs.
-    parameters : ndarray of shape (n_joints, n_columns) or None
-        What is known of the efforts.
-
-    """
-
-    arm: Arm
-    models: dict[str, AnalyticalModel]
-    preprocessing: PreprocessingSpec
-    noise: Noise
-    parameters: FloatArray | None = None
+    arm: Arm  # arm with the friction that is identified
+    models: dict[str, AnalyticalModel]  # for each output the model that a fit would fit
+    preprocessing: PreprocessingSpec  # filters and rate of that fit
+    noise: Noise  # noise of the outputs
+    parameters: FloatArray | None = None  # what is known of the efforts, (joints, columns)
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """
-    A motion to record.
+    """A motion to record."""
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        Motion of the active joints, at the rate of the messages.
-    expected : list of ExpectedError
-        What it will show.
-    beyond : Beyond
-        How far it goes to the limits.
-    noise : Noise
-        Noise that the standard errors are for.
-
-    """
-
-    trajectory: Trajectory
-    expected: list[ExpectedError]
-    beyond: Beyond
-    noise: Noise
+    trajectory: Trajectory  # motion of the active joints, at the rate of the messages
+    expected: list[ExpectedError]  # what it will show
+    beyond: Beyond  # how far it goes to the limits
+    noise: Noise  # noise that the standard errors are for
 
 
 def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
-    """
-    Say what a fit of an arm would identify.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description; what it leaves open is taken as the simplest: a fit may choose more friction.
-    noise : dict of str to ndarray
-        For each output, standard deviation of a sample of each channel.
-
-    Returns
-    -------
-    Target
-        Efforts, and strains where the arm has gauges.
-
-    """
+    """Say what a fit of an arm would identify."""
     spec = arm.spec.preprocessing
     if 'filter' not in spec.model_fields_set:
         spec = spec.model_copy(update={'filter': 'zero_phase'})
@@ -127,27 +82,7 @@ def _planned(arm: Arm, output: str) -> AnalyticalModel:
 
 
 def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
-    """
-    Say what a fit like an earlier one would identify, in the noise that it left.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Bundle of the arm, with analytical models for one payload.
-    arm : Arm
-        The arm with its limits of today; friction is that of the bundle.
-
-    Returns
-    -------
-    Target
-        The outputs that it has models of.
-
-    Raises
-    ------
-    UsageError
-        If it has none.
-
-    """
+    """Say what a fit like an earlier one would identify, in the noise that it left."""
     found, noise = {}, {}
     known: FloatArray | None = None
     for output, kinds in bundle.models.items():
@@ -169,46 +104,20 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
 
 
 def default_highest(arm: Arm) -> float:
-    """
-    Choose the largest frequency of a series: below what makes links swing [Hz].
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that moves; of links that bend, a third of the first eigenfrequency is the most.
-
-    """
+    """Choose the largest frequency of a series: below what makes links swing [Hz]."""
     if any(link.flexible is not None for link in arm.spec.links):
         return min(HIGHEST, float(modes(arm, 1).frequency[0]) / 3.0)
     return HIGHEST
 
 
 def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
-    """
-    Collect what motions of an arm keep to.
-
-    Parameters
-    ----------
-    target : Target
-        Arm, and what is known of its efforts.
-    links : SelfCollision, optional
-        Shapes of its links.
-
-    """
+    """Collect what motions of an arm keep to."""
     return Bounds(joint_range(target.arm), motion_limits(target.arm),
                   known_efforts(target.arm, target.parameters), links)
 
 
 def information_of(target: Target) -> Information:
-    """
-    Give what judges motions by what they show.
-
-    Parameters
-    ----------
-    target : Target
-        What is to be identified.
-
-    """
+    """Give what judges motions by what they show."""
     return Information([Subject(model, target.noise.size[output])
                         for output, model in target.models.items()])
 
@@ -217,33 +126,7 @@ def make_plan(
     target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
     report: Callable[[float], bool] = lambda _: False,
 ) -> Plan:
-    """
-    Search for the motion that shows best what is to be identified.
-
-    Parameters
-    ----------
-    target : Target
-        What is to be identified.
-    order : Order
-        Length, band, steps and seed; its sample time is that of the messages.
-    kind : {'fourier', 'aprbs'}
-        Kind of motion.
-    links : SelfCollision, optional
-        Shapes of the links.
-    report : callable
-        Told the cost of each step; ends the search where it answers so.
-
-    Returns
-    -------
-    Plan
-        Motion within all limits, and what it will show.
-
-    Raises
-    ------
-    SignalError
-        If no motion keeps to the limits, or a limit of speed or acceleration is missing.
-
-    """
+    """Search for the motion that shows best what is to be identified."""
     bounds, information = bounds_of(target, links), information_of(target)
     search = best_series if kind == 'fourier' else best_aprbs
     reference = search(information, bounds, order, report)
@@ -251,24 +134,7 @@ def make_plan(
 
 
 def plan_of(target: Target, reference: Reference, bounds: Bounds) -> Plan:
-    """
-    Say what a motion will show, and how far it goes.
-
-    Parameters
-    ----------
-    target : Target
-        What is to be identified.
-    reference : Reference
-        Motion of the active joints, at the rate of the messages.
-    bounds : Bounds
-        What it keeps to.
-
-    Returns
-    -------
-    Plan
-        The motion as a plan.
-
-    """
+    """Say what a motion will show, and how far it goes."""
     trajectory = Trajectory(
         target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
         reference.q, reference.dq, reference.ddq)

@@ -61,62 +61,20 @@ Report = Callable[[float], bool]
 
 @dataclass(frozen=True)
 class Order:
-    """
-    What motion is wanted.
+    """What motion is wanted."""
 
-    Attributes
-    ----------
-    seconds : float
-        Length with the rests at its ends [s].
-    highest : float
-        Largest frequency of a Fourier series [Hz].
-    dt : float
-        Sample time of the motion that comes out [s].
-    steps : int
-        Steps of the descent in each stage, or draws of an APRBS.
-    seed : int
-        Of where the search begins.
-
-    """
-
-    seconds: float
-    highest: float
-    dt: float
-    steps: int
-    seed: int
+    seconds: float  # length with the rests at its ends [s]
+    highest: float  # largest frequency of a Fourier series [Hz]
+    dt: float  # sample time of the motion that comes out [s]
+    steps: int  # steps of the descent in each stage, or draws of an APRBS
+    seed: int  # of where the search begins
 
 
 def best_series(
     information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
     criterion: Criterion = mean_error,
 ) -> Reference:
-    """
-    Find a Fourier series that shows parameters well.
-
-    Parameters
-    ----------
-    information : Information
-        What motions show of the parameters in question.
-    bounds : Bounds
-        What they keep to.
-    order : Order
-        Which motion is wanted.
-    report : callable
-        Told the cost of each step; ends the search where it answers so.
-    criterion : callable
-        What is small for a good motion.
-
-    Returns
-    -------
-    Reference
-        Motion within all bounds.
-
-    Raises
-    ------
-    SignalError
-        If there is no such motion.
-
-    """
+    """Find a Fourier series that shows parameters well."""
     basis, close = (series(bounds.range, bounds.limits, order.seconds, order.highest,
                            1.0 / max(samples * order.highest, LEAST_RATE))
                     for samples in (SAMPLES, CLOSE_SAMPLES))
@@ -213,31 +171,7 @@ def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
 def best_aprbs(
     information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
 ) -> Reference:
-    """
-    Find an APRBS that shows parameters well, by draws and by changes to the best of them.
-
-    Parameters
-    ----------
-    information : Information
-        What motions show of the parameters in question.
-    bounds : Bounds
-        What they keep to.
-    order : Order
-        Which motion is wanted.
-    report : callable
-        Told the cost of each draw; ends the search where it answers so.
-
-    Returns
-    -------
-    Reference
-        Motion within all bounds.
-
-    Raises
-    ------
-    SignalError
-        If no draw is within them.
-
-    """
+    """Find an APRBS that shows parameters well, by draws and by changes to the best of them."""
     generator = np.random.default_rng(order.seed)
     samples = int(round(order.seconds / order.dt)) + 1
     every = max(int(round(1.0 / (LOOKED_AT * order.dt))), 1)

@@ -40,36 +40,21 @@ FADE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """
-    Basis of the motion on a grid of times, and sizes of its coefficients.
+    """Basis of the motion on a grid of times, and sizes of its coefficients."""
 
-    Attributes
-    ----------
-    dt : float
-        Step of the grid [s].
-    basis : ndarray of shape (3, n_samples, n_functions)
-        Functions of time and their first and second derivatives; the first is constant.
-    sizes : ndarray of shape (n_functions, n_joints)
-        Amplitude of each that alone goes to a limit of the joint [rad or m].
-    centre : ndarray of shape (n_joints,)
-        Middle of the range [rad or m].
-
-    """
-
-    dt: float
+    dt: float  # step of the grid [s]
+    # (3, samples, functions): functions of time and their first and second derivatives; the first
+    # is constant.
     basis: FloatArray
+    # Amplitude of each that alone goes to a limit of the joint, (functions, joints) [rad or m].
     sizes: FloatArray
-    centre: FloatArray
+    centre: FloatArray  # middle of the range, (joints,) [rad or m]
 
     def motion(self, x: FloatArray) -> FloatArray:
         """
         Give ``[q, dq, ddq]`` of coefficients, shape (n_samples, 3 n_joints).
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_functions, n_joints)
-            Coefficients in units of their sizes.
-
+        x (functions, joints).
         """
         parts = self.basis @ (x * self.sizes)
         parts[0] += self.centre
@@ -79,56 +64,20 @@ class Series:
         """
         Turn slopes by motion into slopes by coefficients.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            Slopes by each sample of ``[q, dq, ddq]``.
-
+        motion (samples, 3 joints): slopes by each sample of ``[q, dq, ddq]``.
         """
         parts = np.stack(np.split(motion, 3, axis=1))
         return np.asarray(np.einsum('dsf,dsj->fj', self.basis, parts) * self.sizes)
 
     def reference(self, x: FloatArray) -> Reference:
-        """
-        Give the motion of coefficients as a reference.
-
-        Parameters
-        ----------
-        x : ndarray of shape (n_functions, n_joints)
-            Coefficients in units of their sizes.
-
-        """
+        """Give the motion of coefficients as a reference: x (functions, joints)."""
         return Reference(self.dt, *np.split(self.motion(x), 3, axis=1))
 
 
 def series(
     bounds: JointRange, limits: MotionLimits, seconds: float, highest: float, dt: float,
 ) -> Series:
-    """
-    Lay out the basis.
-
-    Parameters
-    ----------
-    bounds, limits : JointRange, MotionLimits
-        What the motion is to keep to.
-    seconds : float
-        Length of the motion with its rests [s].
-    highest : float
-        Largest frequency of the series [Hz].
-    dt : float
-        Step of the grid [s].
-
-    Returns
-    -------
-    Series
-        Basis of 1 + 2 harmonics functions.
-
-    Raises
-    ------
-    SignalError
-        If there is no harmonic below the largest frequency, or no room for it.
-
-    """
+    """Lay out the basis: seconds, dt [s], highest [Hz]."""
     length = seconds - 2.0 * REST
     harmonics = int(highest * length + 1e-9)
     if length < 2.0 * FADE or harmonics < 1:

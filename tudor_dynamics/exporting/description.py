@@ -49,44 +49,15 @@ LIKE = 1e-3
 
 @dataclass(frozen=True)
 class Description:
-    """
-    An arm description.
+    """An arm description."""
 
-    Attributes
-    ----------
-    text : str
-        All of the file, as YAML.
-    left_out : tuple of str
-        What was identified and has no place in a description, one phrase each.
-
-    """
-
-    text: str
+    text: str  # all of the file, as YAML
+    # What was identified and has no place in a description, one phrase each.
     left_out: tuple[str, ...]
 
 
 def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
-    """
-    Describe an arm as its elastic model has found it.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Bundle with an elastic model of strain or effort.
-    urdf : str
-        What the description calls the file of the URDF, where the arm has one.
-
-    Returns
-    -------
-    Description
-        Stiffness, mass, damping, play, drives and sensors as identified; the rest as described.
-
-    Raises
-    ------
-    ModelError
-        If there is no elastic model.
-
-    """
+    """Describe an arm as its elastic model has found it."""
     model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
     if model is None:
         raise ModelError('there is no elastic model in the bundle, and a description has no '
@@ -117,19 +88,7 @@ def description_of(bundle: ModelBundle, urdf: str = 'arm.urdf') -> Description:
 
 
 class _Writer:
-    """
-    A description as plain values, while identified ones are written into it.
-
-    Attributes
-    ----------
-    content : dict
-        All of the description.
-    said : list of str
-        Comment for each identified value.
-    left_out : list of str
-        What found no place.
-
-    """
+    """A description as plain values, while identified ones are written into it."""
 
     def __init__(self, model: FittedElastic) -> None:
         self.model, self.arm = model, model.arm
@@ -225,17 +184,7 @@ class _Writer:
         return write
 
     def drive(self, joint: str, drive: ElasticDrive) -> None:
-        """
-        Write rotor, friction and torque constant of a joint, and say what has no place.
-
-        Parameters
-        ----------
-        joint : str
-            Joint of the drive.
-        drive : ElasticDrive
-            What was found.
-
-        """
+        """Write rotor, friction and torque constant of a joint, and say what has no place."""
         terms, motor = drive.terms, self._motor(joint)
         ways = {name: both_ways(terms, name) for name in ('viscous', 'coulomb')}
         used = {'Ia', 'viscous', 'viscous+', 'viscous-'}
@@ -262,15 +211,7 @@ class _Writer:
                           for name, value in terms.items() if name not in used and value]
 
     def sensors(self, strain: FittedElastic) -> None:
-        """
-        Write gain and offset of each gauge.
-
-        Parameters
-        ----------
-        strain : FittedElastic
-            Model of strain.
-
-        """
+        """Write gain and offset of each gauge."""
         assert strain.coefficients_ is not None
         for gauge, (gain, offset) in zip(strain.channels, strain.coefficients_, strict=True):
             sensor = self._entry('sensors', 'gauge', gauge)

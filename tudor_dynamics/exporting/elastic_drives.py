@@ -31,20 +31,12 @@ SPEED = 1.0
 
 @dataclass(frozen=True)
 class ElasticDrive:
-    """
-    Drive of one joint.
+    """Drive of one joint."""
 
-    Attributes
-    ----------
-    constant : float
-        Torque at the joint for each unit of the measured effort [N m or N by that unit].
-    terms : dict of str to float
-        Rotor inertia ``Ia`` and friction as the joint feels them, by the names of their terms
-        [kg m^2, N m s/rad, N m; for prismatic joints kg, N s/m, N].
-
-    """
-
+    # Torque at the joint for each unit of the measured effort [N m or N by that unit].
     constant: float
+    # Rotor inertia `Ia` and friction as the joint feels them, by the names of their terms
+    # [kg m^2, N m s/rad, N m; for prismatic joints kg, N s/m, N].
     terms: dict[str, float]
 
 
@@ -52,21 +44,7 @@ def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
     """
     Read the drives out of the effort model of an elastic arm.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of an arm.
-
-    Returns
-    -------
-    dict of str to ElasticDrive
-        By joint; empty where there is no elastic model of efforts.
-
-    Raises
-    ------
-    ModelError
-        If a motor would need less the more its gear carries.
-
+    Returns an empty dict where there is no elastic model of efforts.
     """
     model = elastic_of(bundle, 'effort')
     if model is None or model.coefficients_ is None:
@@ -87,19 +65,7 @@ def elastic_drives(bundle: ModelBundle) -> dict[str, ElasticDrive]:
 
 
 def elastic_friction(arm: Arm, joint: str, terms: dict[str, float]) -> Simple:
-    """
-    Bring the friction of a joint to two numbers.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the model.
-    joint : str
-        Name of the joint.
-    terms : dict of str to float
-        Its friction, see `ElasticDrive`.
-
-    """
+    """Bring the friction of a joint to two numbers."""
     spec = arm.joints[arm.active_joints.index(joint)]
     limit = None if spec.limits is None else spec.limits.velocity
     return simple_friction(spec, terms, limit or SPEED)

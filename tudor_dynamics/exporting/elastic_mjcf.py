@@ -49,45 +49,12 @@ a gear has no mass, and MuJoCo cannot move it."""
 
 
 def elastic_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> str:
-    """
-    Give an elastic arm with its drives as MJCF.
-
-    Parameters
-    ----------
-    model : ElasticModel
-        Identified model, of strain or effort.
-    drives : dict of str to ElasticDrive
-        Drives by joint, see `elastic_drives`; none without efforts.
-
-    Returns
-    -------
-    str
-        Text of the file: at each active joint the drive's side and behind it ``*_gear``, in each
-        flexible link hinges ``*_bend``, at each gauge a sensor of the torque that bends it (its
-        third component, positive for the load that the joint holds), whose gain and offset stand
-        under ``custom``.
-
-    """
+    """Give an elastic arm with its drives as MJCF; drives: none without efforts."""
     return _Writer(model, drives).text()
 
 
 def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[str, ...]:
-    """
-    Name what was identified and has no place in MJCF.
-
-    Parameters
-    ----------
-    model : ElasticModel
-        Identified model, of strain or effort.
-    drives : dict of str to ElasticDrive
-        Drives by joint.
-
-    Returns
-    -------
-    tuple of str
-        One phrase each.
-
-    """
+    """Name what was identified and has no place in MJCF."""
     values = driven_arm(model.arm, model.values).parameters
     unknown = [joint for joint in model.arm.active_joints if _rotor(drives, joint) <= 0.0]
     found = [f'rotor of {joint}, which is not known: {STAND_IN:.0%} of what its gear carries '
@@ -102,15 +69,7 @@ def not_in_mjcf(model: ElasticModel, drives: dict[str, ElasticDrive]) -> tuple[s
 
 
 class _Writer:
-    """
-    The tree of bodies while it grows.
-
-    Attributes
-    ----------
-    nodes : dict of (int, int) to (Element, SE3)
-        Body of the file that carries a node of the mechanism, and where in it.
-
-    """
+    """The tree of bodies while it grows."""
 
     def __init__(self, model: ElasticModel, drives: dict[str, ElasticDrive]) -> None:
         self.driven = driven_arm(model.arm, model.values)

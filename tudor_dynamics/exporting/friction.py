@@ -35,23 +35,11 @@ CLOSE = 0.01
 
 @dataclass(frozen=True)
 class Simple:
-    """
-    Friction as most programs know it.
+    """Friction as most programs know it."""
 
-    Attributes
-    ----------
-    damping : float
-        Torque for each unit of speed, both ways [N m s/rad or N s/m].
-    friction : float
-        Torque against the motion at any speed, likewise [N m or N].
-    left_out : tuple of str
-        What the two do not express, one phrase each.
-
-    """
-
-    damping: float
-    friction: float
-    left_out: tuple[str, ...]
+    damping: float  # torque for each unit of speed, both ways [N m s/rad or N s/m]
+    friction: float  # torque against the motion at any speed, likewise [N m or N]
+    left_out: tuple[str, ...]  # what the two do not express, one phrase each
 
 
 def simple_friction(
@@ -63,22 +51,7 @@ def simple_friction(
     Those that are nearest to all of its terms over the speeds of the joint, both ways, and take
     energy: where viscous and Coulomb friction are all there is, these, or their means.
 
-    Parameters
-    ----------
-    joint : JointSpec
-        Description with the friction terms.
-    terms : dict of str to float
-        Values of the joint by term, as ``FullParameters.drives`` gives them.
-    speed : float
-        Largest speed that counts [rad/s or m/s].
-    load : float
-        What the joint carries on average, for friction that grows with it [N m or N].
-
-    Returns
-    -------
-    Simple
-        Damping and friction.
-
+    speed [rad/s or m/s], load [N m or N].
     """
     forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
     speeds = np.concatenate([-forward, forward])
@@ -96,15 +69,7 @@ def simple_friction(
 
 
 def simple_frictions(full: FullParameters) -> dict[str, Simple]:
-    """
-    Bring the friction of all joints to two numbers, see `simple_friction`.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified, with the speeds that it was seen at.
-
-    """
+    """Bring the friction of all joints to two numbers, see `simple_friction`."""
     solution, drives = full.solution, full.drives
     return {joint.name: simple_friction(joint, drives[joint.name], speed, load)
             for joint, speed, load in zip(full.arm.joints, solution.speeds.tolist(),
@@ -112,22 +77,7 @@ def simple_frictions(full: FullParameters) -> dict[str, Simple]:
 
 
 def both_ways(terms: dict[str, float], term: str) -> tuple[float, float]:
-    """
-    Give a coefficient of friction for each direction, positive where it takes energy.
-
-    Parameters
-    ----------
-    terms : dict of str to float
-        Terms of a joint, as for `simple_friction`.
-    term : {'viscous', 'coulomb'}
-        Which of those that may differ between the directions.
-
-    Returns
-    -------
-    (float, float)
-        Forward and backward; the same where they were not told apart, 0 where there is none.
-
-    """
+    """Give a coefficient of friction for each direction, positive where it takes energy."""
     if f'{term}+' not in terms:
         return terms.get(term, 0.0), terms.get(term, 0.0)
     # the Coulomb coefficient of the backward direction is that of a constant, not of its size

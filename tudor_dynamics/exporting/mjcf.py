@@ -28,20 +28,7 @@ from tudor_dynamics.models.consistent.full import FullParameters
 
 
 def mjcf_of(full: FullParameters) -> str:
-    """
-    Give the active joints of the arm with their bodies and drives as MJCF.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified.
-
-    Returns
-    -------
-    str
-        Text of the file: one body for each joint, without shapes, and a motor on each joint.
-
-    """
+    """Give the active joints of the arm with their bodies and drives as MJCF."""
     arm, model = full.arm, full.arm.model
     root = new_file(arm)
     places = [ElementTree.SubElement(root, 'worldbody')]

@@ -28,17 +28,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def new_file(arm: Arm, options: dict[str, str] | None = None) -> ElementTree.Element:
-    """
-    Begin a file.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that it is about.
-    options : dict of str to str, optional
-        What the file asks of the simulation, beside gravity.
-
-    """
+    """Begin a file."""
     root = ElementTree.Element('mujoco', model=arm.name)
     ElementTree.SubElement(root, 'compiler', angle='radian', balanceinertia='false')
     ElementTree.SubElement(root, 'option', gravity=row(np.array(arm.spec.gravity)),
@@ -47,35 +37,13 @@ def new_file(arm: Arm, options: dict[str, str] | None = None) -> ElementTree.Ele
 
 
 def new_body(parent: ElementTree.Element, name: str, place: pin.SE3) -> ElementTree.Element:
-    """
-    Put a body into another.
-
-    Parameters
-    ----------
-    parent : Element
-        Body that carries it, or the world.
-    name : str
-        What the file calls it.
-    place : pinocchio.SE3
-        Its frame in that of the parent [m].
-
-    """
+    """Put a body into another; place: its frame in that of the parent [m]."""
     return ElementTree.SubElement(parent, 'body', name=name, pos=row(place.translation),
                                   quat=quaternion(place.rotation))
 
 
 def add_inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
-    """
-    Give a body its mass.
-
-    Parameters
-    ----------
-    body : Element
-        Body of the file.
-    inertia : pinocchio.Inertia
-        Mass, centre and inertia in the body's frame.
-
-    """
+    """Give a body its mass."""
     tensor = np.asarray(inertia.inertia)
     # MuJoCo takes the inertia of a point in this form alone, and that of any body in the other
     element = ElementTree.SubElement(body, 'inertial', pos=row(inertia.lever),
@@ -87,17 +55,7 @@ def add_inertial(body: ElementTree.Element, inertia: pin.Inertia) -> None:
 
 
 def finished(root: ElementTree.Element, joints: Sequence[str]) -> str:
-    """
-    Put a motor on each joint, and write the file.
-
-    Parameters
-    ----------
-    root : Element
-        The whole file.
-    joints : sequence of str
-        Joints that are driven.
-
-    """
+    """Put a motor on each joint, and write the file."""
     motors = ElementTree.SubElement(root, 'actuator')
     for name in joints:
         ElementTree.SubElement(motors, 'motor', name=name, joint=name)
@@ -109,11 +67,7 @@ def quaternion(rotation: FloatArray) -> str:
     """
     Write a rotation: w, x, y, z.
 
-    Parameters
-    ----------
-    rotation : ndarray of shape (3, 3)
-        Axes of the turned frame in columns.
-
+    rotation (3, 3).
     """
     x, y, z, w = pin.Quaternion(rotation).coeffs()
     return row(np.array([w, x, y, z]))

@@ -22,13 +22,5 @@ from tudor_dynamics.typing import FloatArray
 
 
 def row(values: FloatArray) -> str:
-    """
-    Write numbers one behind the other, with all their digits.
-
-    Parameters
-    ----------
-    values : ndarray of shape (n,)
-        Numbers to be written.
-
-    """
+    """Write numbers one behind the other, with all their digits; writes values (n,)."""
     return ' '.join(repr(float(value)) for value in np.asarray(values).tolist())

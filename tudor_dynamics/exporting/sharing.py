@@ -38,22 +38,7 @@ LEAST = 1e-12
 
 
 def link_inertias(arm: Arm, bodies: Mapping[str, FloatArray]) -> dict[str, pin.Inertia]:
-    """
-    Share bodies out among the links of the arm's URDF.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with a URDF.
-    bodies : mapping of str to ndarray of shape (10,)
-        Parameters of each body about its joint, by joint.
-
-    Returns
-    -------
-    dict of str to pinocchio.Inertia
-        Inertia of each link that moves, in the frame of the link.
-
-    """
+    """Share bodies out among the links of the arm's URDF: bodies (10,)."""
     assert arm.urdf is not None
     described = _described(ElementTree.fromstring(arm.urdf))
     model = arm.model

@@ -33,20 +33,7 @@ DIGITS = 6
 
 
 def yaml_of(full: FullParameters) -> str:
-    """
-    Give what a controller needs, joint by joint, as a ROS parameter file does.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified.
-
-    Returns
-    -------
-    str
-        Text of the file, all of it in N m (or N) and per joint.
-
-    """
+    """Give what a controller needs, joint by joint, as a ROS parameter file does."""
     joints: dict[str, Any] = {}
     constants, frictions = full.torque_constants, simple_frictions(full)
     for spec in full.arm.joints:
@@ -77,20 +64,7 @@ def yaml_of(full: FullParameters) -> str:
 
 
 def csv_of(full: FullParameters) -> str:
-    """
-    Give every parameter with standard error, unit and source.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified.
-
-    Returns
-    -------
-    str
-        One line for each parameter; ``source`` is data, description, or both.
-
-    """
+    """Give every parameter with standard error, unit and source."""
     solution = full.solution
     values = np.concatenate([solution.bodies.ravel(), solution.drives])
     errors = np.concatenate([solution.body_errors.ravel(), solution.drive_errors])

@@ -47,20 +47,7 @@ class _Element:
 
 
 def urdf_of(full: FullParameters) -> str:
-    """
-    Give the arm as URDF: the user's own, with identified inertias and friction, or a new one.
-
-    Parameters
-    ----------
-    full : FullParameters
-        What was identified.
-
-    Returns
-    -------
-    str
-        Text of the file.
-
-    """
+    """Give the arm as URDF: the user's own, with identified values, or a new one."""
     if full.arm.urdf is None:
         return _new(full)
     text = full.arm.urdf.encode()

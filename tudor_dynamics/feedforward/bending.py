@@ -31,44 +31,15 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """
-    What an elastic arm needs point by point.
+    """What an elastic arm needs point by point."""
 
-    Attributes
-    ----------
-    motor : ndarray of shape (n_points, n_joints)
-        Positions of the motors, as their encoders show them [rad or m].
-    torque : ndarray of shape (n_points, n_joints)
-        Torque (or force) of each gear on the links [N m or N].
-
-    """
-
+    # Positions of the motors, as their encoders show them, (points, joints) [rad or m].
     motor: FloatArray
-    torque: FloatArray
+    torque: FloatArray  # torque (or force) of each gear on the links, (points, joints) [N m or N]
 
 
 class BentArm:
-    """
-    An elastic arm under the load of a wanted motion.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with flexible links.
-    values : mapping of str to float
-        Physical parameters that differ from the description, see ``DrivenArm.parameters``.
-
-    Attributes
-    ----------
-    payload : float
-        Mass at the tip [kg].
-
-    Raises
-    ------
-    ModelError
-        If the description lacks flexible links, or has no such parameter.
-
-    """
+    """An elastic arm under the load of a wanted motion."""
 
     def __init__(self, arm: Arm, values: Mapping[str, float]) -> None:
         self._driven = driven_arm(arm, values)
@@ -101,39 +72,14 @@ class BentArm:
         return self._driven.parameters['payload']
 
     def carry(self, payload: float) -> None:
-        """
-        Put another mass at the tip.
-
-        Parameters
-        ----------
-        payload : float
-            What is carried in all [kg].
-
-        """
+        """Put another mass at the tip: payload [kg]."""
         self._driven.set_parameters({'payload': payload})
 
     def under(self, motion: FloatArray, *, reach: bool) -> Bent:
         """
         Bend the arm under the load of a motion, each point by itself.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_points, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        reach : bool
-            Whether it is that of the links, whose ends are put where those of a rigid arm are;
-            else that of the motors.
-
-        Returns
-        -------
-        Bent
-            Positions of the motors and torques of the gears.
-
-        Raises
-        ------
-        SimulationError
-            If the arm cannot hold a point: its links are too weak for the load.
-
+        motion (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         q, dq, ddq = (np.ascontiguousarray(part) for part in np.split(motion, 3, axis=1))
         motor, torque = np.zeros_like(q), np.zeros_like(q)

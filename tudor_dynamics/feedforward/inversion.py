@@ -52,36 +52,21 @@ LITTLE = 1e-6
 
 
 class Inverse(NamedTuple):
-    """
-    What the inversion needs beside the arm.
+    """What the inversion needs beside the arm."""
 
-    Attributes
-    ----------
-    bends : ndarray of int, shape (n_bends,)
-        Coordinates of the links that bend.
-    ends : ndarray of int, shape (n_ends,)
-        Bodies whose ends are put where they are wanted: flexible links, and what is at the tip.
-    joint : ndarray of int, shape (n_joints,)
-        Body behind each driven joint.
-    moved : ndarray of shape (n_ends, n_joints)
-        1 where a joint moves an end.
-    factor, delta : ndarray of shape (n_bends, n_bends), (n_bends,)
-        Working memory for the stiffness.
-    normal, step : ndarray of shape (n_joints, n_joints), (n_joints,)
-        Working memory for the joints.
-    wanted, levers : ndarray of shape (n_ends, 3), (n_joints, 3)
-        Working memory for places and levers.
-
-    """
-
-    bends: NDArray
+    bends: NDArray  # coordinates of the links that bend, (bends,)
+    # (ends,): bodies whose ends are put where they are wanted: flexible links, and what is at the
+    # tip.
     ends: NDArray
-    joint: NDArray
-    moved: NDArray
+    joint: NDArray  # body behind each driven joint, (joints,)
+    moved: NDArray  # 1 where a joint moves an end, (ends, joints)
+    # Working memory for the stiffness, (bends, bends).
     factor: NDArray
     delta: NDArray
+    # Working memory for the joints, (joints, joints).
     normal: NDArray
     step: NDArray
+    # Working memory for places and levers, (ends, 3).
     wanted: NDArray
     levers: NDArray
 
@@ -207,26 +192,8 @@ def invert(
     """
     Invert points, each by itself.
 
-    Parameters
-    ----------
-    q, dq, ddq : ndarray of shape (n_points, n_joints)
-        Wanted motion of the driven joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    reach : bool
-        Whether the links are put there, or the motors.
-    motor : ndarray of shape (n_points, n_joints)
-        Result: positions of the motors [rad or m].
-    torque : ndarray of shape (n_points, n_joints)
-        Result: torque of each gear on the links [N m or N].
-    tables : tuple of ndarray
-        Those of `Inverse`, in their order.
-    *arrays : ndarray
-        Arm, see ``driven_of``; its state is overwritten.
-
-    Returns
-    -------
-    int
-        Points done; fewer than given where the arm has no such equilibrium.
-
+    q, dq, ddq (points, joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes motor
+    (points, joints) [rad or m], torque (points, joints) [N m or N].
     """
     driven, own = driven_of(arrays), Inverse(*unowned(tables))
     equations, gears, chain = driven.equations, driven.gears, driven.chain

@@ -38,18 +38,8 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
     2002). So below the speed of sliding the sign is that of the last motion that was faster than
     where the sign of friction turns.
 
-    Parameters
-    ----------
-    speed : ndarray of shape (n_points, n_joints)
-        Wanted speeds, point after point [rad/s or m/s].
-    turning : array of shape (n_joints,)
-        Speeds from which on a joint is taken to move, ``friction_velocity`` [rad/s or m/s].
-
-    Returns
-    -------
-    ndarray of shape (n_points, n_joints)
-        Speeds; as they are where the joint slides, or has not moved yet.
-
+    speed (points, joints) [rad/s or m/s], turning (joints,) [rad/s or m/s]; returns
+    (points, joints).
     """
     moves = np.abs(speed) >= np.asarray(turning)
     latest = np.maximum.accumulate(

@@ -33,16 +33,7 @@ def torque_constants(arm: Arm) -> dict[str, float]:
     """
     Give the torque at each joint per ampere, gear and efficiency included, where it is described.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``effort.torque_constant`` of its joints, or ``motors``.
-
-    Returns
-    -------
-    dict of str to float
-        Joint to constant [N m/A or N/A]; without joints of which nothing is known.
-
+    Returns joint to constant [N m/A or N/A].
     """
     motors = {motor.joint: motor.joint_torque_constant for motor in arm.spec.motors}
     return {joint.name: joint.effort.torque_constant or motors[joint.name]
@@ -51,27 +42,7 @@ def torque_constants(arm: Arm) -> dict[str, float]:
 
 
 def factors(arm: Arm, unit: Unit) -> FloatArray:
-    """
-    Give what efforts of a model are multiplied by.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the model.
-    unit : {'model', 'current', 'torque'}
-        What is wanted.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        Wanted unit per unit of the model.
-
-    Raises
-    ------
-    ModelError
-        If a torque constant is needed that nobody knows.
-
-    """
+    """Give what efforts of a model are multiplied by; returns (joints,)."""
     known, result = torque_constants(arm), np.ones(len(arm.joints))
     for i, joint in enumerate(arm.joints):
         is_current = joint.effort.unit == 'A'
@@ -87,17 +58,7 @@ def factors(arm: Arm, unit: Unit) -> FloatArray:
 
 
 def unit_names(arm: Arm, unit: Unit) -> tuple[str, ...]:
-    """
-    Name the unit of each joint's effort.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the model.
-    unit : {'model', 'current', 'torque'}
-        What is wanted.
-
-    """
+    """Name the unit of each joint's effort."""
     return tuple(
         joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
         'N' if arm.is_prismatic(joint.name) else 'N m' for joint in arm.joints)

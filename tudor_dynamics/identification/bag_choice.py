@@ -31,26 +31,14 @@ Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 @dataclass(frozen=True)
 class BagChoice:
-    """
-    A bag, or a part of it by time.
+    """A bag, or a part of it by time."""
 
-    Attributes
-    ----------
-    path : str
-        Bag directory or file.
-    begin, end : float
-        Part used, as fractions of its duration, or since its first sample [s].
-    seconds : bool
-        Whether begin and end are times.
-    duration : float or None
-        Of the recording, where it was read; needed to compare times with fractions [s].
-
-    """
-
-    path: str
+    path: str  # bag directory or file
+    # Part used, as fractions of its duration, or since its first sample [s].
     begin: float = 0.0
     end: float = 1.0
-    seconds: bool = False
+    seconds: bool = False  # whether begin and end are times
+    # Of the recording, where it was read; needed to compare times with fractions [s].
     duration: float | None = field(default=None, compare=False)
 
     def overlaps(self, other: BagChoice) -> bool:
@@ -70,20 +58,7 @@ class BagChoice:
         return own[0] < others[1] and others[0] < own[1]
 
     def span(self, duration: float) -> tuple[float, float]:
-        """
-        Give begin and end as times.
-
-        Parameters
-        ----------
-        duration : float
-            Of the recording [s].
-
-        Returns
-        -------
-        begin, end : float
-            Since the first sample [s].
-
-        """
+        """Give begin and end as times: duration [s]; returns begin, end [s]."""
         scale = 1.0 if self.seconds else duration
         return self.begin * scale, self.end * scale
 
@@ -97,25 +72,7 @@ class BagChoice:
 
 
 def parse_choice(text: str) -> BagChoice:
-    """
-    Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``.
-
-    Parameters
-    ----------
-    text : str
-        Argument, such as ``bags/run1``, ``bags/run1@0-60%`` or ``bags/run1@5s-50s``.
-
-    Returns
-    -------
-    BagChoice
-        Path and part.
-
-    Raises
-    ------
-    UsageError
-        If the part is empty or outside 0-100 %.
-
-    """
+    """Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``."""
     timed = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)s-(\d+(?:\.\d+)?)s', text)
     if timed is not None:
         begin, end = float(timed[2]), float(timed[3])
@@ -136,29 +93,7 @@ def parse_choice(text: str) -> BagChoice:
 
 
 def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
-    """
-    Read the names of bags, one or several.
-
-    Parameters
-    ----------
-    bags : str, path, or sequence of them
-        Bag directories or files, or parts of them: ``BAG@0-60%`` or ``BAG@5s-50s``.
-    name : str, default='bags'
-        Name of the argument, for messages.
-
-    Returns
-    -------
-    list of BagChoice
-        Paths and parts.
-
-    Raises
-    ------
-    ArgumentError
-        If something else than a name is given.
-    UsageError
-        If a part is empty or outside 0-100 %.
-
-    """
+    """Read the names of bags, one or several."""
     if isinstance(bags, (str, os.PathLike)):
         bags = [bags]
     advice = 'give the path of a bag, or a list of paths'
@@ -169,25 +104,7 @@ def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
 
 
 def found_choices(texts: Sequence[str]) -> list[BagChoice]:
-    """
-    Read bag arguments, among them folders of bags and patterns such as ``'bags/2026-*'``.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Arguments; a part of a folder is that part of each bag in it.
-
-    Returns
-    -------
-    list of BagChoice
-        Bags, those of a folder in the order of their names, numbers by their size.
-
-    Raises
-    ------
-    UsageError
-        If a part is empty, or a pattern stands for nothing.
-
-    """
+    """Read bag arguments, among them folders of bags and patterns such as ``'bags/2026-*'``."""
     found: list[BagChoice] = []
     for text in texts:
         choice = parse_choice(text)
@@ -205,20 +122,7 @@ def found_choices(texts: Sequence[str]) -> list[BagChoice]:
 
 
 def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
-    """
-    Refuse parts of one bag that overlap.
-
-    Parameters
-    ----------
-    training, test : sequence of BagChoice
-        Bags to learn from and bags to judge by.
-
-    Raises
-    ------
-    UsageError
-        If there is nothing to learn from, or samples are used twice.
-
-    """
+    """Refuse parts of one bag that overlap."""
     if not training:
         msg = 'there is no bag to learn from: give the path of one, better of several'
         raise UsageError(msg)

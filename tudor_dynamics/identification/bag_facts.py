@@ -25,54 +25,25 @@ from tudor_dynamics.identification.dataset import BagData
 
 @dataclass(frozen=True)
 class BagFacts:
-    """
-    A bag that was used.
+    """A bag that was used."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag, or part of one, as it was given.
-    checksum : str
-        SHA-256 over its storage files.
-    recorded, used : int
-        Samples as recorded, and those that are left after decimation.
-    duration, rate : float
-        Length [s] and samples per second as recorded [Hz].
-    gaps : int
-        Number of gaps.
-    longest_gap : float
-        Length of the longest [s].
-    dropped : mapping of str to int
-        Cause to messages that were left out.
-    payload : float or None
-        Mass at the tip, where it is known [kg].
-    warnings : tuple of str
-        What is odd about it.
-
-    """
-
-    bag: str
-    checksum: str
+    bag: str  # bag, or part of one, as it was given
+    checksum: str  # SHA-256 over its storage files
+    # Samples as recorded, and those that are left after decimation.
     recorded: int
     used: int
+    # Length [s] and samples per second as recorded [Hz].
     duration: float
     rate: float
-    gaps: int = 0
-    longest_gap: float = 0.0
+    gaps: int = 0  # number of gaps
+    longest_gap: float = 0.0  # length of the longest [s]
+    # Cause to messages that were left out.
     dropped: Mapping[str, int] = field(default_factory=dict)
-    payload: float | None = None
-    warnings: tuple[str, ...] = ()
+    payload: float | None = None  # mass at the tip, where it is known [kg]
+    warnings: tuple[str, ...] = ()  # what is odd about it
 
     def as_dict(self) -> dict[str, Any]:
-        """
-        Say which bag was used, so that it can be found and checked again.
-
-        Returns
-        -------
-        dict
-            Path as given, checksum, samples, duration [s], dropped messages.
-
-        """
+        """Say which bag was used, so that it can be found and checked again."""
         facts = {'bag': self.bag, 'sha256': self.checksum, 'samples': self.used,
                  'duration': round(self.duration, 6), 'dropped': dict(self.dropped)}
         return facts if self.payload is None else {**facts, 'payload': self.payload}
@@ -80,20 +51,10 @@ class BagFacts:
 
 @dataclass(frozen=True)
 class Unused:
-    """
-    A bag that was left out.
+    """A bag that was left out."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag, or part of one, as it was given.
-    why : str
-        What is wrong with it, on one line.
-
-    """
-
-    bag: str
-    why: str
+    bag: str  # bag, or part of one, as it was given
+    why: str  # what is wrong with it, on one line
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -101,15 +62,7 @@ class Unused:
 
 
 def facts_of(bag: BagData) -> BagFacts:
-    """
-    Give what is known of a bag.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was read.
-
-    """
+    """Give what is known of a bag."""
     recording = bag.recording
     t, parts = recording.t, recording.segments
     holes = [float(t[after.start] - t[before.stop - 1])

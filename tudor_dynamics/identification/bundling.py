@@ -33,22 +33,7 @@ from tudor_dynamics.payload.bent import FACT
 
 
 def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelBundle:
-    """
-    Collect the models of a fit with all that is known of their worth.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-    assessment : Assessment, optional
-        What it is worth, where that was found already.
-
-    Returns
-    -------
-    ModelBundle
-        Bundle to be saved.
-
-    """
+    """Collect the models of a fit with all that is known of their worth."""
     assessment = assess(result) if assessment is None else assessment
     bent = bent_links_of(result)
     facts = {
@@ -78,20 +63,7 @@ def _models(result: FitResult) -> dict[str, dict[str, Model]]:
 
 
 def figures(result: FitResult) -> dict[str, Any]:
-    """
-    Give the figures of a fit as plain values: output, model, then training and validation.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-
-    Returns
-    -------
-    dict
-        JSON-ready.
-
-    """
+    """Give the figures of a fit as plain values: output, model, then training and validation."""
     content: dict[str, Any] = {}
     for item in result.fitted:
         content.setdefault(item.output, {})[item.kind] = _figures(item)

@@ -36,28 +36,13 @@ OUTPUTS = ('effort', 'strain')
 
 @dataclass(frozen=True, eq=False)
 class BagData:
-    """
-    One bag, ready for models.
+    """One bag, ready for models."""
 
-    Attributes
-    ----------
-    choice : BagChoice
-        Bag and part.
-    recording : Recording
-        Signals as read (the part chosen).
-    stretches : tuple of Stretch
-        Gapless stretches, filtered.
-    payload : float or None
-        Mass at the tip, where it is known [kg].
-    timing : Timing or None
-        Why even stamps took the place of those recorded, where they did.
-
-    """
-
-    choice: BagChoice
-    recording: Recording
-    stretches: tuple[Stretch, ...]
-    payload: float | None = None
+    choice: BagChoice  # bag and part
+    recording: Recording  # signals as read (the part chosen)
+    stretches: tuple[Stretch, ...]  # gapless stretches, filtered
+    payload: float | None = None  # mass at the tip, where it is known [kg]
+    # Why even stamps took the place of those recorded, where they did.
     timing: Timing | None = None
 
     def has(self, output: str) -> bool:
@@ -71,27 +56,7 @@ class BagData:
 
 
 def cut(recording: Recording, choice: BagChoice) -> Recording:
-    """
-    Take a part of a recording by time.
-
-    Parameters
-    ----------
-    recording : Recording
-        Recording of the whole bag.
-    choice : BagChoice
-        Part of it.
-
-    Returns
-    -------
-    Recording
-        The part, its segments counted anew.
-
-    Raises
-    ------
-    UsageError
-        If the part lies in a gap, or ends behind the recording.
-
-    """
+    """Take a part of a recording by time."""
     if (choice.begin, choice.end, choice.seconds) == (0.0, 1.0, False):
         return recording
     t = recording.t
@@ -137,26 +102,7 @@ def load(
     """
     Read and filter a bag; stamps that jitter on a clearly even sampling become even.
 
-    Parameters
-    ----------
-    choice : BagChoice
-        Bag and part.
-    arm : Arm
-        Arm that was recorded.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-    learn : bool, default=False
-        Refuse a bag in which no joint moves: nothing can be learned from it.
-    payload : float, optional
-        Mass at the tip, in place of what the bag's metadata say [kg].
-    whole : bool, default=False
-        Keep standstill at the ends, as the running robot does.
-
-    Returns
-    -------
-    BagData
-        Bag ready for models.
-
+    payload [kg].
     """
     read = read_recording(choice.path, arm, need_output=True, need_motion=learn)
     full, timing = retimed(read)
@@ -174,22 +120,7 @@ def load(
 
 
 def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
-    """
-    Filter the recording of a bag, and leave out standstill at its ends.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was read.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-
-    Returns
-    -------
-    BagData
-        The same bag with other stretches.
-
-    """
+    """Filter the recording of a bag, and leave out standstill at its ends."""
     begin, end = motion_span(bag.recording)
     stretches = []
     for stretch in prepare(bag.recording, preprocessing):
@@ -204,47 +135,13 @@ def filtered(bag: BagData, preprocessing: PreprocessingSpec) -> BagData:
 def split_bag(
     bag: BagData, held_out: float, preprocessing: PreprocessingSpec,
 ) -> tuple[BagData, BagData]:
-    """
-    Split a bag by time into a part to fit to and a last part to judge by.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was loaded.
-    held_out : float
-        Fraction of it at the end to judge by.
-    preprocessing : PreprocessingSpec
-        Filters and rate; each part is filtered on its own.
-
-    Returns
-    -------
-    first, last : BagData
-        Parts.
-
-    """
+    """Split a bag by time into a part to fit to and a last part to judge by."""
     middle = 1.0 - held_out
     return part(bag, 0.0, middle, preprocessing), part(bag, middle, 1.0, preprocessing)
 
 
 def part(bag: BagData, begin: float, end: float, preprocessing: PreprocessingSpec) -> BagData:
-    """
-    Take a part of a bag by time, filtered on its own.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was loaded, or a part of one.
-    begin, end : float
-        Part of it, as fractions of its duration.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-
-    Returns
-    -------
-    BagData
-        The part.
-
-    """
+    """Take a part of a bag by time, filtered on its own."""
     recording = cut(bag.recording, BagChoice(bag.choice.path, begin, end))
     width = bag.choice.end - bag.choice.begin
     named = replace(bag.choice, begin=bag.choice.begin + begin * width,
@@ -256,26 +153,7 @@ def training_blocks(
     data: Sequence[BagData], output: str, *, with_payload: bool = False,
     inputs: Inputs | None = None,
 ) -> Blocks:
-    """
-    Give the training data of one output from several bags.
-
-    Parameters
-    ----------
-    data : sequence of BagData
-        Bags that have the output.
-    output : {'effort', 'strain'}
-        Output to be learned.
-    with_payload : bool, default=False
-        Let the payload of each bag follow its motion.
-    inputs : callable, optional
-        What a model takes of a stretch, as ``MemorylessModel.inputs``; its motion by default.
-
-    Returns
-    -------
-    callable
-        Gives blocks anew at each call.
-
-    """
+    """Give the training data of one output from several bags; inputs: its motion by default."""
     def blocks() -> Iterator[TrainingBlock]:
         for bag in data:
             for stretch in bag.stretches:
@@ -294,20 +172,7 @@ def all_stretches(data: Iterable[BagData]) -> Iterator[Stretch]:
 
 
 def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
-    """
-    Refuse bags with the same samples, under whatever names: such a bag is no test of another.
-
-    Parameters
-    ----------
-    training, test : sequence of BagData
-        Bags of a fit; their storage files are compared by checksum.
-
-    Raises
-    ------
-    FitError
-        If a bag is a copy of a training bag, byte by byte, and the parts chosen overlap.
-
-    """
+    """Refuse bags with the same samples: such a bag is no test of another."""
     for i, one in enumerate(training):
         for other in (*training[i + 1:], *test):
             same = one.recording.checksum == other.recording.checksum != ''

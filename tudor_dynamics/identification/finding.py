@@ -57,43 +57,19 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Finding:
-    """
-    One thing that is wrong.
-
-    Attributes
-    ----------
-    kind : str
-        What it is, one of `KINDS`.
-    what : str
-        The same in a sentence, with place and size.
-    remedy : str
-        What to do.
-    bag : str
-        Bag it was found in; empty where the description alone tells.
-    channels : tuple of str
-        Joints or gauges concerned; empty for all, or none in particular.
-    time : float or None
-        Where it begins, since the start of the bag [s].
-    size : float or None
-        How large it is, in `unit`.
-    unit : str
-        Unit of the size; empty for a factor.
-    measure : str
-        What `now` and `otherwise` are.
-    now, otherwise : float or None
-        Evidence: the measure as things are, and with the remedy.
-
-    """
+    """One thing that is wrong."""
 
     kind: str
-    what: str
-    remedy: str
-    bag: str = ''
+    what: str  # the same in a sentence, with place and size
+    remedy: str  # what to do
+    bag: str = ''  # bag it was found in; empty where the description alone tells
+    # Joints or gauges concerned; empty for all, or none in particular.
     channels: tuple[str, ...] = ()
-    time: float | None = None
-    size: float | None = None
-    unit: str = ''
-    measure: str = ''
+    time: float | None = None  # where it begins, since the start of the bag [s]
+    size: float | None = None  # how large it is, in `unit`
+    unit: str = ''  # unit of the size; empty for a factor
+    measure: str = ''  # what `now` and `otherwise` are
+    # Evidence: the measure as things are, and with the remedy.
     now: float | None = None
     otherwise: float | None = None
 

@@ -111,98 +111,48 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class FittedOutput:
-    """
-    A model of one output with all that is known of its worth.
+    """A model of one output with all that is known of its worth."""
 
-    Attributes
-    ----------
-    output : {'effort', 'strain'}
-        What it predicts.
-    kind : str
-        What it is, see `models.kinds.KINDS`.
-    model : Model
-        Fitted to all training bags; of all payloads where these differ.
-    training : Validation
-        Figures on the training data themselves.
-    validation : Validation
-        Figures on unseen bags.
-    random : Validation or None
-        Figures of the random split.
-    verdict : Verdict
-        May it be used.
-    unseen : tuple of (Model, BagData)
-        Motion with models that have not seen it, for thresholds.
-    noise : ndarray of shape (n_channels,)
-        Noise of the sensor of each channel in the validation, in its unit; empty where unknown.
-
-    """
-
-    output: str
-    kind: str
-    model: Model
-    training: Validation
-    validation: Validation
-    random: Validation | None
-    verdict: Verdict
-    unseen: tuple[Case, ...] = ()
+    output: str  # what it predicts
+    kind: str  # what it is, see `models.kinds.KINDS`
+    model: Model  # fitted to all training bags; of all payloads where these differ
+    training: Validation  # figures on the training data themselves
+    validation: Validation  # figures on unseen bags
+    random: Validation | None  # figures of the random split
+    verdict: Verdict  # may it be used
+    unseen: tuple[Case, ...] = ()  # motion with models that have not seen it, for thresholds
+    # (channels,): noise of the sensor of each channel in the validation, in its unit; empty where
+    # unknown.
     noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """
-    All models fitted in one go.
-
-    Attributes
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    preprocessing : PreprocessingSpec
-        Filters and rate of training, and of every later evaluation.
-    settings : FitSettings
-        Choices of the fit.
-    fitted : tuple of FittedOutput
-        One for each output and kind.
-    training, test : tuple of BagData
-        Bags learned from and bags judged by.
-    ringing : tuple of Ringing
-        Vibrations in the strain, or in the effort where there is no strain.
-    warnings : tuple of str
-        What is odd about the data.
-    elastic : Identified or None
-        What the elastic model found out about the arm, from all training bags.
-    searches : mapping of tuple of str to Identified
-        The same by names of bags, for what was left out as well.
-    findings : tuple of Finding
-        What is wrong with the bags or with the description.
-    choices : tuple of Choice
-        What was left open and chosen, and what it brought.
-    causal : FitResult or None
-        The same models fitted with causal filters, for the robot, where these are zero-phase.
-    learned, judged : tuple of BagFacts
-        All bags learned from and judged by: more than ``training`` and ``test``, where those are
-        a sample of many.
-    unused : tuple of Unused
-        Bags that were left out.
-
-    """
+    """All models fitted in one go."""
 
     arm: Arm
-    preprocessing: PreprocessingSpec
-    settings: FitSettings
-    fitted: tuple[FittedOutput, ...]
+    preprocessing: PreprocessingSpec  # filters and rate of training, and of every later evaluation
+    settings: FitSettings  # choices of the fit
+    fitted: tuple[FittedOutput, ...]  # one for each output and kind
+    # Bags learned from and bags judged by.
     training: tuple[BagData, ...]
     test: tuple[BagData, ...]
+    # Vibrations in the strain, or in the effort where there is no strain.
     ringing: tuple[Ringing, ...] = ()
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())  # what is odd about the data
+    # What the elastic model found out about the arm, from all training bags.
     elastic: Identified | None = None
+    # The same by names of bags, for what was left out as well.
     searches: Searches = field(default_factory=dict)
-    findings: tuple[Finding, ...] = ()
-    choices: tuple[Choice, ...] = ()
+    findings: tuple[Finding, ...] = ()  # what is wrong with the bags or with the description
+    choices: tuple[Choice, ...] = ()  # what was left open and chosen, and what it brought
+    # The same models fitted with causal filters, for the robot, where these are zero-phase.
     causal: FitResult | None = None
+    # All bags learned from and judged by: more than `training` and `test`, where those are a
+    # sample of many.
     learned: tuple[BagFacts, ...] = ()
     judged: tuple[BagFacts, ...] = ()
-    unused: tuple[Unused, ...] = ()
+    unused: tuple[Unused, ...] = ()  # bags that were left out
 
 
 def fit_models(
@@ -215,39 +165,7 @@ def fit_models(
     progress: Progress = lambda _: None,
     known: Searches | None = None,
 ) -> FitResult:
-    """
-    Fit every model to the training bags and validate it.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    training : sequence of BagData
-        Bags to learn from.
-    test : sequence of BagData
-        Bags to judge by; without them, each training bag is left out once.
-    holdout : (BagData, BagData), optional
-        First and last part of the only training bag, where there is one and no test bag.
-    preprocessing : PreprocessingSpec
-        Filters and rate that the bags went through.
-    settings : FitSettings
-        Choices of the fit.
-    progress : callable
-        Told what is done next.
-    known : mapping of tuple of str to Identified, optional
-        What was searched for before, behind another filter, by names of bags.
-
-    Returns
-    -------
-    FitResult
-        Fitted and judged models.
-
-    Raises
-    ------
-    FitError
-        If the bags have no output in common, or test bags lack the outputs.
-
-    """
+    """Fit every model to the training bags and validate it."""
     settings = settings.settled()
     check_kinds(settings.kinds, arm, training)
     outputs = common_outputs([*training, *test])

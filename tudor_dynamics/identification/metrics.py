@@ -35,26 +35,14 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True)
 class ChannelScore:
-    """
-    Figures of one channel.
+    """Figures of one channel."""
 
-    Attributes
-    ----------
-    rmse : float
-        Root mean square error, in the unit of the output.
-    fit : float
-        ``100 (1 - |y - yhat| / |y - mean y|)`` [%]; NaN where the measured values never change.
-    relative_error : float
-        ``|y - yhat| / |y|``; NaN where the measured values are zero.
-    moving_rmse, standing_rmse : float or None
-        Root mean square error while the joint moves, and while it stands, in the unit of the
-        output; None where it never does, or it is not known.
-
-    """
-
-    rmse: float
+    rmse: float  # root mean square error, in the unit of the output
+    # `100 (1 - |y - yhat| / |y - mean y|)` [%]; NaN where the measured values never change.
     fit: float
-    relative_error: float
+    relative_error: float  # `|y - yhat| / |y|`; NaN where the measured values are zero
+    # Root mean square error while the joint moves, and while it stands, in the unit of the output;
+    # None where it never does, or it is not known.
     moving_rmse: float | None = None
     standing_rmse: float | None = None
 
@@ -106,35 +94,21 @@ def _ratio(error: float, reference: float, size: float = 0.0) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Tally:
-    """
-    What figures need of a prediction: sums, which those of several recordings add up to.
+    """What figures need of a prediction: sums, which those of several recordings add up to."""
 
-    Attributes
-    ----------
-    n : int
-        Number of samples.
-    mean, predicted_mean : ndarray of shape (n_channels,)
-        Means of what was measured and predicted, in their units.
-    spread, predicted_spread : ndarray of shape (n_channels,)
-        Squares about these means, summed.
-    error : ndarray of shape (n_channels,)
-        Squared errors, summed.
-    length, length_spread : float
-        Mean of the Euclidean norm of the error; squares about it, summed.
-    moving : ndarray of shape (3, n_channels), or None
-        Samples at which the joint moves; squared errors of these, and of those at which it
-        stands, summed; None where unknown.
-
-    """
-
-    n: int
+    n: int  # number of samples
+    # Means of what was measured and predicted, in their units, (channels,).
     mean: FloatArray
     predicted_mean: FloatArray
+    # Squares about these means, summed, (channels,).
     spread: FloatArray
     predicted_spread: FloatArray
-    error: FloatArray
+    error: FloatArray  # squared errors, summed, (channels,)
+    # Mean of the Euclidean norm of the error; squares about it, summed.
     length: float
     length_spread: float
+    # (3, channels): samples at which the joint moves; squared errors of these, and of those at
+    # which it stands, summed; None where unknown.
     moving: FloatArray | None
 
     def __add__(self, other: Tally) -> Tally:
@@ -158,15 +132,7 @@ class Tally:
             None if self.moving is None or other.moving is None else self.moving + other.moving)
 
     def score(self, names: Sequence[str]) -> Score:
-        """
-        Give the figures.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Names of the channels.
-
-        """
+        """Give the figures."""
         squares = self.spread + self.n * self.mean**2
         printed = self.predicted_spread + self.n * (self.predicted_mean - self.mean) ** 2
         moves, moved, stood = (np.zeros((3, len(names))) if self.moving is None else self.moving)
@@ -198,18 +164,7 @@ def tally(
     """
     Sum up a prediction.
 
-    Parameters
-    ----------
-    measured, predicted : ndarray of shape (n_samples, n_channels)
-        Outputs in their units.
-    moving : ndarray of bool, shape (n_samples, n_channels), optional
-        Whether the joint of each channel moves.
-
-    Raises
-    ------
-    FitError
-        If shapes differ or there is no sample.
-
+    measured, predicted (samples, channels) [its unit], moving (samples, channels).
     """
     if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
         msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
@@ -260,22 +215,7 @@ def score(
 
 
 def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
-    """
-    Give a score as plain values without digits that mean nothing.
-
-    Parameters
-    ----------
-    score : Score
-        Figures to be rounded.
-    digits : int, default=6
-        Significant digits that are kept.
-
-    Returns
-    -------
-    dict
-        JSON-ready.
-
-    """
+    """Give a score as plain values without digits that mean nothing."""
     def shorten(value: Any) -> Any:
         if isinstance(value, dict):
             return {key: shorten(item) for key, item in value.items()}

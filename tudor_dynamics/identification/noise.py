@@ -38,20 +38,7 @@ def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -
     White noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with
     a filter of its own, is not, so that the floor is a lower bound.
 
-    Parameters
-    ----------
-    data : sequence of BagData
-        Bags that have the output.
-    output : {'effort', 'strain'}
-        Output that is judged.
-    spec : PreprocessingSpec
-        Filters and rate that the bags went through.
-
-    Returns
-    -------
-    ndarray of shape (n_channels,)
-        Standard deviation of each channel, in its unit; the median over all stretches.
-
+    Returns (channels,) [its unit].
     """
     scale = float(np.sqrt(_squares(ORDER)))
     found = []

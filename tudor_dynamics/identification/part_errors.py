@@ -28,35 +28,16 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class PartErrors:
-    """
-    Errors on a part.
+    """Errors on a part."""
 
-    Attributes
-    ----------
-    squares, power : ndarray of shape (n_channels,)
-        Squared errors and squared outputs, summed, in the unit of the output squared.
-    n : ndarray of shape (n_channels,)
-        Number of samples.
-
-    """
-
+    # (channels,): squared errors and squared outputs, summed, in the unit of the output squared.
     squares: FloatArray
     power: FloatArray
-    n: FloatArray
+    n: FloatArray  # number of samples, (channels,)
 
 
 def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> PartErrors:
-    """
-    Judge a model by products.
-
-    Parameters
-    ----------
-    model : AnalyticalModel
-        Fitted model of the same base parameters.
-    part : list of list of Products
-        What a part of the data came to, for each of its groups and channels.
-
-    """
+    """Judge a model by products."""
     found = np.zeros((3, len(model.channels)))
     for group, products in zip(model.groups_, part, strict=True):
         for i, (channel, own) in enumerate(zip(group.base.channels, products, strict=True)):

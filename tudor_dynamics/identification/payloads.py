@@ -40,27 +40,7 @@ class Loaded(Protocol):
 
 
 def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
-    """
-    Read ``BAG=KG`` arguments.
-
-    Parameters
-    ----------
-    texts : sequence of str
-        Arguments of the command line.
-    choices : sequence of BagChoice
-        Bags of the command.
-
-    Returns
-    -------
-    dict of str to float
-        Resolved path of each bag to its payload [kg].
-
-    Raises
-    ------
-    UsageError
-        If it is no bag of the command, or no mass.
-
-    """
+    """Read ``BAG=KG`` arguments [kg]."""
     known = {str(Path(choice.path).resolve()) for choice in choices}
     found = {}
     for text in texts:
@@ -85,21 +65,7 @@ def payload_range(training: Sequence[Loaded], test: Sequence[Loaded]) -> Range |
     """
     Find the payloads of a fit.
 
-    Parameters
-    ----------
-    training, test : sequence of BagData or Sight
-        Bags to learn from and bags to judge by.
-
-    Returns
-    -------
-    (float, float) or None
-        Least and largest payload of the training bags [kg]; None where they do not differ.
-
-    Raises
-    ------
-    UsageError
-        If training bags differ in payload, and that of another bag is not known.
-
+    Returns least and largest payload of the training bags [kg], None where they do not differ.
     """
     masses = [bag.payload for bag in training if bag.payload is not None]
     if not masses or max(masses) - min(masses) < SAME:

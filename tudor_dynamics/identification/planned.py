@@ -36,54 +36,26 @@ WITHIN = 0.3
 
 @dataclass(frozen=True)
 class Promise:
-    """
-    One parameter.
+    """One parameter."""
 
-    Attributes
-    ----------
-    output : {'effort', 'strain'}
-        What it predicts.
-    channels : tuple of str
-        Channels that share it.
-    name, unit : str
-        The base parameter and its unit.
-    expected : float
-        Standard error by the planned motion and the stated noise, for as many samples.
-    by_noise : float
-        The same by the noise that the fit left, in place of the stated one.
-    reached : float
-        Standard error of the fit.
-
-    """
-
-    output: str
-    channels: tuple[str, ...]
+    output: str  # what it predicts
+    channels: tuple[str, ...]  # channels that share it
+    # The base parameter and its unit.
     name: str
     unit: str
+    # Standard error by the planned motion and the stated noise, for as many samples.
     expected: float
-    by_noise: float
-    reached: float
+    by_noise: float  # the same by the noise that the fit left, in place of the stated one
+    reached: float  # standard error of the fit
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """
-    A plan and a fit.
+    """A plan and a fit."""
 
-    Attributes
-    ----------
-    promises : tuple of Promise
-        All parameters that both know.
-    runs : float
-        Length of the training bags over that of the plan, in samples that are used.
-    stated : bool
-        Whether anybody stated the noise of the plan.
-
-    """
-
-    promises: tuple[Promise, ...]
-    runs: float
-    stated: bool
+    promises: tuple[Promise, ...]  # all parameters that both know
+    runs: float  # length of the training bags over that of the plan, in samples that are used
+    stated: bool  # whether anybody stated the noise of the plan
 
     def ratios(self) -> dict[str, float]:
         """Give medians of what was reached over what was promised, and the part within 30 %."""
@@ -103,28 +75,7 @@ class Comparison:
 
 
 def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
-    """
-    Put a fit beside the plan of its recordings.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fitted models; the analytical ones for one payload are compared.
-    plan : PlanFolder
-        Plan by which the training bags were recorded.
-
-    Returns
-    -------
-    Comparison
-        Standard errors expected and reached; those expected follow the friction, filters and
-        shared parameters that the fit has chosen.
-
-    Raises
-    ------
-    UsageError
-        If the plan is for other joints, or there is no such model.
-
-    """
+    """Put a fit beside the plan of its recordings."""
     arm = result.arm
     trajectory = _ordered(plan, arm)
     models = {item.output: item.model for item in result.fitted

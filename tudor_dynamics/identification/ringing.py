@@ -38,26 +38,12 @@ SMALLEST_AMPLITUDE = 0.02
 
 @dataclass(frozen=True)
 class Ringing:
-    """
-    A vibration found in a channel.
+    """A vibration found in a channel."""
 
-    Attributes
-    ----------
-    channel : str
-        Joint or gauge that rings.
-    frequency : float
-        Where the residual's power density peaks [Hz].
-    rms : float
-        Root mean square of the band around it, in the channel's unit.
-    share : float
-        Its share of the residual's power above 0.5 Hz.
-
-    """
-
-    channel: str
-    frequency: float
-    rms: float
-    share: float
+    channel: str  # joint or gauge that rings
+    frequency: float  # where the residual's power density peaks [Hz]
+    rms: float  # root mean square of the band around it, in the channel's unit
+    share: float  # its share of the residual's power above 0.5 Hz
 
     def __str__(self) -> str:
         """Say it in a sentence."""
@@ -73,22 +59,8 @@ def power_density(
 
     As scipy's `welch` does it: windows of Hann that overlap by half, without their means.
 
-    Parameters
-    ----------
-    x : ndarray of shape (n_samples, n_channels)
-        Record, at least as long as a window.
-    rate : float
-        Samples per second [Hz].
-    length : int
-        Samples of a window.
-
-    Returns
-    -------
-    frequency : ndarray of shape (n_frequencies,)
-        Frequencies, from 0 on [Hz].
-    density : ndarray of shape (n_frequencies, n_channels)
-        Power of both signs of each frequency [unit of x squared per Hz].
-
+    x (samples, channels), rate [Hz]; returns frequency (frequencies,) [Hz] and density
+    (frequencies, channels) [unit of x squared per Hz].
     """
     pieces = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::length - length // 2]
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
@@ -104,20 +76,7 @@ def find_ringing(
     """
     Look for a resonance in what a rigid-body model leaves over, at the full sample rate.
 
-    Parameters
-    ----------
-    model : Model
-        Fitted rigid-body model.
-    data : sequence of BagData
-        Bags that have the output.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-
-    Returns
-    -------
-    tuple of Ringing
-        One for each channel that rings; empty for a damped arm.
-
+    Returns an empty tuple for a damped arm.
     """
     densities: list[FloatArray] = []
     seconds: list[float] = []

@@ -33,17 +33,7 @@ def motion_span(recording: Recording) -> tuple[float, float]:
     A joint that stands is held by friction that no model knows the sign of, and a long wait
     before or behind the motion would count as much as the motion.
 
-    Parameters
-    ----------
-    recording : Recording
-        Recording that was read.
-
-    Returns
-    -------
-    begin, end : float
-        Begin and end of the motion with a margin, or all of the recording where it stands no
-        longer than that at its ends, or never moves [s].
-
+    Returns begin, end [s].
     """
     t, q = recording.t, recording.q
     bound = STANDSTILL * max(float(np.ptp(q, axis=0).max(initial=0.0)), 1e-300)
@@ -57,22 +47,7 @@ def motion_span(recording: Recording) -> tuple[float, float]:
 
 
 def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
-    """
-    Say what of a recording is left out because nothing moves.
-
-    Parameters
-    ----------
-    recording : Recording
-        Recording that was read.
-    span : (float, float)
-        Begin and end of its motion [s].
-
-    Returns
-    -------
-    str
-        A sentence, empty where nothing is left out.
-
-    """
+    """Say what of a recording is left out because nothing moves: span [s]."""
     parts = [f'{length:.1f} s at the {end}' for length, end in (
         (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
     return f'standstill of {" and ".join(parts)} is left out' if parts else ''

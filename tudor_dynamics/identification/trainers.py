@@ -68,45 +68,14 @@ class Trainer(Protocol):
 
 
 def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
-    """
-    Build a model that is not fitted yet.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of model, one without a memory.
-    arm : Arm
-        Arm that was recorded.
-    output : {'effort', 'strain'}
-        What the model predicts.
-    settings : ModelSettings
-        Choices of the fit.
-
-    Returns
-    -------
-    MemorylessModel
-        Model to be fitted.
-
-    """
+    """Build a model that is not fitted yet."""
     made = KINDS[kind].model if settings.payloads is None else KINDS[kind].of_payloads
     assert made is not None and issubclass(made, MemorylessModel)
     return made.new(arm, output, settings)
 
 
 class RowTrainer:
-    """
-    Fits models without a memory to rows of motion.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of model.
-    arm : Arm
-        Arm that was recorded.
-    settings : ModelSettings
-        Choices of the fit.
-
-    """
+    """Fits models without a memory to rows of motion."""
 
     identified: Identified | None = None
     searches: Mapping[tuple[str, ...], Identified] = MappingProxyType({})
@@ -134,24 +103,7 @@ TRAINERS = {'elastic': ElasticTrainer}
 def check_kinds(
     kinds: Iterable[str], arm: Arm, bags: Sequence[BagData] | None = None,
 ) -> None:
-    """
-    Refuse an arm or bags that a kind cannot learn from, before hours of work and not after.
-
-    Parameters
-    ----------
-    kinds : iterable of str
-        Kinds of models.
-    arm : Arm
-        Arm that was recorded.
-    bags : sequence of BagData, optional
-        Bags to learn from, once they are read.
-
-    Raises
-    ------
-    FitError
-        If the arm or the bags do not allow it.
-
-    """
+    """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
     for kind in kinds:
         if kind in TRAINERS:
             TRAINERS[kind].check(arm, bags)
@@ -162,27 +114,7 @@ def trainer_of(
     kept: BagData | None, known: Searches | None = None,
     warm: Mapping[str, float] | None = None,
 ) -> Trainer:
-    """
-    Give the trainer of a kind.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of model.
-    arm : Arm
-        Arm that was recorded.
-    settings : ModelSettings
-        Choices of the fit.
-    progress : callable
-        Told what is done next.
-    kept : BagData or None
-        Part of the only bag, the rest of which is held out.
-    known : mapping of tuple of str to Identified, optional
-        Names of bags to what was found of them behind another filter.
-    warm : mapping of str to float, optional
-        Physical parameters where every search begins.
-
-    """
+    """Give the trainer of a kind."""
     if kind in TRAINERS:
         return TRAINERS[kind](arm, settings.payloads, progress, warm, kept, known)
     return RowTrainer(kind, arm, settings)

@@ -44,18 +44,7 @@ def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> l
     """
     Leave out each training bag once, or each part of an only one.
 
-    Parameters
-    ----------
-    training : sequence of BagData
-        Bags to learn from.
-    preprocessing : PreprocessingSpec
-        Filters and rate that they went through.
-
-    Returns
-    -------
-    list of (list of BagData, BagData)
-        What is known and what is left out; empty where the only bag is too short.
-
+    Returns an empty list where the only bag is too short.
     """
     bags = list(training)
     if len(bags) > 1:
@@ -77,29 +66,7 @@ def unseen_cases(
     fit: Callable[[Sequence[BagData]], Model], model: Model, validation: Validation,
     others: Sequence[Left], output: str,
 ) -> tuple[Case, ...]:
-    """
-    Collect bags with models that have not seen them, until there is enough motion.
-
-    Parameters
-    ----------
-    fit : callable
-        Fits a new model to bags.
-    model : Model
-        Model fitted to all training bags.
-    validation : Validation
-        What it was judged by, with the models of that.
-    others : sequence of (list of BagData, BagData)
-        As from `left_out`.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-
-    Returns
-    -------
-    tuple of (Model, BagData)
-        Those of the validation first. An only bag is taken in parts throughout, which then stand
-        in for its end. Models with a memory, which take long to fit, are fitted to nothing else.
-
-    """
+    """Collect bags with models that have not seen them, until there is enough motion."""
     cases = list(validation.cases)
     if model.has_memory:
         return tuple(cases)

@@ -47,29 +47,15 @@ SLOW = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """
-    Measured against predicted output of one bag, at the samples used.
+    """Measured against predicted output of one bag, at the samples used."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag, or part of one.
-    t : ndarray of shape (n_samples,)
-        Time since the start of the bag [s].
-    stamp : ndarray of int64, shape (n_samples,)
-        Header stamps [ns].
-    measured, predicted : ndarray of shape (n_samples, n_channels)
-        Outputs in their units.
-    moving : ndarray of bool, shape (n_samples, n_channels), or None
-        Whether the joint of each channel moves, of a strain any joint.
-
-    """
-
-    bag: str
-    t: FloatArray
-    stamp: NDArray[np.int64]
+    bag: str  # bag, or part of one
+    t: FloatArray  # time since the start of the bag, (samples,) [s]
+    stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
+    # Outputs in their units, (samples, channels).
     measured: FloatArray
     predicted: FloatArray
+    # (samples, channels): whether the joint of each channel moves, of a strain any joint.
     moving: NDArray[np.bool_] | None = None
 
     def tally(self) -> Tally:
@@ -79,28 +65,13 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """
-    Result of a validation of one model for one output.
+    """Result of a validation of one model for one output."""
 
-    Attributes
-    ----------
-    method : str
-        How it was done, in words.
-    score : Score
-        Figures over all samples of all bags.
-    traces : tuple of Trace
-        One for each bag.
-    channels : tuple of str
-        Names of the channels.
-    cases : tuple of (Model, BagData)
-        Each bag with the model that predicted it; empty for a random split.
-
-    """
-
-    method: str
-    score: Score
-    traces: tuple[Trace, ...]
-    channels: tuple[str, ...]
+    method: str  # how it was done, in words
+    score: Score  # figures over all samples of all bags
+    traces: tuple[Trace, ...]  # one for each bag
+    channels: tuple[str, ...]  # names of the channels
+    # Each bag with the model that predicted it; empty for a random split.
     cases: tuple[tuple[Model, BagData], ...] = ()
 
     def __repr__(self) -> str:
@@ -111,24 +82,7 @@ class Validation:
 
 
 def trace(model: Model, data: BagData, output: str) -> Trace:
-    """
-    Predict an output over a bag; nothing but motion goes into the model.
-
-    Parameters
-    ----------
-    model : Model
-        Model that was fitted.
-    data : BagData
-        Bag that has the output.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-
-    Returns
-    -------
-    Trace
-        Measured and predicted output, both decimated alike.
-
-    """
+    """Predict an output over a bag; nothing but motion goes into the model."""
     parts = [(s.t[s.decimation.keep], s.stamp[s.decimation.keep],
               s.decimation(getattr(s, output)), model.follow_kept(s),
               np.abs(s.states.dq[s.decimation.keep]))
@@ -145,26 +99,7 @@ def trace(model: Model, data: BagData, output: str) -> Trace:
 def validate(
     model: Model, data: Sequence[BagData], output: str, method: str,
 ) -> Validation:
-    """
-    Judge a fitted model on bags.
-
-    Parameters
-    ----------
-    model : Model
-        Model that was fitted.
-    data : sequence of BagData
-        Bags that have the output.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-    method : str
-        How the bags were chosen, in words.
-
-    Returns
-    -------
-    Validation
-        Figures and traces.
-
-    """
+    """Judge a fitted model on bags."""
     cases = [(model_for(model, bag), bag) for bag in data]
     return _summary([trace(at, bag, output) for at, bag in cases], model.channels, method, cases)
 
@@ -182,24 +117,7 @@ def _summary(
 def leave_one_bag_out(
     fit: Callable[[Sequence[BagData]], Model], data: Sequence[BagData], output: str,
 ) -> Validation:
-    """
-    Predict each bag by a model fitted to the others.
-
-    Parameters
-    ----------
-    fit : callable
-        Fits a fresh model to bags.
-    data : sequence of BagData
-        At least two bags that have the output.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-
-    Returns
-    -------
-    Validation
-        Figures over all bags, each predicted without having been seen.
-
-    """
+    """Predict each bag by a model fitted to the others."""
     traces, cases = [], []
     for i, bag in enumerate(data):
         model = model_for(fit([other for j, other in enumerate(data) if j != i]), bag)
@@ -213,33 +131,7 @@ def validate_unseen(
     training: Sequence[BagData], test: Sequence[BagData],
     holdout: tuple[BagData, BagData] | None, output: str,
 ) -> Validation:
-    """
-    Judge by what a model has not seen: test bags, each bag left out, or a part held out.
-
-    Parameters
-    ----------
-    fit : callable
-        Fits a new model to bags.
-    model : Model
-        Model fitted to all training bags.
-    training, test : sequence of BagData
-        Bags to learn from and bags to judge by.
-    holdout : (BagData, BagData), optional
-        First and last part of the only training bag.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-
-    Returns
-    -------
-    Validation
-        Figures with the way in which they were found.
-
-    Raises
-    ------
-    FitError
-        If there is nothing to judge by.
-
-    """
+    """Judge by what a model has not seen: test bags, each bag left out, or a part held out."""
     if test:
         names = ', '.join(str(bag.choice) for bag in test)
         return validate(model, test, output, f'test bag {names}' if len(test) == 1
@@ -263,28 +155,7 @@ def random_split(
     inputs: Inputs,
     seed: int = 0,
 ) -> Validation:
-    """
-    Train on a random half of the samples and test on the other (optimistic).
-
-    Parameters
-    ----------
-    fit : callable
-        Fits a fresh model to motion and output.
-    data : sequence of BagData
-        Bags that have the output.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-    inputs : callable
-        What the model takes of a stretch.
-    seed : int, default=0
-        Seed of the choice.
-
-    Returns
-    -------
-    Validation
-        Figures over the half that was not trained on.
-
-    """
+    """Train on a random half of the samples and test on the other (optimistic)."""
     generator = np.random.default_rng(seed)
     motions, values, halves, times, stamps = [], [], [], [], []
     for bag in data:

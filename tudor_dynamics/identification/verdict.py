@@ -45,23 +45,12 @@ class Grade(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """
-    A level and its reasons.
+    """A level and its reasons."""
 
-    Attributes
-    ----------
-    level : Grade
-        How far the model can be trusted.
-    reasons : tuple of str
-        Why; the first one names the figure that decides.
-    channels : dict of str to Grade
-        The same of each channel.
-
-    """
-
-    level: Grade
+    level: Grade  # how far the model can be trusted
+    # Why; the first one names the figure that decides.
     reasons: tuple[str, ...] = field(default=())
-    channels: dict[str, Grade] = field(default_factory=dict)
+    channels: dict[str, Grade] = field(default_factory=dict)  # the same of each channel
 
     def __str__(self) -> str:
         """Write level and reasons on one line."""
@@ -69,23 +58,7 @@ class Verdict:
 
 
 def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Grade:
-    """
-    Judge figures.
-
-    Parameters
-    ----------
-    score : Score or ChannelScore
-        Figures on motion that the model has not seen.
-    noise : float, default=0.0
-        Noise of the sensor, in the unit of the output; 0 where it is not known.
-
-    Returns
-    -------
-    Grade
-        By the fit; but an error that is small beside the output makes a model usable whatever
-        its fit is, and one that is all that there is to get makes a usable one good.
-
-    """
+    """Judge figures; noise [unit of the output]: 0 where it is not known."""
     if score.fit >= GOOD_FIT:
         return Grade.GOOD
     limited = noise > 0.0 and score.rmse <= NOISE_LIMITED * noise
@@ -107,24 +80,7 @@ def judge(
     """
     Judge a model by its validation and by what its training data could show.
 
-    Parameters
-    ----------
-    validation : Validation
-        Figures on motion that the model has not seen.
-    training_fit : float
-        Fit on its own training data [%].
-    condition : float, default=1.0
-        Largest condition number among its regressions.
-    unexcited : sequence of str
-        Parameters that the motion does not show.
-    noise : sequence of float
-        Noise of the sensor of each channel, in its unit; empty where it is not known.
-
-    Returns
-    -------
-    Verdict
-        Level with reasons.
-
+    training_fit [%]; noise [its unit]: empty where it is not known.
     """
     scores = validation.score.channels
     floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
@@ -189,22 +145,7 @@ def judge_model(
     """
     Judge a model, by its conditioning as well where it has one.
 
-    Parameters
-    ----------
-    model : Model
-        Model that was fitted.
-    validation : Validation
-        Figures on unseen motion.
-    training_fit : float
-        Fit on the training bags [%].
-    noise : sequence of float
-        Noise of the sensor of each channel, in its unit.
-
-    Returns
-    -------
-    Verdict
-        May it be used.
-
+    training_fit [%], noise [its unit].
     """
     known = model.conditioning()
     return judge(validation, training_fit, condition=known.condition,

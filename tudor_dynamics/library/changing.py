@@ -39,51 +39,19 @@ Part = list[list[Products]]
 
 @dataclass(frozen=True, eq=False)
 class Changed:
-    """
-    A bundle with other bags.
+    """A bundle with other bags."""
 
-    Attributes
-    ----------
-    bundle : ModelBundle
-        Its models are those of a fit to all its bags with the same choices. Validation and
-        thresholds among its facts are still of the model before.
-    left_out : dict of str to dict of str to ndarray
-        Output to bag to the relative error of each channel, when this bag alone is left out.
-
-    """
-
+    # Its models are those of a fit to all its bags with the same choices. Validation and
+    # thresholds among its facts are still of the model before.
     bundle: ModelBundle
+    # Output to bag to the relative error of each channel, when this bag alone is left out.
     left_out: dict[str, dict[str, FloatArray]]
 
 
 def change_bags(
     bundle: ModelBundle, add: Sequence[str] = (), drop: Sequence[str] = (),
 ) -> Changed:
-    """
-    Add bags to the models of a bundle, and take others away.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Bundle that was read with its data.
-    add : sequence of str
-        Bags to be added, or parts of them.
-    drop : sequence of str
-        Bags to be taken away, as the bundle names them.
-
-    Returns
-    -------
-    Changed
-        Models of the other bags.
-
-    Raises
-    ------
-    ModelError
-        If a model of the bundle is no sum over its bags, or has not kept what they came to.
-    UsageError
-        If a bag to be dropped is not there, one to be added is, or nothing would be left.
-
-    """
+    """Add bags to the models of a bundle, and take others away."""
     names = _parts(bundle)
     choices = [parse_choice(text) for text in add]
     keys = [str(choice) for choice in choices]

@@ -57,33 +57,7 @@ def read_bags(
     payloads: Mapping[str, float],
     progress: Progress = lambda _: None,
 ) -> tuple[list[BagData], list[BagData]]:
-    """
-    Read and filter the bags of a fit.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    training, test : sequence of BagChoice
-        Bags to learn from and bags to judge by.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-    payloads : mapping of str to float
-        Resolved path of a bag to its mass at the tip, in place of its metadata [kg].
-    progress : callable
-        Told which bag is read next.
-
-    Returns
-    -------
-    training, test : list of BagData
-        Bags ready for models.
-
-    Raises
-    ------
-    FitError
-        If a bag is a copy of another one.
-
-    """
+    """Read and filter the bags of a fit: payloads [kg]."""
     def read(choice: BagChoice, *, learn: bool) -> BagData:
         progress(f'read {choice}')
         return load(choice, arm, preprocessing, learn=learn,
@@ -105,35 +79,7 @@ def fit_bags(
     *,
     ignore_payload: bool = False,
 ) -> FitResult:
-    """
-    Fit models to bags that were read, of all payloads where the bags have several.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    training, test : sequence of BagData
-        Bags of ``read_bags``; of an only bag without a test, the end is held out to judge by.
-    preprocessing : PreprocessingSpec
-        Filters and rate that the bags went through; a filter that is not set is chosen.
-    settings : FitSettings
-        Kinds of models and their choices; what is left open is chosen.
-    progress : callable
-        Told what is done next.
-    ignore_payload : bool, default=False
-        Fit as if all bags had the same payload.
-
-    Returns
-    -------
-    FitResult
-        Fitted and judged models.
-
-    Raises
-    ------
-    UsageError
-        If a payload is missing, or nothing of what is asked for can be fitted to several.
-
-    """
+    """Fit models to bags that were read, of all payloads where the bags have several."""
     found = None if ignore_payload else payload_range(training, test)
     if found is not None:
         settings = _of_all_payloads(settings, found)

@@ -52,44 +52,16 @@ SUFFIX = '.sums'
 
 @dataclass(frozen=True)
 class Streaming:
-    """
-    How many bags are gone through.
+    """How many bags are gone through."""
 
-    Attributes
-    ----------
-    folder : Path
-        Where sums of each bag are kept, to go on after an interruption; made where it is not.
-    jobs : int
-        Number of processes.
-    strict : bool
-        Refuse a bag that cannot be used, in place of leaving it out.
-
-    """
-
+    # Where sums of each bag are kept, to go on after an interruption; made where it is not.
     folder: Path
-    jobs: int = 1
-    strict: bool = False
+    jobs: int = 1  # number of processes
+    strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
 
 
 def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
-    """
-    Say whether a fit goes bag by bag.
-
-    Parameters
-    ----------
-    bags : int
-        Number of bags to learn from.
-    settings : FitSettings
-        Choices of the fit.
-    asked : bool
-        Whether it was asked for.
-
-    Raises
-    ------
-    UsageError
-        If it has to, and one of the models cannot be fitted to sums.
-
-    """
+    """Say whether a fit goes bag by bag."""
     if not asked and bags < FROM:
         return False
     others = [kind for kind in settings.kinds if kind != 'analytical']
@@ -125,35 +97,7 @@ def fit_many(
     What is left open is chosen by a sample of the bags, which thresholds and figures come from as
     well. Models and validation are of all of them.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    training, test : sequence of BagChoice
-        Bags to learn from and bags to judge by; without the latter, groups of bags are left out.
-    preprocessing : PreprocessingSpec
-        Filters and rate; a filter that is not set is chosen.
-    settings : FitSettings
-        Choices of the fit.
-    payloads : mapping of str to float
-        Resolved path of a bag to its mass at the tip, in place of its metadata [kg].
-    streaming : Streaming
-        How they are gone through.
-    progress : callable
-        Told what is done next, and each bag that is done.
-    ignore_payload : bool, default=False
-        Fit as if all bags had the same payload.
-
-    Returns
-    -------
-    FitResult
-        Fitted and judged models.
-
-    Raises
-    ------
-    TudorError
-        If there is nothing to learn from, or ``strict`` and a bag cannot be used.
-
+    payloads [kg].
     """
     many = _Many(arm, settings, preprocessing, streaming, progress)
     return many.fit(training, test, payloads, ignore_payload=ignore_payload)

@@ -39,22 +39,11 @@ T = TypeVar('T')
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """
-    What the models of a bundle make of bags.
+    """What the models of a bundle make of bags."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Arm of the models.
-    data : tuple of BagData
-        Bags, filtered as the models need it.
-    outputs : dict of str to dict of str to Validation
-        Output (``effort``, ``strain``) to kind of model to figures and traces.
-
-    """
-
-    arm: Arm
-    data: tuple[BagData, ...]
+    arm: Arm  # arm of the models
+    data: tuple[BagData, ...]  # bags, filtered as the models need it
+    # Output (`effort`, `strain`) to kind of model to figures and traces.
     outputs: dict[str, dict[str, Validation]]
 
     def __repr__(self) -> str:
@@ -71,25 +60,8 @@ class Prediction:
         """
         Draw one channel of the first bag: measured, predicted by each model, and the residual.
 
-        Parameters
-        ----------
-        path : str or Path, optional
-            Picture to write, ``.png``, ``.svg`` or ``.pdf``; only drawn by default.
-        output : {'effort', 'strain'}, optional
-            What to draw; strain by default, where it was predicted.
-        channel : str, optional
-            Joint or gauge; the first one by default.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-            The figure, which a notebook shows.
-
-        Raises
-        ------
-        UsageError
-            If there is no such output or channel, or the path is that of no picture.
-
+        path: only drawn by default; output: strain by default, where it was predicted; channel:
+        the first one by default.
         """
         # plots are slow to import, and most predictions are read
         from tudor_dynamics.report.data import liveliest
@@ -124,27 +96,7 @@ def _known(items: dict[str, T], name: str, what: str) -> T:
 
 
 def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
-    """
-    Let every model of a bundle predict bags that were read.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models of one arm.
-    data : sequence of BagData
-        Bags, filtered as the models need it.
-
-    Returns
-    -------
-    Prediction
-        Figures and traces of each model.
-
-    Raises
-    ------
-    UsageError
-        If the bags have nothing in common that the models predict.
-
-    """
+    """Let every model of a bundle predict bags that were read."""
     outputs = [output for output in common_outputs(data) if output in bundle.models]
     bags = ', '.join(str(bag.choice) for bag in data)
     if not outputs:
@@ -157,22 +109,7 @@ def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
 
 
 def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
-    """
-    Warn of bags that a model was trained on.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models of one arm.
-    data : sequence of BagData
-        Bags that they predict.
-
-    Returns
-    -------
-    list of str
-        Those that are no test, by checksum.
-
-    """
+    """Warn of bags that a model was trained on."""
     seen = _trained_on(bundle.facts, data)
     if seen:
         msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '

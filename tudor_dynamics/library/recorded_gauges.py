@@ -26,28 +26,7 @@ from tudor_dynamics.identification.bag_choice import BagChoice
 
 
 def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
-    """
-    Leave out gauges of the description that no bag has, where bags have others.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm as described.
-    bags : sequence of BagChoice
-        Bags to learn from and to judge by.
-
-    Returns
-    -------
-    Arm
-        With the gauges that were recorded; as described where all or none were, or the damper
-        needs one that was not.
-
-    Raises
-    ------
-    BagError
-        If a bag cannot be read.
-
-    """
+    """Leave out gauges of the description that no bag has, where bags have others."""
     if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
                                   for gauge in arm.gauges):
         return arm

@@ -59,31 +59,7 @@ Analytical = TypeVar('Analytical', bound='AnalyticalModel')
 
 
 class AnalyticalModel(MemorylessModel):
-    """
-    Outputs as base regressor times base parameters.
-
-    Parameters
-    ----------
-    regressor : Regressor
-        Rows of the outputs.
-    n_joints : int
-        Number of active joints.
-    estimator : {'wls', 'ols', 'huber'}, default='wls'
-        Least squares weighted by channel variance, plain, or re-weighted with Huber's function.
-    base : tuple of BaseSet, optional
-        Base parameters where they are known already, as those of a saved model are.
-
-    Attributes
-    ----------
-    base_ : tuple of BaseSet
-        Base parameters of each group of channels; known before the fit.
-    groups_ : tuple of Group
-        Estimates, after the fit.
-    data_ : dict of str to list of list of Products
-        What each part of the training data comes to, for each group and channel: all that
-        estimates need. Empty for a model that was read without its data.
-
-    """
+    """Outputs as base regressor times base parameters."""
 
     def __init__(
         self,
@@ -173,24 +149,7 @@ class AnalyticalModel(MemorylessModel):
     def products(
         self, blocks: Blocks, *, triangular: bool = False, weights: FloatArray | None = None,
     ) -> list[list[Products]]:
-        """
-        Accumulate the products of every group and channel.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the training data anew at each call.
-        triangular : bool, default=False
-            Accumulate triangular factors too: slower, but accurate for ill-conditioned motion.
-        weights : ndarray of shape (n_kept, n_channels), optional
-            Weight of each squared residual.
-
-        Returns
-        -------
-        list of list of Products
-            For each group, one entry for each of its channels.
-
-        """
+        """Accumulate the products of every group and channel: weights (kept, channels)."""
         supports = self._supports()
         sums = [[Products.empty(len(places), triangular=triangular) for places in support]
                 for support in supports]
@@ -218,20 +177,7 @@ class AnalyticalModel(MemorylessModel):
                  for channel in base.channels] for base in self.base_]
 
     def fit_data(self: Analytical, data: Mapping[str, list[list[Products]]]) -> Analytical:
-        """
-        Estimate from what parts of the data come to.
-
-        Parameters
-        ----------
-        data : mapping of str to list of list of Products
-            Name of each part to its products, as from `products`; the model keeps them.
-
-        Returns
-        -------
-        AnalyticalModel
-            Self.
-
-        """
+        """Estimate from what parts of the data come to."""
         self.data_ = dict(data)
         self.groups_ = tuple(self._estimate(base, group) for base, group in zip(
             self.base_, summed(data.values()), strict=True))

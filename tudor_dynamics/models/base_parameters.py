@@ -40,22 +40,11 @@ PAYLOAD = 'payload*'
 
 @dataclass(frozen=True, eq=False)
 class BaseSet:
-    """
-    Base parameters of one group of channels.
+    """Base parameters of one group of channels."""
 
-    Attributes
-    ----------
-    channels : tuple of int
-        Channels that share the parameters.
-    kept : ndarray of int, shape (n_base,)
-        Columns of the regressor that span all of them.
-    names : tuple of str
-        What each base parameter stands for: the kept parameter and those that are grouped with it.
-
-    """
-
-    channels: tuple[int, ...]
-    kept: NDArray[np.intp]
+    channels: tuple[int, ...]  # channels that share the parameters
+    kept: NDArray[np.intp]  # columns of the regressor that span all of them, (base,)
+    # What each base parameter stands for: the kept parameter and those that are grouped with it.
     names: tuple[str, ...]
 
 
@@ -63,22 +52,9 @@ def random_motion(n_joints: int, n_samples: int, seed: int) -> FloatArray:
     """
     Draw random states that excite every parameter.
 
-    Parameters
-    ----------
-    n_joints : int
-        Number of joints.
-    n_samples : int
-        Number of states.
-    seed : int
-        Seed of the generator.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]``, within +-pi, +-2, +-5 [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; every
-        second state is slow, down to 0.2 mrad/s, where friction terms differ that are alike (or
-        nothing) at speed.
-
+    Returns (samples, 3 joints): ``[q, dq, ddq]``, within +-pi, +-2, +-5
+    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; every second state is slow, down to 0.2 mrad/s, where
+    friction terms differ that are alike (or nothing) at speed.
     """
     generator = np.random.default_rng(seed)
     scale = np.repeat([np.pi, 2.0, 5.0], n_joints)
@@ -94,18 +70,7 @@ def random_inputs(
     """
     Draw random inputs of a regressor: motion, and what it takes beyond that.
 
-    Parameters
-    ----------
-    regressor : Regressor
-        Rows; an attribute ``extra_inputs`` says how many inputs follow the motion and bristles.
-    n_joints, n_samples, seed : int
-        As for `random_motion`.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, 3 n_joints + n_bristles + extra_inputs)
-        Motion; how far bristles are bent, where rows have some; then values between 0 and 1.
-
+    Returns (samples, 3 joints + bristles + extra_inputs).
     """
     motion = random_motion(n_joints, n_samples, seed)
     extra = int(getattr(regressor, 'extra_inputs', 0))
@@ -125,20 +90,7 @@ def independent_columns(
     """
     Take each column that is no combination of the columns before it.
 
-    Parameters
-    ----------
-    matrix : ndarray of shape (n_rows, n_columns)
-        Columns in order of preference.
-    tolerance : float
-        Part of a column, relative to the largest column, that has to be left over.
-
-    Returns
-    -------
-    kept : ndarray of int
-        Columns taken.
-    mixture : ndarray of shape (n_kept, n_columns)
-        ``matrix = matrix[:, kept] @ mixture``.
-
+    matrix (rows, columns); returns mixture (kept, columns).
     """
     largest = float(np.max(np.linalg.norm(matrix, axis=0), initial=0.0))
     basis = np.zeros((matrix.shape[0], 0))
@@ -165,17 +117,6 @@ def preference(columns: tuple[str, ...]) -> list[int]:
     Friction and offsets first, for they are nobody else's; then first moments and inertias about
     the joints' axes, as textbooks write them; then the rest; rotor inertias last, as they merge
     with the inertia of the first link that they turn. What a payload adds comes behind all that.
-
-    Parameters
-    ----------
-    columns : tuple of str
-        Names of the columns.
-
-    Returns
-    -------
-    list of int
-        All columns, preferred ones first.
-
     """
     order = ['Izz', 'Iyy', 'Ixx', 'mx', 'my', 'mz', 'Ixy', 'Ixz', 'Iyz', 'm', 'Ia']
 
@@ -201,24 +142,7 @@ def _name(columns: list[str], row: FloatArray, own: int) -> str:
 
 
 def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[BaseSet, ...]:
-    """
-    Find the base parameters of each group of channels.
-
-    Parameters
-    ----------
-    regressor : Regressor
-        Rows to reduce.
-    n_joints : int
-        Number of active joints.
-    seed : int, default=0
-        Seed of the random states; the result depends on it in rounding only.
-
-    Returns
-    -------
-    tuple of BaseSet
-        One for each of the regressor's groups.
-
-    """
+    """Find the base parameters of each group of channels."""
     smallest = min(len(group) for group in regressor.groups)
     n_states = len(regressor.columns) // smallest + 20
     rows = regressor.rows(random_inputs(regressor, n_joints, n_states, seed))

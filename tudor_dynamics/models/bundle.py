@@ -27,20 +27,10 @@ from tudor_dynamics.models.payload import SAME
 
 @dataclass(frozen=True, eq=False)
 class CausalModels:
-    """
-    Models fitted with causal filters, as they run beside the robot.
+    """Models fitted with causal filters, as they run beside the robot."""
 
-    Attributes
-    ----------
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-    models : dict of str to dict of str to model
-        As those of `ModelBundle`.
-
-    """
-
-    preprocessing: PreprocessingSpec
-    models: dict[str, dict[str, Model]]
+    preprocessing: PreprocessingSpec  # filters and rate
+    models: dict[str, dict[str, Model]]  # as those of `ModelBundle`
 
 
 @dataclass(eq=False)

@@ -30,22 +30,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class Coupling:
-    """
-    From what is measured to joints and motors, and back.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm, with or without couplings.
-
-    Attributes
-    ----------
-    speeds : ndarray of shape (n_joints, n_joints)
-        Speeds of the motors by those of the joints.
-    reach : ndarray of shape (n_joints, n_joints)
-        What each effort feels of each motor's friction and inertia.
-
-    """
+    """From what is measured to joints and motors, and back: speeds, reach (joints, joints)."""
 
     def __init__(self, arm: Arm) -> None:
         matrix, spec = arm.coupling, arm.spec.couplings
@@ -68,11 +53,8 @@ class Coupling:
         """
         Give the motion of the joints.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` as measured [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` as measured
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         if self._joints is None:
             return motion
@@ -83,11 +65,7 @@ class Coupling:
         """
         Give what the motors have turned by, behind their gears.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_samples, n_joints)
-            Positions as measured [rad or m].
-
+        q (samples, joints) [rad or m].
         """
         if self._alone:
             return q
@@ -98,11 +76,7 @@ class Coupling:
         """
         Turn rows of the joints into rows of what is measured, in place.
 
-        Parameters
-        ----------
-        rows : ndarray of shape (n_samples, n_joints, n_columns)
-            Rows of the bodies.
-
+        rows (samples, joints, columns).
         """
         if self._mixture is not None:
             rows[:] = np.einsum('ij,kjp->kip', self._mixture, rows)
@@ -113,20 +87,8 @@ class Coupling:
         """
         Evaluate what the bodies ask of each effort.
 
-        Parameters
-        ----------
-        bodies : RigidBodies
-            Bodies with the joints as channels.
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        parameters : ndarray of shape (n_joints, n_columns)
-            Parameters of each effort.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_joints)
-            Efforts [N m or N].
-
+        parameters (joints, columns); motion (samples, 3 joints): ``[q, dq, ddq]`` of the joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, joints) [N m or N].
         """
         out = np.empty((len(motion), len(parameters)))
         bodies.outputs(motion, parameters, out)

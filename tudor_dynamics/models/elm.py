@@ -202,33 +202,7 @@ def restored(
     made: Callable[[tuple[str, ...], dict[str, Any]], Machine], content: dict[str, Any],
     arm: Arm, output: str, extra: int = 0,
 ) -> Machine:
-    """
-    Build an ELM from settings and arrays.
-
-    Parameters
-    ----------
-    made : callable
-        Makes it from channels and settings.
-    content : dict
-        As from ``to_dict``.
-    arm : Arm
-        Arm it was fitted for.
-    output : {'effort', 'strain'}
-        What it predicts.
-    extra : int, default=0
-        Inputs beside the motion.
-
-    Returns
-    -------
-    ExtremeLearningMachine
-        ELM that can predict.
-
-    Raises
-    ------
-    ModelError
-        If an array is missing, of another shape, or not finite.
-
-    """
+    """Build an ELM from settings and arrays."""
     part, channels = read(ElmPart, content), channels_of(arm, output)
     hidden = part.hidden
     if not 1 <= hidden <= MAX_HIDDEN or part.channels != channels:

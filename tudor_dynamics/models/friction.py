@@ -41,20 +41,7 @@ _DIRECTED = {'viscous': (_VISCOUS_FORWARD, _VISCOUS_BACKWARD), 'coulomb': (_FORW
 
 
 def friction_names(joint: JointSpec) -> tuple[str, ...]:
-    """
-    Name the friction parameters of a joint.
-
-    Parameters
-    ----------
-    joint : JointSpec
-        Description with its friction terms.
-
-    Returns
-    -------
-    tuple of str
-        One name a column, such as ``viscous+(joint2)``.
-
-    """
+    """Name the friction parameters of a joint."""
     names: list[str] = []
     for term in joint.friction:
         if joint.asymmetric and term in ('viscous', 'coulomb'):
@@ -73,27 +60,8 @@ def friction_columns(
     """
     Evaluate the friction columns of a joint.
 
-    Parameters
-    ----------
-    joint : JointSpec
-        Description with its friction terms.
-    dq : ndarray of shape (n_samples,)
-        Velocity of the joint [rad/s or m/s].
-    load : ndarray of shape (n_samples,), optional
-        What the bodies ask of the joint, for the term ``load`` [N m or N]; 1 by default.
-    bent : ndarray of shape (n_samples, n_bristles or more), optional
-        How far friction that gives way has done so, from -1 to 1; as of a joint that slides by
-        default.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_terms)
-        Columns in the order of `friction_names`. Coefficients come out in effort units per
-        velocity unit (viscous), effort units (coulomb, offset, stribeck, presliding), effort
-        units per root or square of the velocity unit (cube_root, square), and as a part of the
-        load (load).
-        In the asymmetric case the negative direction's Coulomb coefficient comes out negative.
-
+    dq (samples,) [rad/s or m/s], load (samples,) [N m or N]; bent (samples, bristles or more): as
+    of a joint that slides by default; returns (samples, terms).
     """
     codes = friction_codes(joint)
     out = np.empty((len(dq), len(codes)))
@@ -128,20 +96,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
 
     Friction that gives way is taken as that of a joint that slides.
 
-    Parameters
-    ----------
-    code : int
-        Which, of `friction_codes`.
-    dq : float
-        Velocity of the joint [rad/s or m/s].
-    sharp, stribeck : float
-        Velocities of the smoothed sign and of Stribeck's curve [rad/s or m/s].
-
-    Returns
-    -------
-    float
-        Value.
-
+    dq, sharp, stribeck [rad/s or m/s].
     """
     if code == _OFFSET:
         return 1.0

@@ -33,19 +33,8 @@ class JointTerms:
     """
     What the drives of the joints add to the efforts of the bodies.
 
-    Parameters
-    ----------
-    joints : sequence of JointSpec
-        Joints with their terms.
-    columns : sequence of int
-        First column of the parameters of each joint's drive: rotor inertia, then friction.
-    scale : ndarray of shape (n_joints,)
-        Effort per unit in which it is measured.
-    speeds : ndarray of shape (n_joints, n_joints), optional
-        Speeds of the drives by those of the joints; each its own by default.
-    reach : ndarray of shape (n_joints, n_joints), optional
-        What each effort feels of each drive; of its own by default.
-
+    scale (joints,); speeds (joints, joints): each its own by default; reach (joints, joints): of
+    its own by default.
     """
 
     def __init__(
@@ -69,19 +58,9 @@ class JointTerms:
         """
         Add rotor inertias and friction, and bring the sum to the unit of the measurement.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2].
-        parameters : ndarray of shape (n_joints, n_columns)
-            Parameters of each channel.
-        out : ndarray of shape (n_samples, n_joints)
-            Efforts of the bodies [N m or N]; changed in place.
-        bent : ndarray of shape (n_samples, n_bristles), optional
-            How far friction that gives way has done so, from -1 to 1, the first bristle of each
-            drive before the second ones; as of joints that slide by default.
-
+        parameters (joints, columns), bent (samples, bristles); motion (samples, 3 joints):
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        writes out (samples, joints) [N m or N].
         """
         _add(self._terms, motion, NOT_KNOWN if bent is None else bent, parameters, out)
 

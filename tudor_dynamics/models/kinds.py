@@ -29,25 +29,13 @@ from tudor_dynamics.models.payload import PayloadELM, PayloadModel
 
 @dataclass(frozen=True)
 class Kind:
-    """
-    A kind of model.
+    """A kind of model."""
 
-    Attributes
-    ----------
-    label : str
-        What tables and legends call it.
-    model : type of Model
-        Its class for bags of one payload.
-    of_payloads : type of Model, optional
-        Its class for bags of several payloads; None where it cannot be fitted to them.
-    compared : bool, default=False
-        Whether it is there for comparison, so that no verdict depends on it while others are.
-
-    """
-
-    label: str
-    model: type[Model]
+    label: str  # what tables and legends call it
+    model: type[Model]  # its class for bags of one payload
+    # Its class for bags of several payloads; None where it cannot be fitted to them.
     of_payloads: type[Model] | None = None
+    # Whether it is there for comparison, so that no verdict depends on it while others are.
     compared: bool = False
 
     def from_content(self, content: dict[str, Any]) -> type[Model]:

@@ -69,55 +69,19 @@ class MemorylessModel(Model):
     A model that learns from rows: its outputs depend on the motion at their sample.
 
     What friction makes of the motion before, where it gives way, is an input beside it.
-
-    Attributes
-    ----------
-    bristles : Bristles or None
-        What follows such friction.
-
     """
 
     has_memory = False
-    bristles: Bristles | None = None
+    bristles: Bristles | None = None  # what follows such friction
 
     @classmethod
     @abstractmethod
     def new(cls: type[Learner], arm: Arm, output: str, settings: ModelSettings) -> Learner:
-        """
-        Build a model that is not fitted yet.
-
-        Parameters
-        ----------
-        arm : Arm
-            Arm that was recorded.
-        output : {'effort', 'strain'}
-            What the model predicts.
-        settings : ModelSettings
-            Choices of the fit.
-
-        Returns
-        -------
-        MemorylessModel
-            Model to be fitted.
-
-        """
+        """Build a model that is not fitted yet."""
 
     @abstractmethod
     def fit_blocks(self: Learner, blocks: Blocks) -> Learner:
-        """
-        Learn from data that come in blocks.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the blocks anew at each call.
-
-        Returns
-        -------
-        MemorylessModel
-            Self.
-
-        """
+        """Learn from data that come in blocks."""
 
     def fit_parts(
         self: Learner, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
@@ -125,19 +89,7 @@ class MemorylessModel(Model):
         """
         Learn from several parts, such as bags, of which other models may learn too.
 
-        Parameters
-        ----------
-        parts : mapping of str to callable
-            Name to the data of each part.
-        known : dict
-            What models of this arm and output keep of a part, so that nothing is done twice;
-            empty before the first.
-
-        Returns
-        -------
-        MemorylessModel
-            Self.
-
+        known: empty before the first.
         """
         def blocks() -> Iterator[TrainingBlock]:
             for part in parts.values():
@@ -149,24 +101,9 @@ class MemorylessModel(Model):
         """
         Learn from motion and outputs.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2], and the payload [kg] where the model is of all payloads.
-        output : ndarray of shape (n_samples, n_channels)
-            Measured outputs in their units.
-
-        Returns
-        -------
-        MemorylessModel
-            Self.
-
-        Raises
-        ------
-        FitError
-            If shapes do not fit, there are too few samples, or a setting is impossible.
-
+        output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` of the
+        active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2], and the payload [kg]
+        where the model is of all payloads.
         """
         return self.fit_blocks(block_of(motion, output))
 
@@ -214,15 +151,7 @@ class MemorylessModel(Model):
 
 
 class RowByRow:
-    """
-    Models without a memory, sample by sample; see ``Live``.
-
-    Parameters
-    ----------
-    models : mapping of str to MemorylessModel
-        Output to model.
-
-    """
+    """Models without a memory, sample by sample; see ``Live``."""
 
     observing = False
 

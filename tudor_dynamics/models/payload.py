@@ -57,17 +57,7 @@ def last_body(model: pin.Model) -> str:
 
 
 class PayloadRegressor:
-    """
-    Rows of a regressor, and those of its last body once more for each kilogram of payload.
-
-    Parameters
-    ----------
-    plain : EffortRegressor or StrainRegressor
-        Rows without payload.
-    body : str
-        Joint of the body that carries the payload.
-
-    """
+    """Rows of a regressor, and those of its last body once more for each kilogram of payload."""
 
     extra_inputs = 1
     """The payload follows the motion [kg]."""
@@ -120,15 +110,7 @@ def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> Pay
 
 
 def check_payload(payload: float, known: Range) -> None:
-    """
-    Refuse what is no mass, and warn beyond the payloads that a model was fitted to.
-
-    Raises
-    ------
-    FitError
-        If it is negative or not finite.
-
-    """
+    """Refuse what is no mass, and warn beyond the payloads that a model was fitted to."""
     if not 0.0 <= payload < float('inf'):
         msg = f'a payload of {payload} kg is impossible; give 0 or more'
         raise FitError(msg)
@@ -143,19 +125,7 @@ class PayloadModel(AnalyticalModel):
     """
     Analytical model of all payloads; its input is ``[q, dq, ddq, payload]``.
 
-    Parameters
-    ----------
-    regressor : PayloadRegressor
-        Rows for arm and payload together.
-    n_joints : int
-        Number of active joints.
-    payload_range : (float, float)
-        Least and largest payload of the training data [kg].
-    estimator : {'wls', 'ols', 'huber'}, default='wls'
-        As for `AnalyticalModel`.
-    base : tuple of BaseSet, optional
-        Base parameters where they are known already.
-
+    payload_range [kg].
     """
 
     def __init__(
@@ -230,15 +200,7 @@ class PayloadELM(ExtremeLearningMachine):
     """
     ELM of all payloads: the payload is one more input, ``[q, dq, ddq, payload]``.
 
-    Parameters
-    ----------
-    channels : tuple of str
-        Names of the outputs.
-    payload_range : (float, float)
-        Least and largest payload of the training data [kg].
-    hidden, ridge, seed, clip
-        As for `ExtremeLearningMachine`.
-
+    payload_range [kg].
     """
 
     def __init__(

@@ -48,21 +48,8 @@ def bent_along(stretch: Stretch, coupling: Coupling, distance: FloatArray) -> Fl
     """
     Follow bristles along a stretch, from what is known of the motion before it on.
 
-    Parameters
-    ----------
-    stretch : Stretch
-        Motion without a gap.
-    coupling : Coupling
-        What drives turn by.
-    distance : ndarray of shape (n_bristles, n_joints)
-        Displacement from rest to sliding, of each drive's bristles; infinite for one that is not
-        there [rad or m].
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_bristles, n_joints)
-        How far they are bent, -1 to 1; 0 where the motion begins.
-
+    distance (bristles, joints) [rad or m]: infinite for one that is not there; returns
+    (samples, bristles, joints), 0 where the motion begins.
     """
     q, earlier = stretch.states.q, 0
     if stretch.before is not None:
@@ -75,20 +62,7 @@ def bent_along(stretch: Stretch, coupling: Coupling, distance: FloatArray) -> Fl
 
 
 class Bristles:
-    """
-    The bristles of an arm's drives.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm, a joint of which has friction that gives way.
-
-    Attributes
-    ----------
-    count : int
-        Inputs behind the motion: as many for each drive as the one with the most bristles has.
-
-    """
+    """The bristles of an arm's drives."""
 
     def __init__(self, arm: Arm) -> None:
         self.coupling = Coupling(arm)
@@ -102,31 +76,15 @@ class Bristles:
         """
         Give the motion of a stretch, and how far the bristles are bent.
 
-        Parameters
-        ----------
-        stretch : Stretch
-            Motion without a gap.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, 3 n_joints + count)
-            ``[q, dq, ddq, z]``, the first bristle of each drive before the second ones.
-
+        Returns (samples, 3 joints + count): ``[q, dq, ddq, z]``, the first bristle of each drive
+        before the second ones.
         """
         bent = bent_along(stretch, self.coupling, self.distance)
         return np.hstack([stretch.motion, bent.reshape(len(bent), -1)])
 
 
 class Trail:
-    """
-    Bristles beside a running robot.
-
-    Parameters
-    ----------
-    bristles : Bristles
-        Those of its arm.
-
-    """
+    """Bristles beside a running robot."""
 
     def __init__(self, bristles: Bristles) -> None:
         self._bristles = bristles
@@ -138,18 +96,9 @@ class Trail:
         """
         Go to the next sample.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s]; 0 to begin anew.
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (3 n_joints + count,)
-            ``[q, dq, ddq, z]``, as `Bristles.follow` gives it.
-
+        dt [s]; row (3 joints,): ``[q, dq, ddq]`` of one sample
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (3 joints + count,): ``[q, dq, ddq, z]``,
+        as `Bristles.follow` gives it.
         """
         most, n = self._bristles.distance.shape
         places = np.tile(self._bristles.coupling.drive_places(row[None, :n]), most)

@@ -78,7 +78,7 @@ class Regressor(Protocol):
             ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
             m/s^2]; behind it what friction that gives way has done, as of joints that slide where
             that is left out (`Bristles`).
-        out : ndarray, optional
+        out : ndarray of shape (n_samples, n_channels, n_columns), optional
             Array to be filled, in place of a new one.
 
         """
@@ -107,22 +107,7 @@ class EffortRegressor:
     parameters of its own, scaled by that constant, or shares those of the others as well: then
     the constants are to be found with them (`torque_constants.find_constants`).
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose active joints are described.
-    shared : bool, default=False
-        One set of inertial parameters, also for currents of unknown torque constants.
-
-    Attributes
-    ----------
-    unknown : tuple of int
-        Channels that share their parameters with others up to an unknown torque constant.
-    scaled : ndarray of bool, shape (n_columns,)
-        Columns whose parameters carry that constant; those of friction do not.
-    loaded : bool
-        Whether a joint has friction that grows with its load.
-
+    scaled (columns,).
     """
 
     def __init__(self, arm: Arm, *, shared: bool = False) -> None:
@@ -170,11 +155,7 @@ class EffortRegressor:
         function of all parameters. For given loads it is: rows by the parameters of the last
         estimate, and an estimate by these rows, settle within a few turns.
 
-        Parameters
-        ----------
-        parameters : ndarray of shape (n_joints, n_columns) or None
-            Parameters of each channel; None for bodies whose parameters all are 1.
-
+        parameters (joints, columns): None for bodies whose parameters all are 1.
         """
         self._assumed = parameters
 
@@ -290,21 +271,6 @@ class StrainRegressor:
 def plain_regressor(
     arm: Arm, output: str, strain_form: str, *, shared: bool = False,
 ) -> EffortRegressor | StrainRegressor:
-    """
-    Give the rows of an output.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its joints and gauges.
-    output : {'effort', 'strain'}
-        What is measured.
-    strain_form : {'exact', 'paper'}
-        Where the bending moment is taken.
-    shared : bool, default=False
-        One set of inertial parameters for all efforts, also for currents of unknown torque
-        constants.
-
-    """
+    """Give the rows of an output."""
     return (EffortRegressor(arm, shared=shared) if output == 'effort' else
             StrainRegressor(arm, strain_form))

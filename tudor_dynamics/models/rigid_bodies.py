@@ -48,21 +48,7 @@ class RigidBodies:
     """
     A tree of bodies on revolute and prismatic joints, and the joints whose efforts are wanted.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Arm; every joint has one coordinate.
-    driven : ndarray of int, shape (n_joints,)
-        Place in the model of each active joint; the other joints stay at zero.
-    wanted : ndarray of int, shape (n_channels,)
-        Joint of each channel.
-
-    Attributes
-    ----------
-    bodies : tuple
-        What the compiled functions take: frames and axes, parents and kinds, which body hangs on
-        which channel, the places of `driven` and `wanted`, gravity, and room for the motion.
-
+    wanted (channels,); driven (joints,): the other joints stay at zero.
     """
 
     def __init__(self, model: pin.Model, driven: IndexArray, wanted: IndexArray) -> None:
@@ -91,15 +77,8 @@ class RigidBodies:
         """
         Evaluate the efforts of the bodies.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the driven joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        parameters : ndarray of shape (n_channels, at least 10 n_bodies)
-            Mass, first moments and inertias of every body in Pinocchio's order, for each channel.
-        out : ndarray of shape (n_samples, n_channels)
-            Filled in place: N m or N times the scale of the parameters.
-
+        parameters (channels, at least 10 bodies); motion (samples, 3 joints): ``[q, dq, ddq]`` of
+        the driven joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes out (samples, channels).
         """
         rigid_outputs(self.bodies, motion, parameters, out)
 
@@ -109,15 +88,9 @@ class RigidBodies:
         """
         Evaluate the efforts of unit parameters.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the driven joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-        out : ndarray of shape (n_samples, n_channels, 10 n_bodies)
-            Filled in place [N m or N per parameter].
-        gravity : ndarray of shape (3,), optional
-            In the base frame; that of the model by default [m/s^2].
-
+        gravity (3,) [m/s^2]; motion (samples, 3 joints): ``[q, dq, ddq]`` of the driven joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes out (samples, channels, 10 bodies)
+        [N m or N per parameter].
         """
         bodies = self.bodies if gravity is None else (
             *self.bodies[:5], np.array(gravity, dtype=float), *self.bodies[6:])

@@ -28,22 +28,13 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class TrainingBlock:
-    """
-    Motion and the outputs that belong to it.
+    """Motion and the outputs that belong to it."""
 
-    Attributes
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    output : ndarray of shape (n_kept, n_channels)
-        Measured outputs after decimation.
-    decimation : Decimation or None
-        Brings rows of ``motion`` to rows of ``output``; None where they belong together as is.
-
-    """
-
+    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
-    output: FloatArray
+    output: FloatArray  # measured outputs after decimation, (kept, channels)
+    # Brings rows of `motion` to rows of `output`; None where they belong together as is.
     decimation: Decimation | None = None
 
 
@@ -56,13 +47,8 @@ def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
     """
     Wrap two arrays as training data of one block, after a check of their shapes.
 
-    Parameters
-    ----------
-    motion : ndarray of shape (n_samples, n_inputs)
-        ``[q, dq, ddq]`` and what else the model takes, in columns.
-    output : ndarray of shape (n_samples, n_channels)
-        Measured outputs in their units.
-
+    output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` and what else
+    the model takes, in columns.
     """
     motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
     if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
@@ -79,20 +65,7 @@ def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str,
     """
     Refuse a block whose columns are not those of the model.
 
-    Parameters
-    ----------
-    block : TrainingBlock
-        Motion with its output.
-    n_inputs : int or None
-        Columns of the motion; None where the model takes any number.
-    channels : tuple of str
-        Columns of the output.
-
-    Raises
-    ------
-    FitError
-        If a number of columns is another.
-
+    n_inputs: None where the model takes any number.
     """
     if n_inputs is not None:
         check_motion(block.motion, n_inputs)
@@ -106,20 +79,7 @@ def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) ->
     """
     Refuse motion whose columns are not those of the model.
 
-    Parameters
-    ----------
-    motion : ndarray of shape (n_samples, n_inputs)
-        ``[q, dq, ddq]`` and what else the model takes, in columns.
-    n_inputs : int
-        Columns that the model was made for.
-    fewer : int, optional
-        Columns that are enough where nothing is known of the motion before.
-
-    Raises
-    ------
-    FitError
-        If the number of columns is another.
-
+    motion (samples, inputs): ``[q, dq, ddq]`` and what else the model takes, in columns.
     """
     if motion.ndim != 2 or motion.shape[1] not in (n_inputs, fewer):
         msg = (f'motion has shape {motion.shape}; expected (n_samples, {n_inputs}): positions, '

@@ -26,49 +26,14 @@ _FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribec
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:
-    """
-    Give the unit of each channel of an output.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose description says the units.
-    output : {'effort', 'strain'}
-        What is measured.
-
-    Returns
-    -------
-    dict of str to str
-        Channel to unit.
-
-    """
+    """Give the unit of each channel of an output."""
     if output == 'effort':
         return {joint.name: joint.effort.unit for joint in arm.joints}
     return {gauge.name: gauge.unit for gauge in arm.gauges}
 
 
 def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> str:
-    """
-    Give the unit of a parameter.
-
-    Parameters
-    ----------
-    column : str
-        Name of the regressor column, such as ``mx(joint2)``.
-    unit : str
-        Unit of the output.
-    scaled : bool
-        Whether the parameter carries an unknown scale from N m (or N) to the output's unit, as
-        those of currents and strains do.
-    prismatic : bool
-        Whether the joint moves along its axis: efforts in N, speeds in m/s.
-
-    Returns
-    -------
-    str
-        Unit.
-
-    """
+    """Give the unit of a parameter."""
     kind = _kind(column)
     force, length = ('N', 'm') if prismatic else ('N m', 'rad')
     if kind in _FRICTION:
@@ -81,26 +46,7 @@ def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> 
 
 
 def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -> str:
-    """
-    Give the unit of a parameter of an arm's model.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose description says the units.
-    output : {'effort', 'strain'}
-        What is measured.
-    channels : tuple of str
-        Channels that share the parameter.
-    column : str
-        Name of the regressor column; friction belongs to its own joint.
-
-    Returns
-    -------
-    str
-        Unit.
-
-    """
+    """Give the unit of a parameter of an arm's model."""
     if column.startswith(PAYLOAD):
         return column_unit(arm, output, channels, column.removeprefix(PAYLOAD)) + ' / kg'
     if output == 'strain':

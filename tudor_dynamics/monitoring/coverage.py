@@ -24,15 +24,7 @@ from tudor_dynamics.monitoring.judged import Judged, JudgedShare, LOOK, TopicCou
 
 
 class Coverage:
-    """
-    Counts the messages of a detector's topics, and looks at what became of them.
-
-    Attributes
-    ----------
-    verdict : JudgedShare
-        Of the last look, all outputs together.
-
-    """
+    """Counts the messages of a detector's topics, and looks at what became of them."""
 
     def __init__(self) -> None:
         self.verdict = JudgedShare()
@@ -49,25 +41,7 @@ class Coverage:
         self, output: str, motion: str, predictions: str | None, sensors: Sequence[str],
         motions: Sequence[Counter[str]], measured: Sequence[Counter[str]], settle: float,
     ) -> None:
-        """
-        Look at one more output.
-
-        Parameters
-        ----------
-        output : str
-            What is measured.
-        motion : str
-            Topic of the motion.
-        predictions : str or None
-            Topic of its predictions, where they come on one.
-        sensors : sequence of str
-            Topics of its measurements.
-        motions, measured : sequence of collections.Counter
-            What became of motions and measurements, see `Judged`.
-        settle : float
-            Time for which filters settle [s].
-
-        """
+        """Look at one more output: settle [s]."""
         own = [self._stream(topic) for topic in sensors]
         predicted = [] if predictions is None else [self._stream(predictions)]
         self._judged.append(Judged(output, self._stream(motion), [*predicted, *own], own,
@@ -80,20 +54,7 @@ class Coverage:
         """
         Count a message; called for each one.
 
-        Parameters
-        ----------
-        topic : str
-            Where it came.
-        stamp : int
-            Its header stamp [ns].
-        now : float
-            Time of a clock that never stops [s].
-
-        Returns
-        -------
-        bool
-            Whether less is seen than at the last look.
-
+        stamp [ns], now [s].
         """
         stream = self._streams.get(topic)
         if stream is None:

@@ -51,49 +51,23 @@ LEVELS = Level.CONTACT, Level.COLLISION
 
 @dataclass(frozen=True)
 class DetectorSettings:
-    """
-    Times of the detector.
+    """Times of the detector."""
 
-    Attributes
-    ----------
-    debounce : float
-        Time for which a threshold must be exceeded [s].
-    rearm : float
-        Time below a threshold after which its level is left [s].
-
-    """
-
-    debounce: float = 0.01
-    rearm: float = 0.3
+    debounce: float = 0.01  # time for which a threshold must be exceeded [s]
+    rearm: float = 0.3  # time below a threshold after which its level is left [s]
 
 
 @dataclass(frozen=True)
 class CollisionEvent:
-    """
-    A collision that has been found.
+    """A collision that has been found."""
 
-    Attributes
-    ----------
-    onset : int
-        Stamp of the first sample above the threshold [ns].
-    stamp : int
-        Stamp of the sample at which it was sure [ns].
-    method : str
-        ``strain``, ``effort`` or ``momentum``.
-    link : str
-        Link that the pattern of residuals blames.
-    residuals : dict of str to float
-        Residual of each channel at ``stamp``, in its unit.
-    ratios : dict of str to float
-        Ratio of each channel to its collision threshold.
-
-    """
-
-    onset: int
-    stamp: int
-    method: str
-    link: str
+    onset: int  # stamp of the first sample above the threshold [ns]
+    stamp: int  # stamp of the sample at which it was sure [ns]
+    method: str  # `strain`, `effort` or `momentum`
+    link: str  # link that the pattern of residuals blames
+    # Residual of each channel at `stamp`, in its unit.
     residuals: dict[str, float] = field(default_factory=dict)
+    # Ratio of each channel to its collision threshold.
     ratios: dict[str, float] = field(default_factory=dict)
 
 
@@ -158,24 +132,7 @@ class _Onset:
 
 
 class CollisionDetector:
-    """
-    State of the arm as all methods see it together.
-
-    Parameters
-    ----------
-    settings : DetectorSettings
-        How long a level lasts, and for how long it must be quiet before it is left.
-    channels : dict of str to sequence of str
-        Method to its channels.
-    links : dict of str to (int, str)
-        Channel to the link that it belongs to: distance from the base in joints, and name.
-
-    Attributes
-    ----------
-    level : Level
-        State of the arm now.
-
-    """
+    """State of the arm as all methods see it together."""
 
     def __init__(
         self,
@@ -196,23 +153,7 @@ class CollisionDetector:
         self._stamps: dict[str, int] = {}
 
     def step(self, method: str, excess: Excess) -> CollisionEvent | None:
-        """
-        Take one sample of one method into account.
-
-        Parameters
-        ----------
-        method : str
-            Method that the sample is of.
-        excess : Excess
-            Ratios of the sample to its thresholds.
-
-        Returns
-        -------
-        CollisionEvent or None
-            An event when the level rises to collision, and when the force grows suddenly again
-            while it is there.
-
-        """
+        """Take one sample of one method into account."""
         stamp = excess.residual.motion.stamp
         if stamp < self._stamps.get(method, stamp):  # the clock was set back
             self.reset()
@@ -256,18 +197,7 @@ def blame(links: Sequence[tuple[int, str]], contact: FloatArray) -> str:
     A load on a link is felt by all gauges and joints between it and the base, and by none beyond
     it: the outermost link that feels something is the one.
 
-    Parameters
-    ----------
-    links : sequence of (int, str)
-        Link of each channel: distance from the base in joints, and name.
-    contact : ndarray of shape (n_channels,)
-        Ratio to the contact threshold.
-
-    Returns
-    -------
-    str
-        Link.
-
+    contact (channels,).
     """
     felt = np.flatnonzero(contact > 1.0).tolist() or [int(np.argmax(contact))]
     return max(links[i] for i in felt)[1]

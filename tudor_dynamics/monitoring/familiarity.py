@@ -50,19 +50,8 @@ class Familiarity:
     """
     Follows how large onsets are at present, beside how large they were in free motion.
 
-    Parameters
-    ----------
-    usual : ndarray of shape (n_channels,)
-        Level that was seldom exceeded in the free motion that was learned from, as a ratio to the
-        profile; infinite where it is not known.
-    reach : ndarray of shape (n_joints,)
-        Largest speeds there [rad/s or m/s]; infinite where they are not known.
-
-    Attributes
-    ----------
-    widening : ndarray of shape (n_channels,)
-        Factor on the thresholds, 1 for motion like that in the recordings.
-
+    widening (channels,); usual (channels,): infinite where it is not known; reach (joints,)
+    [rad/s or m/s]: infinite where they are not known.
     """
 
     def __init__(self, usual: FloatArray, reach: FloatArray) -> None:
@@ -74,15 +63,7 @@ class Familiarity:
         """
         Take one sample into account; its widening holds for the next.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s].
-        speeds : ndarray of shape (n_joints,)
-            Sizes of the speeds [rad/s or m/s].
-        ratio : ndarray of shape (n_channels,)
-            Size of the onset statistic by its profile.
-
+        dt [s], speeds (joints,) [rad/s or m/s], ratio (channels,).
         """
         follow(dt, speeds, ratio, self.usual, self.reach, self.level, self.widening)
 
@@ -120,18 +101,7 @@ def levels(dt: FloatArray, ratio: FloatArray) -> FloatArray:
     """
     Follow the level along a record.
 
-    Parameters
-    ----------
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    ratio : ndarray of shape (n_samples, n_channels)
-        Sizes of the onset statistic by their profiles.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        Levels.
-
+    dt (samples,) [s], ratio (samples, channels); returns (samples, channels).
     """
     out = np.empty_like(ratio)
     _record(dt, ratio, np.quantile(ratio, QUANTILE, axis=0), out)

@@ -31,33 +31,16 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class FollowedLoad:
-    """
-    A recording that was watched.
+    """A recording that was watched."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        Time since its beginning [s].
-    mass, std : ndarray of shape (n_samples,)
-        What is thought to be carried, and its standard deviation [kg].
-    events : tuple of float
-        Times of collisions [s].
-    loads : tuple of LoadFound
-        What turned out to be a load.
-    times : tuple of float
-        When it did [s].
-    told_by : str
-        Output that tells the load; empty where it is not followed.
-
-    """
-
-    t: FloatArray
+    t: FloatArray  # time since its beginning, (samples,) [s]
+    # What is thought to be carried, and its standard deviation, (samples,) [kg].
     mass: FloatArray
     std: FloatArray
-    events: tuple[float, ...]
-    loads: tuple[LoadFound, ...]
-    times: tuple[float, ...]
-    told_by: str
+    events: tuple[float, ...]  # times of collisions [s]
+    loads: tuple[LoadFound, ...]  # what turned out to be a load
+    times: tuple[float, ...]  # when it did [s]
+    told_by: str  # output that tells the load; empty where it is not followed
 
 
 def follow_load(

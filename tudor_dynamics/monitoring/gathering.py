@@ -33,14 +33,6 @@ class Gathering:
 
     Equal stamps go together as they are; where they differ, the other topics are interpolated
     between their neighbours. Readings of a single topic pass as they are, in its order.
-
-    Parameters
-    ----------
-    channels : sequence of str
-        All channels in their order.
-    topics : dict of str to sequence of str
-        Topic to its channels; together all of them, each once.
-
     """
 
     def __init__(self, channels: Sequence[str], topics: Mapping[str, Sequence[str]]) -> None:
@@ -61,20 +53,7 @@ class Gathering:
         """
         Take a message into account.
 
-        Parameters
-        ----------
-        topic : str
-            Where it came.
-        stamp : int
-            Header stamp [ns].
-        values : ndarray of shape (n_channels_of_topic,)
-            Readings of that topic's channels.
-
-        Returns
-        -------
-        list of (int, ndarray of shape (n_channels,))
-            Stamps and readings that are whole now, in order.
-
+        stamp [ns], values (channels_of_topic,); returns (channels,).
         """
         if not self._stages:
             return [(stamp, values)]

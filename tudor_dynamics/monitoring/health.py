@@ -28,17 +28,7 @@ MOVING = 0.05
 
 
 class SensorHealth:
-    """
-    Watches channels of one sensor.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the channels.
-    stuck_time : float
-        Time without change, in motion, behind which a channel counts as dead [s].
-
-    """
+    """Watches channels of one sensor: stuck_time [s]."""
 
     def __init__(self, names: Sequence[str], stuck_time: float) -> None:
         self.names = tuple(names)
@@ -52,13 +42,7 @@ class SensorHealth:
         """
         Take a reading into account; time counts only while ``moving``.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        values : ndarray of shape (n_channels,)
-            Readings in their units.
-
+        stamp [ns], values (channels,) [its unit].
         """
         dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
         self._last = stamp

@@ -60,47 +60,21 @@ class Sight(IntEnum):
 
 @dataclass(eq=False, slots=True)
 class TopicCount:
-    """
-    What came on a topic.
+    """What came on a topic."""
 
-    Attributes
-    ----------
-    topic : str
-        Name of the topic.
-    count : int
-        Messages that have come.
-    stamp : int
-        Newest header stamp [ns].
-
-    """
-
-    topic: str
-    count: int = 0
-    stamp: int = 0
+    topic: str  # name of the topic
+    count: int = 0  # messages that have come
+    stamp: int = 0  # newest header stamp [ns]
 
 
 @dataclass(frozen=True)
 class JudgedShare:
-    """
-    How much was judged.
+    """How much was judged."""
 
-    Attributes
-    ----------
-    sight : Sight
-        Whether it is enough.
-    text : str
-        What is wrong; empty where nothing is.
-    share : float
-        Part of the samples of the last second that was not judged.
-    causes : dict of str to float
-        The same by cause.
-
-    """
-
-    sight: Sight = Sight.CLEAR
-    text: str = ''
-    share: float = 0.0
-    causes: dict[str, float] = field(default_factory=dict)
+    sight: Sight = Sight.CLEAR  # whether it is enough
+    text: str = ''  # what is wrong; empty where nothing is
+    share: float = 0.0  # part of the samples of the last second that was not judged
+    causes: dict[str, float] = field(default_factory=dict)  # the same by cause
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,32 +89,7 @@ class _Past:
 
 
 class Judged:
-    """
-    Looks at what a detector counts for one output, ten times a second.
-
-    Parameters
-    ----------
-    output : str
-        What is measured, for texts.
-    motion : TopicCount
-        Topic of the motion.
-    others : sequence of TopicCount
-        Topics without which nothing can be judged: measurements, predictions.
-    sensors : sequence of TopicCount
-        Those of them that measure.
-    motions : sequence of collections.Counter
-        Counts of motions, `judged` and not, by cause; other keys are no matter.
-    measured : sequence of collections.Counter
-        Counts of measurements that were left out, by cause.
-    settle : float
-        Time for which filters settle [s].
-
-    Attributes
-    ----------
-    verdict : JudgedShare
-        Of the last look.
-
-    """
+    """Looks at what a detector counts for one output, ten times a second: settle [s]."""
 
     def __init__(
         self, output: str, motion: TopicCount, others: Sequence[TopicCount],
@@ -161,20 +110,7 @@ class Judged:
         self._settling: float | None = None
 
     def look(self, now: float) -> JudgedShare:
-        """
-        Compare the counts with those of a second ago.
-
-        Parameters
-        ----------
-        now : float
-            Time of a clock that never stops [s].
-
-        Returns
-        -------
-        JudgedShare
-            How much was judged since then.
-
-        """
+        """Compare the counts with those of a second ago: now [s]."""
         new = self._count(now)
         last = self._past[-1] if self._past else new
         self._follow(new, last)

@@ -20,21 +20,7 @@ from tudor_dynamics.arm import Arm
 
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
-    """
-    Say which link each joint and gauge belongs to.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with joints and gauges.
-
-    Returns
-    -------
-    dict of str to (int, str)
-        Joint or gauge to its link: distance from the base in joints, and name. A link without a
-        name of its own, as D-H rows give, is named after its joint.
-
-    """
+    """Say which link each joint and gauge belongs to."""
     model = arm.full_model
     bodies: dict[int, str] = {}
     for frame in model.frames:

@@ -45,19 +45,7 @@ LAGS = 5.0
 
 
 class MomentumObserver:
-    """
-    Observer of external efforts.
-
-    Parameters
-    ----------
-    model : Model
-        Analytical model of the efforts.
-    gain : float, default=30.0
-        Bandwidth of the observer [1/s].
-    settle : float, default=0.5
-        Time behind a beginning for which there is no result [s].
-
-    """
+    """Observer of external efforts: gain [1/s], settle [s]."""
 
     def __init__(self, model: Model, gain: float = 30.0, settle: float = 0.5) -> None:
         self.model = model
@@ -69,23 +57,7 @@ class MomentumObserver:
         self._trail = model.trail()
 
     def step(self, pair: PairedSample, load: CarriedLoad | None = None) -> Residual | None:
-        """
-        Observe one sample.
-
-        Parameters
-        ----------
-        pair : PairedSample
-            Motion and measured effort; no prediction is needed.
-        load : CarriedLoad, optional
-            What the arm carries beside what the model knows.
-
-        Returns
-        -------
-        Residual or None
-            Measured effort against the observer's (so that the value is the negative of the
-            external effort, as that of a plain residual is); None while the observer settles.
-
-        """
+        """Observe one sample; returns None while the observer settles."""
         motion = pair.motion
         row = motion.row if self._trail is None else self._trail.step(motion.dt, motion.row)
         n = len(self.model.channels)
@@ -110,21 +82,9 @@ class MomentumObserver:
         """
         Observe a gapless record at once.
 
-        Parameters
-        ----------
-        stamp : ndarray of int64, shape (n_samples,)
-            Header stamps [ns].
-        motion : ndarray of shape (n_samples, n_inputs)
-            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2], and what else the model takes.
-        measured : ndarray of shape (n_samples, n_joints)
-            Efforts in their units.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_joints)
-            Residuals, those of the settling included.
-
+        stamp (samples,) [ns], measured (samples, joints) [its unit]; motion (samples, inputs):
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
+        and what else the model takes; returns (samples, joints).
         """
         momentum, expected = self._expect(motion, len(self.model.channels), self.model.predict)
         out = np.zeros_like(measured)

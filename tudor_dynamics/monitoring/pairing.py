@@ -30,22 +30,12 @@ WAITING = 400
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class PairedSample:
-    """
-    A motion with its prediction and the measurement at the same time.
-
-    Attributes
-    ----------
-    motion : Motion
-        Motion of the sample.
-    predicted : ndarray of shape (n_channels,) or None
-        What the model expects; None while the filters settle.
-    measured : ndarray of shape (n_channels,)
-        What the sensors say, interpolated between their neighbours where stamps differ.
-
-    """
+    """A motion with its prediction and the measurement at the same time."""
 
     motion: Motion
+    # (channels,): what the model expects; None while the filters settle.
     predicted: FloatArray | None
+    # (channels,): what the sensors say, interpolated between their neighbours where stamps differ.
     measured: FloatArray
 
 
@@ -55,12 +45,6 @@ class Pairing:
 
     Equal stamps go together as they are. A motion between two measurements gets their
     interpolation once the second one is there; one without neighbours is dropped and counted.
-
-    Attributes
-    ----------
-    drops : collections.Counter
-        Measurements and motions left out, by cause.
-
     """
 
     def __init__(self) -> None:
@@ -81,22 +65,7 @@ class Pairing:
         self._measured.clear()
 
     def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[PairedSample]:
-        """
-        Add a motion, later than those before it.
-
-        Parameters
-        ----------
-        motion : Motion
-            Motion of the active joints.
-        predicted : ndarray of shape (n_channels,) or None
-            Prediction for it.
-
-        Returns
-        -------
-        list of PairedSample
-            What is complete now, in order.
-
-        """
+        """Add a motion, later than those before it: predicted (channels,)."""
         if self._motions and motion.stamp <= self._motions[-1][0].stamp:
             self.drops['no_measurement'] += len(self._motions)
             self._motions.clear()  # the clock was set back
@@ -109,22 +78,7 @@ class Pairing:
         return self._complete()
 
     def add_measured(self, stamp: int, values: FloatArray) -> list[PairedSample]:
-        """
-        Add a measurement.
-
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        values : ndarray of shape (n_channels,)
-            Readings in their units.
-
-        Returns
-        -------
-        list of PairedSample
-            What is complete now, in order.
-
-        """
+        """Add a measurement: stamp [ns], values (channels,) [its unit]."""
         if not all_finite(values):
             self.drops['not_finite'] += 1
             self.gate.unusable()

@@ -43,55 +43,15 @@ WARMED_UP = 0.1
 
 @dataclass(frozen=True)
 class LoadFound:
-    """
-    A collision that was none: a load.
+    """A collision that was none: a load."""
 
-    Attributes
-    ----------
-    stamp : int
-        Stamp of the sample at which it was clear [ns].
-    mass : float
-        What is carried now in all [kg].
-    change : float
-        By how much it has changed [kg].
-
-    """
-
-    stamp: int
-    mass: float
-    change: float
+    stamp: int  # stamp of the sample at which it was clear [ns]
+    mass: float  # what is carried now in all [kg]
+    change: float  # by how much it has changed [kg]
 
 
 class CarriedLoad:
-    """
-    A load that is put onto predictions of an arm without it.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models as they were loaded, of all payloads or of one.
-    known : float
-        Payload that predictions have in them already [kg].
-
-    Attributes
-    ----------
-    known : float
-        As given [kg].
-    frame : str
-        Frame of the last link.
-    place : ndarray of shape (3,)
-        Where the load is taken to sit, in that frame [m].
-    worth : dict of str to LoadWorth
-        Output to what a kilogram adds.
-    output : {'effort', 'strain'}
-        Output that tells the load: strain, where it does.
-
-    Raises
-    ------
-    ModelError
-        If no output tells kilograms.
-
-    """
+    """A load that is put onto predictions of an arm without it: known [kg], place (3,) [m]."""
 
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         self.worth = load_worth(bundle.arm, bundle.models)
@@ -112,15 +72,7 @@ class CarriedLoad:
         return self._mass
 
     def carry(self, mass: float) -> None:
-        """
-        Take another load, as somebody else knows it.
-
-        Parameters
-        ----------
-        mass : float
-            What is carried in all [kg].
-
-        """
+        """Take another load, as somebody else knows it: mass [kg]."""
         self._mass = mass
 
     def expect(self) -> None:
@@ -133,22 +85,7 @@ class CarriedLoad:
         return self._last < self._expected
 
     def step(self, residual: Residual, level: Level) -> LoadFound | None:
-        """
-        Take a sample of the output that tells the load into account.
-
-        Parameters
-        ----------
-        residual : Residual
-            What was measured, and the motion.
-        level : Level
-            State of the arm; while it is touched, the load stays as it is.
-
-        Returns
-        -------
-        LoadFound or None
-            A load, where a collision has just turned out to be one.
-
-        """
+        """Take a sample of the output that tells the load into account."""
         self._advance(residual.motion.stamp)
         change, self._told = self._mass - self._told, self._mass
         if abs(change) < LIGHTEST * self.worth[self.output].reference:
@@ -167,18 +104,8 @@ class CarriedLoad:
         """
         Add the load to predictions.
 
-        Parameters
-        ----------
-        predicted : dict of str to ndarray of shape (n_channels,)
-            Output to prediction with the known payload.
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,)
-            Output to prediction with all of it.
-
+        predicted (channels,); row (3 joints,): ``[q, dq, ddq]``
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (channels,).
         """
         more = self.mass - self.known
         return {output: values + more * self.worth[output].at(row)
@@ -186,24 +113,7 @@ class CarriedLoad:
 
 
 class PayloadStage(CarriedLoad):
-    """
-    Follows the load of the arm.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models as they were loaded, of all payloads or of one.
-    known : float
-        Payload that models of all were put at, or that of the model [kg].
-
-    Attributes
-    ----------
-    bent : bool
-        Whether it knows how links bend.
-    observer : LoadObserver
-        Mass with its standard deviation, and what has come suddenly.
-
-    """
+    """Follows the load of the arm: known [kg]."""
 
     def __init__(self, bundle: ModelBundle, known: float) -> None:
         super().__init__(bundle, known)

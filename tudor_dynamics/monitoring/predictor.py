@@ -33,24 +33,7 @@ APART = 3.0
 
 
 class Predictor:
-    """
-    Predicts every output of a bundle with one kind of model.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models of an arm.
-    kind : str
-        Kind of model, see `models.kinds.KINDS`.
-    observer : {'off', 'ringing'}, default='off'
-        Whether measured strain corrects the models, where their kind can make use of it.
-
-    Attributes
-    ----------
-    models : dict of str to Model
-        Output to model.
-
-    """
+    """Predicts every output of a bundle with one kind of model."""
 
     def __init__(
         self, bundle: ModelBundle, kind: str = 'analytical', observer: str = 'off',
@@ -77,13 +60,7 @@ class Predictor:
         It counts for the motion of the same stamp, whichever of the two comes first, if it comes
         before the next motion. Between two readings their interpolation counts.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        values : ndarray of shape (n_gauges,)
-            Readings in their units, NaN for a gauge that does not count.
-
+        stamp [ns], values (gauges,) [its unit].
         """
         if self.observing:
             if self._strains and stamp <= self._strains[-1][0]:
@@ -111,22 +88,7 @@ class Predictor:
     def step(
         self, motion: Motion, wanted: Collection[str] = OUTPUTS,
     ) -> dict[str, FloatArray] | None:
-        """
-        Predict one sample.
-
-        Parameters
-        ----------
-        motion : Motion
-            Motion of the active joints.
-        wanted : collection of str
-            Outputs that somebody needs; the others are not computed.
-
-        Returns
-        -------
-        dict of str to ndarray of shape (n_channels,), or None
-            Output to values in its units; None while the filters settle.
-
-        """
+        """Predict one sample; returns (channels,) [its unit], None while the filters settle."""
         if self.observing:
             measured = self._measured(motion.dt)
             if measured is not None:

@@ -25,40 +25,16 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Residual:
-    """
-    What the model does not explain of one sample.
+    """What the model does not explain of one sample."""
 
-    Attributes
-    ----------
-    motion : Motion
-        Motion of the sample.
-    measured : ndarray of shape (n_channels,)
-        Reading, behind the output filter.
-    predicted : ndarray of shape (n_channels,)
-        Prediction for the sample.
-    value : ndarray of shape (n_channels,)
-        Their difference, in the unit of the output.
-
-    """
-
-    motion: Motion
-    measured: FloatArray
-    predicted: FloatArray
-    value: FloatArray
+    motion: Motion  # motion of the sample
+    measured: FloatArray  # reading, behind the output filter, (channels,)
+    predicted: FloatArray  # prediction for the sample, (channels,)
+    value: FloatArray  # their difference, in the unit of the output, (channels,)
 
 
 class ResidualStage:
-    """
-    Makes residuals of pairs.
-
-    Parameters
-    ----------
-    cutoff : float or None
-        Low-pass over what is measured, as positions and velocities had it [Hz].
-    settle : float
-        Time behind a beginning for which there is no residual [s].
-
-    """
+    """Makes residuals of pairs: cutoff [Hz], settle [s]."""
 
     def __init__(self, cutoff: float | None, settle: float) -> None:
         self.settle = settle
@@ -66,20 +42,7 @@ class ResidualStage:
         self._last = 0
 
     def step(self, pair: PairedSample) -> Residual | None:
-        """
-        Take the difference.
-
-        Parameters
-        ----------
-        pair : PairedSample
-            Motion, prediction, measurement.
-
-        Returns
-        -------
-        Residual or None
-            None while the filters settle.
-
-        """
+        """Take the difference; returns None while the filters settle."""
         stamp = pair.motion.stamp
         # since the pair before, which is not the sample before where messages were lost
         dt = 0.0 if pair.motion.dt == 0.0 else (stamp - self._last) * 1e-9

@@ -68,26 +68,13 @@ class MonitorSettings:
 
 @dataclass(eq=False, slots=True)
 class Found:
-    """
-    What became known with one message.
+    """What became known with one message."""
 
-    Attributes
-    ----------
-    residuals : list of (str, Residual)
-        Method and residual.
-    excesses : list of (str, Excess)
-        Method and ratios, where thresholds are known.
-    events : list of CollisionEvent
-        Collisions that begin with it.
-    loads : list of LoadFound
-        Collisions from before that turned out to be loads.
-    contacts : list of ContactEstimate
-        What touches the arm, where that is estimated.
-
-    """
-
-    residuals: list[tuple[str, Residual]] = field(default_factory=list)
+    residuals: list[tuple[str, Residual]] = field(default_factory=list)  # method and residual
+    # Method and ratios, where thresholds are known.
     excesses: list[tuple[str, Excess]] = field(default_factory=list)
-    events: list[CollisionEvent] = field(default_factory=list)
+    events: list[CollisionEvent] = field(default_factory=list)  # collisions that begin with it
+    # Collisions from before that turned out to be loads.
     loads: list[LoadFound] = field(default_factory=list)
+    # What touches the arm, where that is estimated.
     contacts: list[ContactEstimate] = field(default_factory=list)

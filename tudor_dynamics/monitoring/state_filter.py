@@ -28,50 +28,25 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Motion:
-    """
-    Motion of one sample.
+    """Motion of one sample."""
 
-    Attributes
-    ----------
-    stamp : int
-        Header stamp of the sample [ns].
-    elapsed : float
-        Time since the filter began, or began anew behind a gap [s].
-    dt : float
-        Time since the sample before; 0 at the beginning [s].
-    row : ndarray of shape (3 n_joints,)
-        ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-    """
-
-    stamp: int
-    elapsed: float
-    dt: float
+    stamp: int  # header stamp of the sample [ns]
+    elapsed: float  # time since the filter began, or began anew behind a gap [s]
+    dt: float  # time since the sample before; 0 at the beginning [s]
+    # `[q, dq, ddq]` of the active joints, (3 joints,) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     row: FloatArray
 
     def settled(self, settle: float) -> bool:
         """
         Say whether the transients of the filters are over, by the offline tools' rule.
 
-        Parameters
-        ----------
-        settle : float
-            Time that the transients take [s].
-
+        settle [s].
         """
         return self.elapsed >= settle - 0.5 * self.dt
 
 
 class LowPass:
-    """
-    First-order low-pass of vectors.
-
-    Parameters
-    ----------
-    cutoff : float or None
-        Cut-off; without one they pass as they are [Hz].
-
-    """
+    """First-order low-pass of vectors: cutoff [Hz]."""
 
     def __init__(self, cutoff: float | None) -> None:
         self.cutoff = cutoff
@@ -81,13 +56,7 @@ class LowPass:
         """
         Filter one sample; ``dt`` of 0 begins anew.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 begins anew [s].
-        x : ndarray of shape (n_channels,)
-            Sample to be filtered.
-
+        x (channels,); dt [s]: 0 begins anew.
         """
         if self.cutoff is None:
             return x
@@ -99,22 +68,7 @@ class LowPass:
 
 
 class StateFilter:
-    """
-    Filter of live joint states.
-
-    Parameters
-    ----------
-    spec : PreprocessingSpec
-        Filters. A model that was fitted with zero-phase filters runs with the causal ones.
-    gap : float, default=0.0
-        Longest time between samples that is not a gap [s]; 0 for five periods.
-
-    Attributes
-    ----------
-    drops : collections.Counter
-        Samples left out, and restarts, by cause.
-
-    """
+    """Filter of live joint states; gap [s]: 0 for five periods."""
 
     def __init__(self, spec: PreprocessingSpec, gap: float = 0.0) -> None:
         self.spec = spec
@@ -134,20 +88,8 @@ class StateFilter:
         """
         Filter one sample.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        q : ndarray of shape (n_joints,)
-            Positions of the active joints, in their order [rad or m].
-        measured : ndarray of shape (n_joints,), optional
-            Velocities of the driver [rad/s or m/s].
-
-        Returns
-        -------
-        Motion or None
-            None for a sample that is left out.
-
+        stamp [ns], q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; returns None for a
+        sample that is left out.
         """
         if not all_finite(q):
             self.drops['not_finite'] += 1

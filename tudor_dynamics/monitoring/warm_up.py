@@ -38,17 +38,7 @@ PERIOD = 10_000_000
 
 
 def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
-    """
-    Run the whole chain on an arm at rest.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models of an arm.
-    settings : MonitorSettings
-        Choices of the monitor that will run.
-
-    """
+    """Run the whole chain on an arm at rest."""
     monitor = Monitor(bundle, settings)
     arm = bundle.arm
     sizes = {'effort': len(arm.active_joints), 'strain': len(arm.gauge_names)}

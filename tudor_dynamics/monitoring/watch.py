@@ -43,30 +43,7 @@ class Watch:
     """
     Pairs, residuals, thresholds and detector: everything behind the prediction.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Fitted models, with the thresholds that were learned.
-    settings : MonitorSettings
-        Methods of detection and false alarms allowed.
-    thresholds : dict of str to MethodThresholds, optional
-        In place of those of the bundle.
-    payload : CarriedLoad, optional
-        Load that follows the arm, or that others follow: what turns out to be it is no collision.
-
-    Attributes
-    ----------
-    methods : tuple of str
-        Methods for which there are models, in use.
-    stages : dict of str to ExcessStage
-        Thresholds of each method that has some.
-    counts : dict of str to collections.Counter
-        For each output the samples that were ``judged``, and those that were not, by cause.
-    contact : AnyEstimator or None
-        Estimates what touches the arm; None where it is not asked for, or nothing tells.
-    no_contact : str
-        Why contacts are not estimated though they were asked for; empty where they are.
-
+    contact: None where it is not asked for, or nothing tells; no_contact: empty where they are.
     """
 
     def __init__(
@@ -120,17 +97,7 @@ class Watch:
     def use_thresholds(
         self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
     ) -> None:
-        """
-        Put other thresholds into use; the detector begins anew.
-
-        Parameters
-        ----------
-        thresholds : dict of str to MethodThresholds
-            Thresholds of the methods in use.
-        settings : MonitorSettings
-            Rates, times and hysteresis.
-
-        """
+        """Put other thresholds into use; the detector begins anew."""
         self.settings = settings
         self.stages = {name: ExcessStage(thresholds[name], settings.rates)
                        for name in self.methods if name in thresholds}
@@ -189,18 +156,7 @@ class Watch:
         """
         Take a motion with its predictions into account.
 
-        Parameters
-        ----------
-        motion : Motion
-            Motion of the active joints.
-        predicted : dict of str to ndarray, or None
-            Output to prediction; None while the filters settle.
-
-        Returns
-        -------
-        Found
-            What became known.
-
+        predicted: None while the filters settle.
         """
         found = Found()
         for output, pairing in self.pairing.items():
@@ -214,15 +170,7 @@ class Watch:
         """
         Take a motion with the prediction of one output into account.
 
-        Parameters
-        ----------
-        output : {'effort', 'strain'}
-            What was predicted.
-        motion : Motion
-            Motion of the active joints.
-        predicted : ndarray of shape (n_channels,) or None
-            Prediction in its units; None while the filters settle.
-
+        predicted (channels,) [its unit]: None while the filters settle.
         """
         found = Found()
         if output in self.pairing:
@@ -230,24 +178,7 @@ class Watch:
         return found
 
     def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
-        """
-        Take a measurement into account.
-
-        Parameters
-        ----------
-        output : {'effort', 'strain'}
-            What was measured.
-        stamp : int
-            Header stamp [ns].
-        values : ndarray of shape (n_channels,)
-            Readings in their units.
-
-        Returns
-        -------
-        Found
-            What became known.
-
-        """
+        """Take a measurement into account: stamp [ns], values (channels,) [its unit]."""
         found = Found()
         if output in self.pairing:
             self._judge(output, self.pairing[output].add_measured(stamp, values), found)

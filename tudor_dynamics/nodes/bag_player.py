@@ -41,25 +41,7 @@ DELIVERY = Duration(seconds=2)
 
 
 def message_class(msgtype: str) -> Any:
-    """
-    Find the class of a message type.
-
-    Parameters
-    ----------
-    msgtype : str
-        Such as ``sensor_msgs/msg/JointState``.
-
-    Returns
-    -------
-    type
-        Class.
-
-    Raises
-    ------
-    BagError
-        If its package is not installed.
-
-    """
+    """Find the class of a message type."""
     package, _, name = msgtype.replace('/msg/', '/').partition('/')
     try:
         return getattr(import_module(f'{package}.msg'), name)

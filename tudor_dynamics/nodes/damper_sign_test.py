@@ -57,17 +57,7 @@ PATIENCE = 30.0
 
 
 class SignTester(Node):
-    """
-    Makes steps and listens to the link.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with a damper, limits and gauges.
-    **kwargs : object
-        Handed on to rclpy's Node.
-
-    """
+    """Makes steps and listens to the link."""
 
     def __init__(self, arm: Arm, **kwargs: Any) -> None:
         super().__init__('damper_sign_test', **kwargs)
@@ -222,20 +212,7 @@ def tested_joints(arm: Arm, wanted: Sequence[str] | None) -> list[str]:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """
-    Run the test as a process.
-
-    Parameters
-    ----------
-    args : sequence of str, optional
-        Arguments with the program name first; those of the process by default.
-
-    Returns
-    -------
-    int
-        0 every sign is right, 1 a sign is wrong or unclear, 2 wrong input.
-
-    """
+    """Run the test as a process; args: those of the process by default."""
     words = list(sys.argv if args is None else args)
     options = _parser().parse_args(rclpy.utilities.remove_ros_args(words)[1:])
     node: SignTester | None = None

@@ -45,22 +45,7 @@ class WatchedArm:
     """
     The monitor of one arm: made, ended when it fails, and made anew.
 
-    Parameters
-    ----------
-    namespace : str
-        Namespace of the arm, from the root.
-    options : dict of str to Any
-        Of rclpy's Node.
-
-    Attributes
-    ----------
-    node : GuardedMonitorNode or None
-        Its monitor; None while there is none.
-    fault : str
-        Why there is none; empty where there is one.
-    failures : int
-        How often it has failed.
-
+    node: None while there is none; fault: empty where there is one.
     """
 
     def __init__(self, namespace: str, options: dict[str, Any]) -> None:
@@ -119,19 +104,6 @@ class MonitorsNode(TudorNode):
 
     Each is a node ``monitor`` in the namespace of its arm, with parameters, services and
     diagnostics of its own, as if it were a process.
-
-    Parameters
-    ----------
-    parameter_overrides : sequence of rclpy.parameter.Parameter, optional
-        For this node and for all monitors.
-    **kwargs
-        Of rclpy's Node; also those of the monitors.
-
-    Attributes
-    ----------
-    arms : tuple of WatchedArm
-        Arms in the order of the parameter.
-
     """
 
     def __init__(

@@ -51,16 +51,7 @@ def bends(arm: Arm) -> FloatArray:
     """
     Say which gauges may turn which joints: those of the link itself, and of the link before.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_joints, n_gauges)
-        In the orders of the arm.
-
+    Returns (joints, gauges).
     """
     joints = list(arm.active_joints)
     found = np.zeros((len(joints), len(arm.gauges)), dtype=bool)
@@ -77,20 +68,7 @@ def find_bending(
     """
     Search for the angles per strain that explain strain best.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    model : AnalyticalModel
-        Of the strain with rigid links; of all payloads where those of the stretches differ.
-    watched : sequence of Watched
-        Stretches of free motion with their strain.
-
-    Returns
-    -------
-    BentLinks or None
-        None where links hardly bend, or there is too little motion.
-
+    Returns None where links hardly bend, or there is too little motion.
     """
     stretches = _searched(watched)
     allowed = bends(arm)
@@ -111,17 +89,7 @@ def find_bending(
 
 
 def relearned(bent: BentLinks, watched: Sequence[Watched]) -> BentLinks:
-    """
-    Fit the model of links that bend as they are known to, to other motion.
-
-    Parameters
-    ----------
-    bent : BentLinks
-        How they bend.
-    watched : sequence of Watched
-        Stretches of free motion with their strain.
-
-    """
+    """Fit the model of links that bend as they are known to, to other motion."""
     return _learned(bent.model, _searched(watched), smoothed(watched, bent.cutoff), bent.bending)
 
 

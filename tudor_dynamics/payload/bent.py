@@ -47,56 +47,28 @@ KIND = 'analytical'
 
 @dataclass(frozen=True, eq=False)
 class BentLinks:
-    """
-    How links bend, and a model of the strain that knows it.
+    """How links bend, and a model of the strain that knows it."""
 
-    Attributes
-    ----------
-    cutoff : float
-        Of the filter that positions and strains go through [Hz].
-    bending : ndarray of shape (n_joints, n_gauges)
-        Angle of a joint by which its link is ahead of it, per strain [rad or m per unit of the
-        gauge].
-    model : AnalyticalModel
-        Strain by where links are; of all payloads or of one.
-    density : ndarray of shape (n_gauges, n_gauges)
-        What the model leaves over, as the mean square of its mean over a long time, times that
-        time: in the product of the gauges' units times seconds.
-
-    """
-
-    cutoff: float
+    cutoff: float  # of the filter that positions and strains go through [Hz]
+    # Angle of a joint by which its link is ahead of it, per strain, (joints, gauges)
+    # [rad or m per unit of the gauge].
     bending: FloatArray
-    model: AnalyticalModel
+    model: AnalyticalModel  # strain by where links are; of all payloads or of one
+    # (gauges, gauges): what the model leaves over, as the mean square of its mean over a long
+    # time, times that time: in the product of the gauges' units times seconds.
     density: FloatArray
 
     def motion(self, states: FloatArray) -> FloatArray:
         """
         Give how links move.
 
-        Parameters
-        ----------
-        states : ndarray of shape (3, n_samples, n_joints + n_gauges)
-            Positions and strains behind the filter, with their derivatives.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the links [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+        states (3, samples, joints + gauges); returns (samples, 3 joints): ``[q, dq, ddq]`` of the
+        links [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
         """
         return links_of(states, self.bending)
 
     def as_dict(self, arm: Arm) -> dict[str, Any]:
-        """
-        Give it as plain values.
-
-        Parameters
-        ----------
-        arm : Arm
-            Arm whose links bend.
-
-        """
+        """Give it as plain values."""
         return {'cutoff': self.cutoff, 'bending': self.bending.tolist(),
                 'density': self.density.tolist(), 'model': self.model.to_dict(arm, 'strain')}
 
@@ -105,13 +77,7 @@ def links_of(states: FloatArray, bending: FloatArray) -> FloatArray:
     """
     Give how links move that bend so; see `BentLinks.motion`.
 
-    Parameters
-    ----------
-    states : ndarray of shape (3, n_samples, n_joints + n_gauges)
-        Positions and strains behind the filter, with their derivatives.
-    bending : ndarray of shape (n_joints, n_gauges)
-        Angle of a joint by which its link is ahead of it, per strain.
-
+    states (3, samples, joints + gauges), bending (joints, gauges).
     """
     joints = len(bending)
     moved = states[..., :joints] + states[..., joints:] @ bending.T
@@ -119,27 +85,7 @@ def links_of(states: FloatArray, bending: FloatArray) -> FloatArray:
 
 
 def bent_links(facts: Mapping[str, Any], arm: Arm) -> BentLinks | None:
-    """
-    Read how links bend from the facts of a bundle.
-
-    Parameters
-    ----------
-    facts : mapping
-        Facts of the bundle.
-    arm : Arm
-        Arm of the bundle.
-
-    Returns
-    -------
-    BentLinks or None
-        None where the facts do not say.
-
-    Raises
-    ------
-    ModelError
-        If what they say is impossible.
-
-    """
+    """Read how links bend from the facts of a bundle; returns None where the facts do not say."""
     content = facts.get(FACT)
     if content is None:
         return None

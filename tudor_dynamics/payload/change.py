@@ -42,36 +42,18 @@ squares of that, time; products of its weight with what is left, and with what i
 
 @dataclass(frozen=True)
 class Change:
-    """
-    The best instant for a change of the load, and what speaks for it.
+    """The best instant for a change of the load, and what speaks for it."""
 
-    Attributes
-    ----------
-    mass : float
-        By how much the load has changed [kg].
-    information : float
-        Of that: one by the variance [1/kg^2].
-    came : float
-        What was left over from that instant on with the load of before: squares in units of the
-        noise.
-    left : float
-        The same with the change.
-    touched : float
-        The same with a moment that stays as it is, of any size in each channel.
-    pressed : float
-        The same with a force downwards at the tip, which weighs without having inertia.
-    since : float
-        Time since then [s].
-
-    """
-
-    mass: float
-    information: float
+    mass: float  # by how much the load has changed [kg]
+    information: float  # of that: one by the variance [1/kg^2]
+    # What was left over from that instant on with the load of before: squares in units of the
+    # noise.
     came: float
-    left: float
-    touched: float
+    left: float  # the same with the change
+    touched: float  # the same with a moment that stays as it is, of any size in each channel
+    # The same with a force downwards at the tip, which weighs without having inertia.
     pressed: float
-    since: float
+    since: float  # time since then [s]
 
     @property
     def gain(self) -> float:
@@ -159,19 +141,7 @@ def best_change(
 
 
 class RecentPast:
-    """
-    Sums of the last samples, by blocks.
-
-    Parameters
-    ----------
-    channels : int
-        Number of channels.
-    longest : float
-        Time that is kept [s].
-    ramp : ndarray of shape (n_blocks,)
-        How much of a change is seen so many blocks behind it, from 0 to 1.
-
-    """
+    """Sums of the last samples, by blocks: longest [s], ramp (blocks,)."""
 
     def __init__(self, channels: int, longest: float, ramp: FloatArray) -> None:
         self._most = round(longest / BLOCK)
@@ -196,17 +166,7 @@ class RecentPast:
         """
         Add a sample, in units of its noise; say whether a block is full with it.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s].
-        left : ndarray of shape (n_channels,)
-            What a model without the load leaves over.
-        worth : ndarray of shape (n_channels,)
-            What a kilogram adds.
-        weight : ndarray of shape (n_channels,)
-            What its weight adds without its inertia.
-
+        dt [s], left, worth, weight (channels,).
         """
         newest = self._blocks[self._full]
         add_sample(left, worth, weight, dt, newest)
@@ -220,17 +180,7 @@ class RecentPast:
         return True
 
     def changed(self, x: FloatArray, least: float) -> Change | None:
-        """
-        Find the best instant for a change of the load.
-
-        Parameters
-        ----------
-        x : ndarray of shape (1 + n_channels,)
-            Load [kg] and zeros from before the past that is kept.
-        least : float
-            Time that has to have gone by since [s].
-
-        """
+        """Find the best instant for a change of the load: x (1 + channels,) [kg], least [s]."""
         blocks = max(1, round(least / BLOCK))
         if self._full < blocks:
             return None

@@ -37,22 +37,11 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """
-    What an output leaves over, each channel's own zero and friction left out.
+    """What an output leaves over, each channel's own zero and friction left out."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Joints or gauges; without those of unknown scale.
-    t : ndarray of shape (n_samples,)
-        Since the beginning of the recording [s].
-    before, after : ndarray of shape (n_samples, n_channels)
-        Without and with the load, in units of the channels.
-
-    """
-
-    channels: tuple[str, ...]
-    t: FloatArray
+    channels: tuple[str, ...]  # joints or gauges; without those of unknown scale
+    t: FloatArray  # since the beginning of the recording, (samples,) [s]
+    # Without and with the load, in units of the channels, (samples, channels).
     before: FloatArray
     after: FloatArray
 
@@ -69,82 +58,46 @@ class Leftover:
 
 @dataclass(frozen=True, eq=False)
 class OutputMass:
-    """
-    Mass at the tip as one output tells it.
+    """Mass at the tip as one output tells it."""
 
-    Attributes
-    ----------
-    output : {'effort', 'strain'}
-        Output that was read.
-    mass, std : float
-        Beside what the model knows, with its standard deviation without that of the scale [kg];
-        without a scale as a part of the arm's own moment.
-    before, after : float
-        Relative residual without and with the load.
-    bent : bool
-        Whether it is told by where links are that bend.
-    leftover : Leftover
-        The same sample by sample, with the load that the estimate takes: at the tip, or as a body.
-
-    """
-
-    output: str
+    output: str  # output that was read
+    # Beside what the model knows, with its standard deviation without that of the scale [kg];
+    # without a scale as a part of the arm's own moment.
     mass: float
     std: float
+    # Relative residual without and with the load.
     before: float
     after: float
-    bent: bool
+    bent: bool  # whether it is told by where links are that bend
+    # The same sample by sample, with the load that the estimate takes: at the tip, or as a body.
     leftover: Leftover
 
 
 @dataclass(frozen=True, eq=False)
 class PayloadEstimate:
-    """
-    What the arm carries.
+    """What the arm carries."""
 
-    Attributes
-    ----------
-    verdict : Verdict
-        Whether there is a load; `UNKNOWN` where the recording does not show.
-    mass, mass_std : float
-        In all, with what the model knows of [kg]; NaN without a scale.
-    known : float
-        Part of it that the model knows of [kg].
-    com, com_std : ndarray of shape (3,)
-        Centre of the mass in `frame` [m]; NaN where it is not shown.
-    inertia, inertia_std : ndarray of shape (6,)
-        xx, xy, yy, xz, yz, zz about the origin of `frame` [kg m^2]; NaN where it is not shown.
-    frame : str
-        Frame that turns with the last joint.
-    at_tip : bool
-        Whether the load is taken to sit at the tip, for want of motion that shows its place.
-    source : Source
-        Where kilograms come from.
-    scale_std : float
-        Relative standard deviation of the scale, which `mass_std` has in it.
-    relative, relative_std : float
-        Moment of the load over that of the arm itself, both held out horizontally by its last
-        joints; for loads without a scale.
-    outputs : tuple of OutputMass
-        What each output says by itself.
-
-    """
-
-    verdict: Verdict
+    verdict: Verdict  # whether there is a load; `UNKNOWN` where the recording does not show
+    # In all, with what the model knows of [kg]; NaN without a scale.
     mass: float
     mass_std: float
-    known: float
+    known: float  # part of it that the model knows of [kg]
+    # (3,): centre of the mass in `frame` [m]; NaN where it is not shown.
     com: FloatArray
     com_std: FloatArray
+    # (6,): xx, xy, yy, xz, yz, zz about the origin of `frame` [kg m^2]; NaN where it is not shown.
     inertia: FloatArray
     inertia_std: FloatArray
-    frame: str
+    frame: str  # frame that turns with the last joint
+    # Whether the load is taken to sit at the tip, for want of motion that shows its place.
     at_tip: bool
-    source: Source
-    scale_std: float
+    source: Source  # where kilograms come from
+    scale_std: float  # relative standard deviation of the scale, which `mass_std` has in it
+    # Moment of the load over that of the arm itself, both held out horizontally by its last
+    # joints; for loads without a scale.
     relative: float
     relative_std: float
-    outputs: tuple[OutputMass, ...]
+    outputs: tuple[OutputMass, ...]  # what each output says by itself
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values; None for what is not known."""

@@ -37,16 +37,7 @@ def reframed(placement: pin.SE3) -> FloatArray:
     """
     Give the matrix that takes parameters about one frame to those about another.
 
-    Parameters
-    ----------
-    placement : pinocchio.SE3
-        Other frame in the one of the parameters.
-
-    Returns
-    -------
-    ndarray of shape (10, 10)
-        ``matrix @ parameters`` are the same body about the other frame.
-
+    Returns (10, 10).
     """
     into = placement.inverse().homogeneous
     return np.column_stack([parameters_from(into @ pseudo_inertia(unit) @ into.T)
@@ -54,15 +45,7 @@ def reframed(placement: pin.SE3) -> FloatArray:
 
 
 def point_mass(place: FloatArray) -> FloatArray:
-    """
-    Give the parameters of one kilogram at a place.
-
-    Parameters
-    ----------
-    place : ndarray of shape (3,)
-        Where it is [m].
-
-    """
+    """Give the parameters of one kilogram at a place: place (3,) [m]."""
     lever = np.append(place, 1.0)
     return parameters_from(np.outer(lever, lever))
 
@@ -74,20 +57,7 @@ def consistent(parameters: FloatArray, information: FloatArray, size: float) -> 
     What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
     of the given size, by so little that no direction that is known moves.
 
-    Parameters
-    ----------
-    parameters : ndarray of shape (10,)
-        Estimate; any values.
-    information : ndarray of shape (10, 10)
-        Inverse of its covariance, positive semidefinite.
-    size : float
-        Radius of gyration of an unknown body [m].
-
-    Returns
-    -------
-    ndarray of shape (10,)
-        Parameters whose pseudo-inertia is positive semidefinite.
-
+    parameters (10,), information (10, 10), size [m]; returns (10,).
     """
     values, vectors = np.linalg.eigh(0.5 * (information + information.T))
     root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T

@@ -40,23 +40,13 @@ FLAT = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """
-    Parameters of a load as one output tells them.
+    """Parameters of a load as one output tells them."""
 
-    Attributes
-    ----------
-    parameters : ndarray of shape (n_parameters,)
-        Least squares; directions that are not shown are zero.
-    information : ndarray of shape (n_parameters, n_parameters)
-        Inverse of the covariance; singular where directions are not shown.
-    before, after : ndarray of shape (n_samples, n_channels)
-        What is left over without and with the load, each channel's own terms left out, in its
-        unit.
-
-    """
-
-    parameters: FloatArray
+    parameters: FloatArray  # (parameters,): least squares; directions that are not shown are zero
+    # (parameters, parameters): inverse of the covariance; singular where directions are not shown.
     information: FloatArray
+    # (samples, channels): what is left over without and with the load, each channel's own terms
+    # left out, in its unit.
     before: FloatArray
     after: FloatArray
 
@@ -67,22 +57,8 @@ def solve_load(
     """
     Explain residuals by a load.
 
-    Parameters
-    ----------
-    residual : ndarray of shape (n_samples, n_channels)
-        What a model without the load leaves over, in units of the output.
-    rows : ndarray of shape (n_samples, n_channels, n_parameters)
-        What each parameter adds.
-    own : sequence of ndarray of shape (n_samples, n_own)
-        What each channel has to itself.
-    rate : float
-        Samples a second [Hz].
-
-    Returns
-    -------
-    Solution
-        Parameters with their information.
-
+    residual (samples, channels), rows (samples, channels, parameters), own (samples, own), rate
+    [Hz].
     """
     count = residual.shape[1]
     free, left = np.empty_like(rows), np.empty_like(residual)
@@ -125,18 +101,7 @@ def long_run(scores: FloatArray, window: int) -> FloatArray:
     """
     Sum the covariances of a series over lags, with weights that fall linearly.
 
-    Parameters
-    ----------
-    scores : ndarray of shape (n_samples, n_parameters)
-        Series whose mean is zero.
-    window : int
-        Largest lag, in samples.
-
-    Returns
-    -------
-    ndarray of shape (n_parameters, n_parameters)
-        Covariance of the sum of the series.
-
+    scores (samples, parameters); returns (parameters, parameters).
     """
     total = scores.T @ scores
     for lag in range(1, window + 1):

@@ -87,17 +87,7 @@ class LoadObserver:
     """
     The load that an arm carries, and whether what came suddenly is one.
 
-    Parameters
-    ----------
-    channels : int
-        Number of channels.
-    reference : float
-        Payloads of the model, or what weighs like the arm itself [kg].
-    lag : float, default=0
-        Of each of the three filters that channels went through [s].
-    explained : float, default=0.15
-        Part of what came suddenly that a load leaves over at most.
-
+    reference [kg], lag [s].
     """
 
     def __init__(
@@ -143,27 +133,7 @@ class LoadObserver:
         """
         Take a sample into account.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 at a beginning [s].
-        left : ndarray of shape (n_channels,)
-            What a model without the load leaves over, in units of its noise.
-        worth : ndarray of shape (n_channels,)
-            What a kilogram adds, in the same.
-        weight : ndarray of shape (n_channels,)
-            What its weight adds without its inertia.
-        held : bool
-            Whether something touches the arm: then the mass stays as it is.
-        expected : bool, default=False
-            Whether a load may come or go now.
-
-        Returns
-        -------
-        float
-            Change of the load, where what came suddenly has just turned out to be one; zero
-            otherwise [kg].
-
+        left, worth, weight (channels,); dt [s]: 0 at a beginning; returns [kg], zero otherwise.
         """
         dt = min(dt, LARGEST_STEP)
         if dt <= 0.0:
@@ -231,18 +201,7 @@ def ramp(lag: float, count: int) -> FloatArray:
     """
     Give how much of a step is seen behind three equal low-passes.
 
-    Parameters
-    ----------
-    lag : float
-        Of each of them [s].
-    count : int
-        Number of blocks.
-
-    Returns
-    -------
-    ndarray of shape (n_blocks,)
-        In the middle of each block behind the step, from 0 to 1.
-
+    lag [s]; returns (blocks,).
     """
     if lag <= 0.0:
         return np.ones(count)

@@ -64,40 +64,7 @@ def estimate_payload(
     bent: BentLinks | None = None,
     watched: Sequence[Watched] = (),
 ) -> PayloadEstimate:
-    """
-    Estimate what the arm carries.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the models.
-    models : mapping of str to Model
-        Output to model: of all payloads, or of one.
-    stretches : sequence of Stretch
-        Recording, filtered as the models need it.
-    known : float, default=0.0
-        Payload of models of one [kg].
-    errors : mapping of str to float, optional
-        Output to the error of a mass that models made on recordings with a known load that they
-        had not seen [kg]; without a scale as a part of the arm's own moment.
-    whole : bool, default=True
-        Look for place and inertia too, where the scale allows it.
-    bent : BentLinks, optional
-        How links bend: their model takes the place of that of the strain.
-    watched : sequence of Watched
-        The same recording as it was read, for where links are that bend.
-
-    Returns
-    -------
-    PayloadEstimate
-        Mass, place and inertia with standard deviations, as far as they are shown.
-
-    Raises
-    ------
-    FitError
-        If there is no output that a model and the recording have in common.
-
-    """
+    """Estimate what the arm carries: known, errors [kg]."""
     of_all = any(model.payload_range is not None or model.has_memory for model in models.values())
     told = []
     for output in models:

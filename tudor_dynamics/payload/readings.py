@@ -30,48 +30,20 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """
-    An output of a recording beside a model.
+    """An output of a recording beside a model."""
 
-    Attributes
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    measured, predicted : ndarray of shape (n_samples, n_channels)
-        In units of the output; predicted as if nothing were carried beyond what the model knows.
-    rate : float
-        Samples a second [Hz].
-    t : ndarray of shape (n_samples,)
-        Since the beginning of the recording [s].
-
-    """
-
+    # `[q, dq, ddq]`, (samples, 3 joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
+    # (samples, channels): in units of the output; predicted as if nothing were carried beyond what
+    # the model knows.
     measured: FloatArray
     predicted: FloatArray
-    rate: float
-    t: FloatArray
+    rate: float  # samples a second [Hz]
+    t: FloatArray  # since the beginning of the recording, (samples,) [s]
 
 
 def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Readings:
-    """
-    Put an output of a recording beside a model.
-
-    Parameters
-    ----------
-    model : Model
-        Model of the motion alone.
-    stretches : sequence of Stretch
-        Gapless stretches that have the output.
-    output : {'effort', 'strain'}
-        Output that is compared.
-
-    Returns
-    -------
-    Readings
-        At the samples that decimation keeps.
-
-    """
+    """Put an output of a recording beside a model."""
     pieces = [(s.t[s.decimation.keep], s.motion[s.decimation.keep],
                s.decimation(getattr(s, output)), model.follow_kept(s)) for s in stretches]
     t, motion, measured, predicted = (
@@ -81,24 +53,7 @@ def readings(model: Model, stretches: Sequence[Stretch], output: str) -> Reading
 
 
 def bent_readings(bent: BentLinks, model: Model, stretches: Sequence[Smoothed]) -> Readings:
-    """
-    Put the strain of links that bend beside a model of it.
-
-    Parameters
-    ----------
-    bent : BentLinks
-        How they bend.
-    model : Model
-        Of the strain by where links are: that of ``bent`` with a payload put in.
-    stretches : sequence of Smoothed
-        Stretches behind the filter, one at least.
-
-    Returns
-    -------
-    Readings
-        The motion is that of the links.
-
-    """
+    """Put the strain of links that bend beside a model of it."""
     motion = np.vstack([bent.motion(item.states) for item in stretches])
     return Readings(motion, np.vstack([item.strain for item in stretches]), model.predict(motion),
                     1.0 / float(np.median([item.step for item in stretches])),

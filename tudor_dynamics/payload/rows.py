@@ -47,16 +47,7 @@ def tip(arm: Arm) -> FloatArray:
     """
     Give the place that a load is taken to sit at: the frame that is farthest out.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that carries the load.
-
-    Returns
-    -------
-    ndarray of shape (3,)
-        In the frame of the carrier [m].
-
+    Returns (3,) [m].
     """
     index = arm.model.getJointId(carrier(arm))
     place = np.zeros(3)
@@ -72,20 +63,7 @@ class LoadRows:
     """
     Rows of the last body, about the frame of the carrier whatever the output is.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that carries the load.
-    output : {'effort', 'strain'}
-        Output whose rows are wanted.
-
-    Attributes
-    ----------
-    regressor : EffortRegressor or StrainRegressor
-        Rows of the whole arm.
-    point_parameters : ndarray of shape (n_channels, n_columns)
-        One kilogram at the tip, for these rows.
-
+    point_parameters (channels, columns).
     """
 
     def __init__(self, arm: Arm, output: str) -> None:
@@ -107,17 +85,8 @@ class LoadRows:
         """
         Evaluate the rows of all ten parameters.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels, 10)
-            Effort in its unit, where torque constants are known, N m or N otherwise; bending
-            moment of a gauge in N m.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels, 10) [its unit].
         """
         return np.asarray(self.regressor.rows(motion)[:, :, self._carried] @ self._frame)
 
@@ -125,15 +94,7 @@ class LoadRows:
         """
         Evaluate what one kilogram at the tip adds, without making the rows.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            As from `rows`, per kilogram.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels).
         """
         return self.regressor.outputs(motion, self.point_parameters)

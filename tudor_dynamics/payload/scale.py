@@ -54,43 +54,22 @@ class Source(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Scale:
-    """
-    What a row of a load is worth in an output.
+    """What a row of a load is worth in an output."""
 
-    Attributes
-    ----------
-    factor : ndarray of shape (n_channels,)
-        Unit of the channel per unit of `LoadRows.rows`; 0 where it is not known.
-    relative : float
-        Relative standard deviation that all channels have in common.
-    source : Source
-        Where it comes from.
-
-    """
-
+    # (channels,): unit of the channel per unit of `LoadRows.rows`; 0 where it is not known.
     factor: FloatArray
-    relative: float
-    source: Source
+    relative: float  # relative standard deviation that all channels have in common
+    source: Source  # where it comes from
 
 
 @dataclass(frozen=True, eq=False)
 class Described:
-    """
-    Efforts over those of the masses of the description.
+    """Efforts over those of the masses of the description."""
 
-    Attributes
-    ----------
-    ratio : ndarray of shape (n_joints,)
-        Unit of the effort per N m or N; 1 for a right description in N m.
-    share : ndarray of shape (n_joints,)
-        Part of the effort, friction left out, that they explain.
-    size : ndarray of shape (n_joints,)
-        Mean square of the effort of these masses, friction left out, in its unit.
-
-    """
-
+    # (joints,): unit of the effort per N m or N; 1 for a right description in N m.
     ratio: FloatArray
-    share: FloatArray
+    share: FloatArray  # part of the effort, friction left out, that they explain, (joints,)
+    # (joints,): mean square of the effort of these masses, friction left out, in its unit.
     size: FloatArray
 
     @property
@@ -103,18 +82,7 @@ def friction_terms(speed: FloatArray, slow: float) -> FloatArray:
     """
     Give what a joint's friction may change by from one day to another.
 
-    Parameters
-    ----------
-    speed : ndarray of shape (n_samples,)
-        Of the joint [rad/s or m/s].
-    slow : float
-        Speed over which the description lets the sign of its friction change.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, 3)
-        Viscous, Coulomb, offset.
-
+    speed (samples,) [rad/s or m/s]; returns (samples, 3).
     """
     sharp = max(slow, SLOW * float(np.sqrt(np.mean(speed ** 2))), 1e-9)
     return np.column_stack([speed, np.tanh(speed / sharp), np.ones(len(speed))])
@@ -124,20 +92,9 @@ def described_masses(arm: Arm, motion: FloatArray, effort: FloatArray) -> Descri
     """
     Compare efforts with those of the masses of the description.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its masses, if it has some.
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    effort : ndarray of shape (n_samples, n_joints)
-        Efforts in their units.
-
-    Returns
-    -------
-    Described or None
-        None where the description has no masses.
-
+    effort (samples, joints) [its unit]; motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
+    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns None where the description has no
+    masses.
     """
     values = np.concatenate([inertia.toDynamicParameters()
                              for inertia in list(arm.model.inertias)[1:]])
@@ -165,22 +122,8 @@ def find_scale(
     """
     Find out what the readings of an output are worth.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with all that is known of its units.
-    output : {'effort', 'strain'}
-        Output that is read.
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    predicted : ndarray of shape (n_samples, n_channels)
-        What a model of the arm without the load says of this motion.
-
-    Returns
-    -------
-    Scale
-        Factors, zero for channels of which nothing is known.
-
+    predicted (samples, channels); motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
+    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     """
     if output == 'strain':
         gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}

@@ -44,22 +44,11 @@ ROUGHLY = 0.05
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Sensed:
-    """
-    A sample in units of its noise, whose density is 1.
+    """A sample in units of its noise, whose density is 1."""
 
-    Attributes
-    ----------
-    left : ndarray of shape (n_channels,)
-        What a model without the load leaves over.
-    worth : ndarray of shape (n_channels,)
-        What a kilogram adds.
-    weight : ndarray of shape (n_channels,)
-        What its weight adds without its inertia: a force that is held at the tip.
-
-    """
-
-    left: FloatArray
-    worth: FloatArray
+    left: FloatArray  # what a model without the load leaves over, (channels,)
+    worth: FloatArray  # what a kilogram adds, (channels,)
+    # (channels,): what its weight adds without its inertia: a force that is held at the tip.
     weight: FloatArray
 
 
@@ -104,15 +93,7 @@ class RigidSense:
     time for which it depends on itself, more so where the arm accelerates, which is when links
     ring.
 
-    Parameters
-    ----------
-    model : Model
-        Of the output, without the load.
-    worth : LoadWorth
-        What a kilogram adds to it.
-    noise : ndarray of shape (n_channels,)
-        What the model leaves over in free motion, in units of the output.
-
+    noise (channels,).
     """
 
     lag = 0.0
@@ -138,19 +119,7 @@ class RigidSense:
 
 
 class BentSense:
-    """
-    By where links are that bend, all gauges together.
-
-    Parameters
-    ----------
-    bent : BentLinks
-        How they bend, with its model.
-    worth : LoadWorth
-        What a kilogram adds, by that model.
-    known : float
-        Load that is none [kg].
-
-    """
+    """By where links are that bend, all gauges together: known [kg]."""
 
     explained = 0.15
 
@@ -184,26 +153,7 @@ def _and_still(motion: FloatArray) -> FloatArray:
 def rigid_noise(
     facts: Mapping[str, Any], output: str, model: AnalyticalModel, worth: LoadWorth,
 ) -> FloatArray:
-    """
-    Give what a model beside the robot leaves over in its training.
-
-    Parameters
-    ----------
-    facts : mapping
-        Facts of a bundle.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-    model : AnalyticalModel
-        Model of it.
-    worth : LoadWorth
-        What a kilogram adds, for models of which the facts say nothing.
-
-    Returns
-    -------
-    ndarray of shape (n_channels,)
-        Root mean square error, in units of the output.
-
-    """
+    """Give what a model beside the robot leaves over in its training; returns (channels,)."""
     found = np.maximum(ROUGHLY * worth.reference * worth.typical, 1e-300)
     for key in ('validation', 'causal_validation'):
         try:

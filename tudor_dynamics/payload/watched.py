@@ -32,77 +32,29 @@ FINE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """
-    A gapless stretch of a recording.
+    """A gapless stretch of a recording."""
 
-    Attributes
-    ----------
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    q : ndarray of shape (n_samples, n_joints)
-        Positions of the active joints [rad or m].
-    strain : ndarray of shape (n_samples, n_gauges)
-        Readings in their units.
-    payload : float
-        What is carried [kg].
-    begin : float
-        Time of the first sample since the beginning of the recording [s].
-
-    """
-
-    dt: FloatArray
-    q: FloatArray
-    strain: FloatArray
-    payload: float
-    begin: float = 0.0
+    dt: FloatArray  # time since the sample before, (samples,) [s]
+    q: FloatArray  # positions of the active joints, (samples, joints) [rad or m]
+    strain: FloatArray  # readings in their units, (samples, gauges)
+    payload: float  # what is carried [kg]
+    begin: float = 0.0  # time of the first sample since the beginning of the recording [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """
-    A stretch behind the filter, thinned out.
+    """A stretch behind the filter, thinned out."""
 
-    Attributes
-    ----------
-    states : ndarray of shape (3, n_samples, n_joints + n_gauges)
-        Positions and strains with their first and second derivatives.
-    strain : ndarray of shape (n_samples, n_gauges)
-        Readings behind the filter, in their units.
-    payload : float
-        What is carried [kg].
-    step : float
-        Time between samples [s].
-    t : ndarray of shape (n_samples,)
-        Since the beginning of the recording [s].
-
-    """
-
+    # (3, samples, joints + gauges): positions and strains with their first and second derivatives.
     states: FloatArray
-    strain: FloatArray
-    payload: float
-    step: float
-    t: FloatArray
+    strain: FloatArray  # readings behind the filter, in their units, (samples, gauges)
+    payload: float  # what is carried [kg]
+    step: float  # time between samples [s]
+    t: FloatArray  # since the beginning of the recording, (samples,) [s]
 
 
 def smoothed(items: Iterable[Watched], cutoff: float, step: float = FINE) -> list[Smoothed]:
-    """
-    Filter stretches from where the filter has settled on.
-
-    Parameters
-    ----------
-    items : iterable of Watched
-        Gapless stretches; those that end before are left out.
-    cutoff : float
-        Of the filter [Hz].
-    step : float, default=0.02
-        Time between samples that are kept, to the next whole sample [s].
-
-    Returns
-    -------
-    list of Smoothed
-        Those with two samples or more.
-
-    """
+    """Filter stretches from where the filter has settled on: cutoff [Hz], step [s]."""
     found = []
     for item in items:
         dt = float(np.median(item.dt))

@@ -35,28 +35,7 @@ SAMPLES = 200
 
 
 class LoadWorth:
-    """
-    Outputs per kilogram.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that carries the load.
-    output : {'effort', 'strain'}
-        Output that feels it.
-    model : AnalyticalModel
-        Of all payloads, which knows, or of one: then by what its readings are worth.
-
-    Attributes
-    ----------
-    source : Source
-        Where kilograms come from; `Source.NOTHING` where they do not.
-    reference : float
-        Payloads of the model, or what weighs like the arm itself [kg].
-    typical : ndarray of shape (n_channels,)
-        Spread of what a kilogram adds, over random motion, in units of the output.
-
-    """
+    """Outputs per kilogram: reference [kg], typical (channels,)."""
 
     def __init__(self, arm: Arm, output: str, model: AnalyticalModel) -> None:
         self._factor: FloatArray | None = None
@@ -88,16 +67,8 @@ class LoadWorth:
         """
         Evaluate one sample.
 
-        Parameters
-        ----------
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_channels,)
-            In units of the output per kilogram.
-
+        row (3 joints,): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns
+        (channels,).
         """
         return self.along(row[None, :])[0]
 
@@ -105,38 +76,15 @@ class LoadWorth:
         """
         Evaluate samples.
 
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, 3 n_joints)
-            ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            In units of the output per kilogram.
-
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, channels).
         """
         found = self._regressor.outputs(motion, self._parameters)
         return found if self._factor is None else found * self._factor
 
 
 def load_worth(arm: Arm, models: Mapping[str, Mapping[str, Model]]) -> dict[str, LoadWorth]:
-    """
-    Find the outputs of a bundle that tell kilograms.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the models.
-    models : mapping of str to mapping of str to Model
-        Output to kind to model.
-
-    Returns
-    -------
-    dict of str to LoadWorth
-        Output to what a kilogram adds; without those of which nothing is known.
-
-    """
+    """Find the outputs of a bundle that tell kilograms."""
     found = {}
     for output, kinds in models.items():
         model = kinds.get('analytical')

@@ -31,20 +31,11 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True)
 class JointErrors:
-    """
-    What bodies are worth for a joint, on motion that nothing was fitted to.
+    """What bodies are worth for a joint, on motion that nothing was fitted to."""
 
-    Attributes
-    ----------
-    joint : str
-        Name of the joint.
-    described, identified, free : float
-        Relative error of its effort by bodies as described with the drives that suit them best,
-        by identified ones that can exist, and by base parameters [%].
-
-    """
-
-    joint: str
+    joint: str  # name of the joint
+    # Relative error of its effort by bodies as described with the drives that suit them best, by
+    # identified ones that can exist, and by base parameters [%].
     described: float
     identified: float
     free: float
@@ -52,62 +43,24 @@ class JointErrors:
 
 @dataclass(frozen=True)
 class IdentifiedBody:
-    """
-    A body before and after.
+    """A body before and after."""
 
-    Attributes
-    ----------
-    row : BodyRow
-        As described, and as identified.
-    mass_error : float
-        Standard error of the identified mass [kg].
-    shown : int
-        Of its ten parameters, those that the recordings fix.
-
-    """
-
-    row: BodyRow
-    mass_error: float
-    shown: int
+    row: BodyRow  # as described, and as identified
+    mass_error: float  # standard error of the identified mass [kg]
+    shown: int  # of its ten parameters, those that the recordings fix
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """
-    A description and a fit side by side.
+    """A description and a fit side by side."""
 
-    Attributes
-    ----------
-    bodies : tuple of IdentifiedBody
-        One for each joint.
-    joints : tuple of JointErrors
-        One for each joint.
-    assumed : bool
-        Whether torque is known up to a factor only, so that masses are not absolute.
-
-    """
-
-    bodies: tuple[IdentifiedBody, ...]
+    bodies: tuple[IdentifiedBody, ...]  # one for each joint
     joints: tuple[JointErrors, ...]
-    assumed: bool
+    assumed: bool  # whether torque is known up to a factor only, so that masses are not absolute
 
 
 def before_after(result: FitResult) -> BeforeAfter | None:
-    """
-    Compare an arm as described with an arm as identified.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-
-    Returns
-    -------
-    BeforeAfter or None
-        None where nothing is described of the bodies, or there is no analytical model of efforts
-        for one payload.
-
-    """
+    """Compare an arm as described with an arm as identified."""
     arm = result.arm
     fitted = next((item for item in result.fitted
                    if (item.output, item.kind) == ('effort', 'analytical')), None)

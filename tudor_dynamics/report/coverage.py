@@ -43,20 +43,7 @@ def _edges(axis: JointPositions) -> FloatArray:
 
 
 def density_figure(joints: Sequence[JointPositions]) -> str:
-    """
-    Draw how often each position was visited.
-
-    Parameters
-    ----------
-    joints : sequence of JointPositions
-        Positions of two joints.
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw how often each position was visited."""
     columns = min(len(joints), 3)
     n_rows = -(-len(joints) // columns)
     with style(PAGE):
@@ -79,20 +66,7 @@ def density_figure(joints: Sequence[JointPositions]) -> str:
 
 
 def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> str:
-    """
-    Draw which combinations of two joints' positions were visited.
-
-    Parameters
-    ----------
-    pairs : sequence of (JointPositions, JointPositions)
-        Pairs of joints, one to three.
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw which combinations of two joints' positions were visited."""
     with style(PAGE):
         columns = max(len(pairs), 2)
         height = 2.9 if columns == 2 else 2.0

@@ -36,52 +36,26 @@ MAX_PAIRS = 3
 
 @dataclass(frozen=True)
 class JointCoverage:
-    """
-    Where a joint has been, in training and in validation.
+    """Where a joint has been, in training and in validation."""
 
-    Attributes
-    ----------
-    joint, unit : str
-        Joint and the unit of its position.
-    training, test : tuple of float or None
-        Smallest and largest position; None without test bag.
-    outside : float or None
-        Share of the validation samples outside the training range of positions [%].
-    speed, acceleration : float
-        Largest in training, per second and per second squared.
-    test_speed, test_acceleration : float or None
-        Largest in validation.
-
-    """
-
+    # Joint and the unit of its position.
     joint: str
     unit: str
+    # Smallest and largest position; None without test bag.
     training: tuple[float, float]
+    # Largest in training, per second and per second squared.
     speed: float
     acceleration: float
     test: tuple[float, float] | None = None
+    # Share of the validation samples outside the training range of positions [%].
     outside: float | None = None
+    # Largest in validation.
     test_speed: float | None = None
     test_acceleration: float | None = None
 
 
 def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSignal]:
-    """
-    Collect what the models of one output say of the first validation bag.
-
-    Parameters
-    ----------
-    fitted : sequence of FittedOutput
-        Models of one output.
-    arm : Arm
-        Arm whose units are written.
-
-    Returns
-    -------
-    list of ComparedSignal
-        One for each channel.
-
-    """
+    """Collect what the models of one output say of the first validation bag."""
     traces = {item.kind: item.validation.traces[0] for item in fitted}
     first = next(iter(traces.values()))
     units = output_units(arm, fitted[0].output)
@@ -93,22 +67,7 @@ def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSig
 def channel_errors(
     fitted: Sequence[FittedOutput], arm: Arm,
 ) -> list[tuple[str, str, dict[str, FloatArray]]]:
-    """
-    Collect the errors over all validation bags.
-
-    Parameters
-    ----------
-    fitted : sequence of FittedOutput
-        Models of one output.
-    arm : Arm
-        Arm whose units are written.
-
-    Returns
-    -------
-    list of (name, unit, dict of kind to errors)
-        One for each channel.
-
-    """
+    """Collect the errors over all validation bags."""
     units = output_units(arm, fitted[0].output)
     return [(name, units[name],
              {item.kind: np.concatenate([trace.measured[:, i] - trace.predicted[:, i]
@@ -130,22 +89,7 @@ def _speed(trace: Trace, data: Sequence[BagData]) -> FloatArray:
 
 
 def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
-    """
-    Find the stretch with the most motion.
-
-    Parameters
-    ----------
-    trace : Trace
-        Bag that was validated.
-    data : sequence of BagData
-        Bags, among them the validated one.
-
-    Returns
-    -------
-    (float, float)
-        Begin and end [s].
-
-    """
+    """Find the stretch with the most motion [s]."""
     t = trace.t
     length = min(DETAIL, 0.5 * float(t[-1] - t[0]))
     total = np.concatenate([[0.0], np.cumsum(_speed(trace, data))])
@@ -175,20 +119,7 @@ def joint_pairs(axes: Sequence[JointPositions]) -> list[tuple[JointPositions, Jo
 
 
 def coverage(result: FitResult) -> list[JointCoverage]:
-    """
-    Say where each joint has been and how fast.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its bags.
-
-    Returns
-    -------
-    list of JointCoverage
-        One for each active joint.
-
-    """
+    """Say where each joint has been and how fast."""
     peaks = [[np.max(np.abs(_kept(data, name)), axis=0) for name in ('dq', 'ddq')]
              if data else None for data in (result.training, result.test)]
     rows = []

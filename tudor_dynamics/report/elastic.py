@@ -47,16 +47,7 @@ def elastic_section(result: FitResult) -> ElasticSection | None:
     """
     Collect what the page shows of the elastic model.
 
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its elastic models.
-
-    Returns
-    -------
-    ElasticSection or None
-        None where no elastic model was fitted.
-
+    Returns None where no elastic model was fitted.
     """
     found, arm = result.elastic, result.arm
     if found is None:
@@ -90,24 +81,7 @@ def _parameter(parameter: PhysicalParameter, described: float) -> ParameterRow:
 def gauge_rows(
     arm: Arm, found: Identified, units: dict[str, str],
 ) -> tuple[GaugeRow, ...]:
-    """
-    List gains and offsets.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose units are written.
-    found : Identified
-        What was found out.
-    units : dict of str to str
-        Unit of each gauge.
-
-    Returns
-    -------
-    tuple of GaugeRow
-        One for each gauge.
-
-    """
+    """List gains and offsets."""
     return tuple(
         GaugeRow(name, float(value[0]), float(error[0]), f'({units[name]})/(N m)',
                  float(value[1]), float(error[1]), units[name])
@@ -116,22 +90,7 @@ def gauge_rows(
 
 
 def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[RingRow, ...]:
-    """
-    List the ring-downs, of many the strongest.
-
-    Parameters
-    ----------
-    ringdowns : sequence of Ringdown
-        Ring-downs of all bags.
-    units : dict of str to str
-        Unit of each gauge.
-
-    Returns
-    -------
-    tuple of RingRow
-        In the same order.
-
-    """
+    """List the ring-downs, of many the strongest."""
     strongest = sorted(ringdowns, key=lambda r: -r.amplitude)[:MOST_ROWS]
     return tuple(
         # rounded before it is written: no minus before zero
@@ -141,20 +100,7 @@ def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[Rin
 
 
 def start_rows(starts: Sequence[Start]) -> tuple[StartRow, ...]:
-    """
-    List the starts of the search, the best one marked.
-
-    Parameters
-    ----------
-    starts : sequence of Start
-        Starts of the search that were compared.
-
-    Returns
-    -------
-    tuple of StartRow
-        By share and factor.
-
-    """
+    """List the starts of the search, the best one marked."""
     rows = []
     best = max((start.fit for start in starts), default=0.0)
     for start in sorted(starts, key=lambda start: (start.share or 0.0, start.factor)):
@@ -170,16 +116,7 @@ def summary(ringdowns: Sequence[Ringdown]) -> str:
     """
     Say in a sentence how far prediction and measurement are apart.
 
-    Parameters
-    ----------
-    ringdowns : sequence of Ringdown
-        Ring-downs of all bags.
-
-    Returns
-    -------
-    str
-        Sentence; empty where there is nothing to compare.
-
+    Returns an empty string where there is nothing to compare.
     """
     parts = []
     for name, words in (('held', 'joints held'), ('simulated', 'along the measured motion')):

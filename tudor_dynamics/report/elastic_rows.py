@@ -24,167 +24,65 @@ from tudor_dynamics.identification.elastic.ringdowns import Ringdown
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """
-    A physical parameter; ``described`` is what the arm description says of it.
-
-    Attributes
-    ----------
-    name : str
-        Name of the parameter.
-    symbol : str
-        Name as the bundle has it.
-    value : float
-        Identified value, in its unit.
-    unit : str
-        Unit of the value.
-    standard_error : float
-        Standard deviation, in the same unit.
-    described : float
-        What the arm description says, in the same unit.
-    note : str
-        What is odd about it.
-
-    """
+    """A physical parameter; ``described`` is what the arm description says of it."""
 
     name: str
-    symbol: str
-    value: float
-    unit: str
-    standard_error: float
-    described: float
-    note: str
+    symbol: str  # name as the bundle has it
+    value: float  # identified value, in its unit
+    unit: str  # unit of the value
+    standard_error: float  # standard deviation, in the same unit
+    described: float  # what the arm description says, in the same unit
+    note: str  # what is odd about it
 
 
 @dataclass(frozen=True)
 class GaugeRow:
-    """
-    Gain and offset of a gauge, with their standard deviations.
-
-    Attributes
-    ----------
-    name : str
-        Name of the gauge.
-    gain : float
-        Reading per bending moment, in the unit below.
-    gain_error : float
-        Its standard deviation.
-    gain_unit : str
-        Unit of the gain.
-    offset : float
-        Reading without load, in the unit of the gauge.
-    offset_error : float
-        Its standard deviation.
-    unit : str
-        Unit of the gauge.
-
-    """
+    """Gain and offset of a gauge, with their standard deviations."""
 
     name: str
-    gain: float
-    gain_error: float
+    gain: float  # reading per bending moment, in the unit below
+    gain_error: float  # its standard deviation
     gain_unit: str
-    offset: float
-    offset_error: float
+    offset: float  # reading without load, in the unit of the gauge
+    offset_error: float  # its standard deviation
     unit: str
 
 
 @dataclass(frozen=True)
 class StartRow:
-    """
-    A stiffness that the search began with; ``fit`` in percent, on the pieces compared.
+    """A stiffness that the search began with; ``fit`` in percent, on the pieces compared."""
 
-    Attributes
-    ----------
-    factor : float
-        Factor on the stiffness.
-    share : str
-        What the gears have of the compliance, in words.
-    fit : float
-        Fit on the pieces compared [%].
-    note : str
-        What became of it.
-
-    """
-
-    factor: float
-    share: str
-    fit: float
-    note: str
+    factor: float  # factor on the stiffness
+    share: str  # what the gears have of the compliance, in words
+    fit: float  # fit on the pieces compared [%]
+    note: str  # what became of it
 
 
 @dataclass(frozen=True)
 class RingRow:
-    """
-    A ring-down with its bag and pose as the page writes them.
+    """A ring-down with its bag and pose as the page writes them."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag as the page writes it.
-    pose : str
-        Pose as the page writes it.
-    unit : str
-        Unit of the amplitude.
-    ring : Ringdown
-        Ring-down that was measured and predicted.
-
-    """
-
-    bag: str
-    pose: str
-    unit: str
-    ring: Ringdown
+    bag: str  # bag as the page writes it
+    pose: str  # pose as the page writes it
+    unit: str  # unit of the amplitude
+    ring: Ringdown  # ring-down that was measured and predicted
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticSection:
-    """
-    All that the page shows of the elastic arm; figures as data URI.
+    """All that the page shows of the elastic arm; figures as data URI."""
 
-    Attributes
-    ----------
-    parameters : tuple of ParameterRow
-        Physical parameters of the arm.
-    payload : float
-        Mass at the tip that was identified or given [kg].
-    payloads : bool
-        Whether the model is of all payloads.
-    gauges : tuple of GaugeRow
-        Gain and offset of each gauge.
-    modes : str or None
-        Figure of the modes as data URI.
-    ringdowns : int
-        Number of ring-downs in all bags.
-    ringdown_rows : tuple of RingRow
-        Ring-downs that the table shows.
-    ringdown_figure : str or None
-        Figure of the ring-downs as data URI.
-    ringdown_summary : str
-        How well they are predicted, in words.
-    shortest : float
-        Shortest standstill that counts [s].
-    starts : tuple of StartRow
-        Starts of the search.
-    fit : float
-        Fit on the training bags [%].
-    runs : int
-        Simulations done in all.
-    settings : str
-        How it was identified, in words.
-
-    """
-
-    parameters: tuple[ParameterRow, ...]
-    payload: float
-    payloads: bool
-    gauges: tuple[GaugeRow, ...]
-    modes: str | None
-    ringdowns: int
-    ringdown_rows: tuple[RingRow, ...]
-    ringdown_figure: str | None
-    ringdown_summary: str
-    shortest: float
-    starts: tuple[StartRow, ...]
-    fit: float
-    runs: int
-    settings: str
+    parameters: tuple[ParameterRow, ...]  # physical parameters of the arm
+    payload: float  # mass at the tip that was identified or given [kg]
+    payloads: bool  # whether the model is of all payloads
+    gauges: tuple[GaugeRow, ...]  # gain and offset of each gauge
+    modes: str | None  # figure of the modes as data URI
+    ringdowns: int  # number of ring-downs in all bags
+    ringdown_rows: tuple[RingRow, ...]  # ring-downs that the table shows
+    ringdown_figure: str | None  # figure of the ring-downs as data URI
+    ringdown_summary: str  # how well they are predicted, in words
+    shortest: float  # shortest standstill that counts [s]
+    starts: tuple[StartRow, ...]  # starts of the search
+    fit: float  # fit on the training bags [%]
+    runs: int  # simulations done in all
+    settings: str  # how it was identified, in words

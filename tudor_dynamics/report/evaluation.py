@@ -31,28 +31,7 @@ def evaluation_page(
     bundle: ModelBundle, bags: Sequence[str], outputs: dict[str, dict[str, Validation]],
     evaluated: Evaluated, worse: Sequence[Change],
 ) -> str:
-    """
-    Render the page.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models that were compared with bags.
-    bags : sequence of str
-        Names of the bags.
-    outputs : dict of str to dict of str to Validation
-        Output to kind to figures.
-    evaluated : Evaluated
-        What the doctor found, and loads.
-    worse : sequence of Change
-        Channels that are no longer what they were.
-
-    Returns
-    -------
-    str
-        HTML that needs nothing else.
-
-    """
+    """Render the page."""
     rows = [{'output': output, 'kind': kind, 'channel': name, 'score': score,
              'unit': output_units(bundle.arm, output)[name]}
             for output, kinds in outputs.items() for kind, item in kinds.items()

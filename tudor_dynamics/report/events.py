@@ -34,17 +34,7 @@ MOST = 6
 
 
 def write_events(results: Sequence[MethodResult], path: Path) -> None:
-    """
-    Write the picture, whole or not at all.
-
-    Parameters
-    ----------
-    results : sequence of MethodResult
-        Results of each method.
-    path : Path
-        File; its suffix says what kind.
-
-    """
+    """Write the picture, whole or not at all."""
     bags = min(len(results[0].watched), MOST)
     with style(PRINT):
         figure = Figure(figsize=(7.2, 0.7 + 1.35 * bags * len(results)), layout='constrained')

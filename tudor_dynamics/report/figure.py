@@ -40,50 +40,17 @@ METADATA = {'Date': None, 'Creator': None, 'Format': None, 'Type': None}
 
 
 def label(name: str, unit: str = '') -> str:
-    """
-    Write a channel with its unit.
-
-    Parameters
-    ----------
-    name : str
-        Name of the channel.
-    unit : str
-        Unit of its values; none if empty.
-
-    """
+    """Write a channel with its unit; unit: none if empty."""
     return f'{pretty_name(name)} [{pretty_unit(unit)}]' if unit else pretty_name(name)
 
 
 def plain_text(setter: Any, text: str) -> None:
-    """
-    Set a text in which dollar signs are dollar signs: names are not ours.
-
-    Parameters
-    ----------
-    setter : callable
-        Sets a text of a figure, and gives it.
-    text : str
-        Text as it is to be read.
-
-    """
+    """Set a text in which dollar signs are dollar signs: names are not ours."""
     setter(text).set_parse_math(False)
 
 
 def to_uri(figure: Figure) -> str:
-    """
-    Write a figure as SVG into a data URI.
-
-    Parameters
-    ----------
-    figure : Figure
-        Figure, drawn within ``style(PAGE)``.
-
-    Returns
-    -------
-    str
-        Content of an ``src`` attribute; the same figure gives the same text.
-
-    """
+    """Write a figure as SVG into a data URI."""
     stream = io.BytesIO()
     # not savefig: it draws everything twice
     canvas: Any = FigureCanvasSVG(figure)
@@ -97,28 +64,7 @@ def to_uri(figure: Figure) -> str:
 def new_figure(
     columns: int, heights: Sequence[float], gaps: Sequence[float], *, between: float = 0.5,
 ) -> tuple[Figure, list[list[Any]]]:
-    """
-    Lay out a figure by lengths in inches; matplotlib's own layout takes as long as the drawing.
-
-    Parameters
-    ----------
-    columns : int
-        Number of columns.
-    heights : sequence of float
-        Height of the axes in each row [inch].
-    gaps : sequence of float
-        Room above each row [inch].
-    between : float
-        Room between columns [inch].
-
-    Returns
-    -------
-    figure : Figure
-        Figure.
-    axes : list of list of Axes
-        Rows of axes.
-
-    """
+    """Lay out a figure by lengths in inches; matplotlib's own layout is slow."""
     left, right, bottom = 0.75, 0.08, 0.45
     height = sum(heights) + sum(gaps) + bottom
     width = (WIDTH - left - right - between * (columns - 1)) / columns
@@ -134,17 +80,7 @@ def new_figure(
 
 
 def write_figure(figure: Figure, path: Path) -> None:
-    """
-    Write a figure, whole or not at all.
-
-    Parameters
-    ----------
-    figure : Figure
-        Figure that was drawn.
-    path : Path
-        File; its suffix says what kind.
-
-    """
+    """Write a figure, whole or not at all."""
     stream = io.BytesIO()
     figure.savefig(stream, format=path.suffix[1:], dpi=150)
     write_whole(path, stream.getvalue())

@@ -36,110 +36,49 @@ COLUMNS = 2
 
 @dataclass(frozen=True)
 class LoadValue:
-    """
-    A value that became known.
-
-    Attributes
-    ----------
-    name, unit : str
-        What it is.
-    value, std : float
-        Value with its standard deviation.
-
-    """
+    """A value that became known."""
 
     name: str
     unit: str
+    # Value with its standard deviation.
     value: float
     std: float
 
 
 @dataclass(frozen=True)
 class ChannelShare:
-    """
-    What a load explains of a channel.
+    """What a load explains of a channel."""
 
-    Attributes
-    ----------
-    output, channel, unit : str
-        Output, its joint or gauge, and the unit of that.
-    before, after : float
-        Root mean square of the residual without and with the load.
-    share : float
-        Part of its squares that the load explains [%].
-
-    """
-
+    # Output, its joint or gauge, and the unit of that.
     output: str
     channel: str
     unit: str
+    # Root mean square of the residual without and with the load.
     before: float
     after: float
-    share: float
+    share: float  # part of its squares that the load explains [%]
 
 
 @dataclass(frozen=True, eq=False)
 class LoadSection:
-    """
-    All that the page shows of a load.
+    """All that the page shows of a load."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag that it was found in.
-    estimate : PayloadEstimate
-        What is known of it.
-    values : tuple of LoadValue
-        Mass, centre and inertia, as far as they are shown.
-    channels : tuple of ChannelShare
-        Joints and gauges.
-    figure : str
-        Residuals without and with the load, as data URI.
-
-    """
-
-    bag: str
-    estimate: PayloadEstimate
-    values: tuple[LoadValue, ...]
-    channels: tuple[ChannelShare, ...]
-    figure: str
+    bag: str  # bag that it was found in
+    estimate: PayloadEstimate  # what is known of it
+    values: tuple[LoadValue, ...]  # mass, centre and inertia, as far as they are shown
+    channels: tuple[ChannelShare, ...]  # joints and gauges
+    figure: str  # residuals without and with the load, as data URI
 
 
 def load_section(arm: Arm, bag: str, told: PayloadEstimate) -> LoadSection:
-    """
-    Collect what the page shows of a load.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that carried it.
-    bag : str
-        Bag that it was found in.
-    told : PayloadEstimate
-        What is known of it.
-
-    """
+    """Collect what the page shows of a load."""
     with style(PAGE):
         figure = to_uri(draw_load(arm, told))
     return LoadSection(bag, told, load_values(told), load_shares(arm, told), figure)
 
 
 def load_values(told: PayloadEstimate) -> tuple[LoadValue, ...]:
-    """
-    List what is known of a load.
-
-    Parameters
-    ----------
-    told : PayloadEstimate
-        Estimate of the load.
-
-    Returns
-    -------
-    tuple of LoadValue
-        Mass, or the load as a part of the arm's own moment; centre and inertia where they are
-        shown.
-
-    """
+    """List what is known of a load."""
     if math.isnan(told.mass):
         first = LoadValue("Part of the arm's own moment", '%', 100.0 * told.relative,
                           100.0 * told.relative_std)
@@ -155,17 +94,7 @@ def load_values(told: PayloadEstimate) -> tuple[LoadValue, ...]:
 
 
 def load_shares(arm: Arm, told: PayloadEstimate) -> tuple[ChannelShare, ...]:
-    """
-    Say what a load explains of each channel.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose units are written.
-    told : PayloadEstimate
-        Estimate of the load.
-
-    """
+    """Say what a load explains of each channel."""
     rows = []
     for item in told.outputs:
         left, units = item.leftover, output_units(arm, item.output)
@@ -177,17 +106,7 @@ def load_shares(arm: Arm, told: PayloadEstimate) -> tuple[ChannelShare, ...]:
 
 
 def draw_load(arm: Arm, told: PayloadEstimate) -> Figure:
-    """
-    Draw what each channel leaves over without and with the load.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose units are written.
-    told : PayloadEstimate
-        Estimate of the load.
-
-    """
+    """Draw what each channel leaves over without and with the load."""
     panels: list[tuple[Leftover, int, str]] = []
     for item in told.outputs:
         units = output_units(arm, item.output)

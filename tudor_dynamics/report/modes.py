@@ -45,20 +45,7 @@ BAR, ROOM = 0.12, 0.62
 
 
 def levels(values: FloatArray) -> FloatArray:
-    """
-    Choose round levels for the shades of a map.
-
-    Parameters
-    ----------
-    values : ndarray
-        Values, NaN where there is none.
-
-    Returns
-    -------
-    ndarray of shape (n_levels,)
-        Ascending, around all values.
-
-    """
+    """Choose round levels for the shades of a map; returns (levels,)."""
     known = values[np.isfinite(values)]
     if known.size == 0:
         return np.array([0.0, 1.0])
@@ -75,24 +62,7 @@ def levels(values: FloatArray) -> FloatArray:
 def mode_figure(
     found: ModeMap, axes_labels: Sequence[tuple[str, str]], ringdowns: Sequence[Ringdown],
 ) -> str:
-    """
-    Draw frequency and damping ratio of the first modes over the poses.
-
-    Parameters
-    ----------
-    found : ModeMap
-        Modes over the workspace.
-    axes_labels : sequence of (name, unit)
-        Joints of the map.
-    ringdowns : sequence of Ringdown
-        Their poses are marked.
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw frequency and damping ratio of the first modes over the poses."""
     if len(found.joints) == 1:
         return _lines(found, axes_labels[0], ringdowns)
     with style(PAGE):
@@ -171,20 +141,7 @@ def _logarithmic(axes: Any, low: float, high: float) -> None:
 
 
 def ringdown_figure(ringdowns: Sequence[Ringdown]) -> str:
-    """
-    Draw predicted against measured ring-downs.
-
-    Parameters
-    ----------
-    ringdowns : sequence of Ringdown
-        At least one.
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw predicted against measured ring-downs."""
     looks: tuple[tuple[str, str, dict[str, Any]], ...] = (
         ('held', 'joints held', {'marker': 'o', 'markerfacecolor': 'none',
                                  'markeredgecolor': '#0072b2', 'markersize': 5.5}),

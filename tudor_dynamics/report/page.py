@@ -43,84 +43,37 @@ TITLES = {'effort': 'Effort', 'strain': 'Strain'}
 
 @dataclass(frozen=True, eq=False)
 class PageSection:
-    """
-    A section of the page.
+    """A section of the page."""
 
-    Attributes
-    ----------
-    anchor, title : str
-        Its place, and what the contents call it.
-    template : str
-        File of ``templates/`` without its suffix.
-    context : dict
-        What the template shows.
-    html : str
-        What it came to.
-
-    """
-
+    # Its place, and what the contents call it.
     anchor: str
     title: str
-    template: str
-    context: dict[str, Any]
-    html: str = ''
+    template: str  # file of `templates/` without its suffix
+    context: dict[str, Any]  # what the template shows
+    html: str = ''  # what it came to
 
 
 @dataclass(frozen=True, eq=False)
 class SignalPlot:
-    """
-    Figure of one channel, as data URI.
+    """Figure of one channel, as data URI."""
 
-    Attributes
-    ----------
-    channel : str
-        Name of the channel.
-    figure : str
-        The figure as data URI.
-
-    """
-
-    channel: str
-    figure: str
+    channel: str  # name of the channel
+    figure: str  # the figure as data URI
 
 
 @dataclass(frozen=True, eq=False)
 class OutputSection:
-    """
-    All that the page shows of one output; ``unit`` is empty where channels differ in it.
+    """All that the page shows of one output; ``unit`` is empty where channels differ in it."""
 
-    Attributes
-    ----------
-    key : str
-        Output, ``effort`` or ``strain``.
-    title : str
-        Heading of the section.
-    unit : str
-        Unit of all channels; empty where they differ.
-    units : dict of str to str
-        Unit of each channel.
-    fitted : tuple of FittedOutput
-        Models of the output.
-    bag : str
-        Bag that is drawn.
-    signals : tuple of SignalPlot
-        A figure for each channel.
-    errors : str
-        Figure of the errors as data URI.
-    groups : tuple of CoefficientGroup
-        Coefficients of the analytical model.
-
-    """
-
-    key: str
-    title: str
-    unit: str
-    units: dict[str, str]
-    fitted: tuple[FittedOutput, ...]
-    bag: str
-    signals: tuple[SignalPlot, ...]
-    errors: str
-    groups: tuple[report_tables.CoefficientGroup, ...]
+    key: str  # output, `effort` or `strain`
+    title: str  # heading of the section
+    unit: str  # unit of all channels; empty where they differ
+    units: dict[str, str]  # unit of each channel
+    fitted: tuple[FittedOutput, ...]  # models of the output
+    bag: str  # bag that is drawn
+    signals: tuple[SignalPlot, ...]  # a figure for each channel
+    errors: str  # figure of the errors as data URI
+    groups: tuple[report_tables.CoefficientGroup, ...]  # coefficients of the analytical model
 
 
 def report_bytes(
@@ -130,17 +83,7 @@ def report_bytes(
     """
     Render the report as the file that it becomes; paths that are no UTF-8 do not stop it.
 
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-    assessment : Assessment, optional
-        What it is worth, where that was found already.
-    date : str, optional
-        Date on the page; today by default.
-    planned : Comparison, optional
-        What the plan of the recordings promised, where there was one.
-
+    date: today by default.
     """
     return render(result, assessment, date=date, planned=planned).encode('utf-8', errors='replace')
 
@@ -149,26 +92,7 @@ def render(
     result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
     planned: Comparison | None = None,
 ) -> str:
-    """
-    Render the report of a fit.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-    assessment : Assessment, optional
-        What it is worth, where that was found already.
-    date : str, optional
-        Date to stand in the head; without it the same fit gives the same page.
-    planned : Comparison, optional
-        What the plan of the recordings promised, where there was one.
-
-    Returns
-    -------
-    str
-        HTML; everything in it that comes from bags or descriptions is escaped.
-
-    """
+    """Render the report of a fit."""
     environment = _environment()
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, output) for output in
@@ -187,30 +111,7 @@ def sections(
     result: FitResult, assessment: Assessment, outputs: Sequence[OutputSection],
     elastic: ElasticSection | None, ringing: bool, planned: Comparison | None = None,
 ) -> list[PageSection]:
-    """
-    List the sections of the page, each with all that it shows.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit, with the data behind it.
-    assessment : Assessment
-        What it is worth.
-    outputs : sequence of OutputSection
-        What is shown of each output.
-    elastic : ElasticSection or None
-        What is shown of the elastic arm, if it was identified.
-    ringing : bool
-        Whether a vibration stands out.
-    planned : Comparison, optional
-        What a plan promised.
-
-    Returns
-    -------
-    list of PageSection
-        In the order of the page.
-
-    """
+    """List the sections of the page, each with all that it shows."""
     bags, warnings = report_tables.bag_rows(result), report_tables.other_warnings(result)
     analytical = any(item.kind == 'analytical' for item in result.fitted)
     kinds = {'analytical': analytical, 'elastic': elastic, 'fitted': result.fitted}
@@ -262,22 +163,7 @@ def sections(
 
 
 def rendered(template: str, **values: Any) -> str:
-    """
-    Render another page of the same style.
-
-    Parameters
-    ----------
-    template : str
-        File of ``templates/`` without its suffix.
-    **values
-        What it shows.
-
-    Returns
-    -------
-    str
-        HTML; everything that is put in is escaped.
-
-    """
+    """Render another page of the same style."""
     return _environment().get_template(f'{template}.html.j2').render(
         version=__version__, **values)
 

@@ -36,25 +36,7 @@ SHOWN = 20.0
 def draw_motion(
     trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
 ) -> Figure:
-    """
-    Draw a motion; to be called within a style.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Motion of the active joints.
-    bounds, limits : JointRange, MotionLimits
-        What it keeps to.
-    units : dict of str to str
-        Unit of the position of each joint.
-
-    Returns
-    -------
-    Figure
-        A row a joint: position in its unit between its limits; speed and acceleration in parts of
-        theirs.
-
-    """
+    """Draw a motion; to be called within a style."""
     names = trajectory.joints
     _, dq, ddq = np.split(states(trajectory), 3, axis=1)
     figure = Figure(figsize=(7.2, 0.6 + 1.25 * len(names)))
@@ -87,16 +69,6 @@ def write_motion_figure(
     trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
     path: Path,
 ) -> None:
-    """
-    Write the figure, whole or not at all.
-
-    Parameters
-    ----------
-    trajectory, bounds, limits, units
-        As for `draw_motion`.
-    path : Path
-        Picture to write; its suffix says what kind.
-
-    """
+    """Write the figure, whole or not at all."""
     with style(PRINT):
         write_figure(draw_motion(trajectory, bounds, limits, units), path)

@@ -36,46 +36,24 @@ BINS = 60
 
 @dataclass(frozen=True, eq=False)
 class ComparedSignal:
-    """
-    One channel of a bag with what the models say of it.
+    """One channel of a bag with what the models say of it."""
 
-    Attributes
-    ----------
-    output, name, unit : str
-        Output, channel and its unit.
-    t : ndarray of shape (n_samples,)
-        Time since the start of the bag [s].
-    measured : ndarray of shape (n_samples,)
-        Measured output of the channel.
-    predicted : dict of str to ndarray
-        Prediction of each kind of model.
-
-    """
-
+    # Output, channel and its unit.
     output: str
     name: str
     unit: str
-    t: FloatArray
-    measured: FloatArray
-    predicted: dict[str, FloatArray]
+    t: FloatArray  # time since the start of the bag, (samples,) [s]
+    measured: FloatArray  # measured output of the channel, (samples,)
+    predicted: dict[str, FloatArray]  # prediction of each kind of model
 
 
 @dataclass(frozen=True, eq=False)
 class JointPositions:
-    """
-    One joint's positions, in training and in validation.
-
-    Attributes
-    ----------
-    name, unit : str
-        Joint and its unit.
-    training, test : ndarray of shape (n_samples,)
-        Positions; ``test`` is empty where there is no test bag.
-
-    """
+    """One joint's positions, in training and in validation."""
 
     name: str
     unit: str
+    # (samples,): positions; `test` is empty where there is no test bag.
     training: FloatArray
     test: FloatArray
 
@@ -84,13 +62,7 @@ def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     Keep the extremes of each stretch of samples, and break the line at gaps.
 
-    Parameters
-    ----------
-    t : ndarray of shape (n_samples,)
-        Times of the samples [s].
-    x : ndarray of shape (n_samples,)
-        Values of the line.
-
+    t (samples,) [s], x (samples,).
     """
     if len(t) > MAX_POINTS:
         parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
@@ -105,15 +77,7 @@ def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _limit(axes: Any, reference: FloatArray, others: Sequence[FloatArray]) -> bool:
-    """
-    Scale by the measured signal; a model that runs away does not squash the rest.
-
-    Returns
-    -------
-    bool
-        Whether a prediction leaves the scale.
-
-    """
+    """Scale by the measured signal; a model that runs away does not squash the rest."""
     low, high = float(np.min(reference)), float(np.max(reference))
     room = 0.5 * (high - low) or 1.0
     low_all = min([low, *(float(np.min(x)) for x in others)])
@@ -131,43 +95,13 @@ def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
 
 
 def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> str:
-    """
-    Draw a channel for the report.
-
-    Parameters
-    ----------
-    series : ComparedSignal
-        Channel with its predictions.
-    stretch : (float, float)
-        Begin and end of the detail [s].
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw a channel for the report: stretch [s]."""
     with style(PAGE):
         return to_uri(draw_signal(series, stretch))
 
 
 def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
-    """
-    Draw measured against predicted, the residual, and a stretch in detail.
-
-    Parameters
-    ----------
-    series : ComparedSignal
-        Channel with its predictions.
-    stretch : (float, float)
-        Begin and end of the detail [s].
-
-    Returns
-    -------
-    Figure
-        To be written within ``style``, in which it is drawn.
-
-    """
+    """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
     # low enough for two on a printed page
     figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
     whole, rest, detail = (row[0] for row in grid)
@@ -204,20 +138,7 @@ def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
 
 
 def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> str:
-    """
-    Draw the distribution of the error of each channel.
-
-    Parameters
-    ----------
-    channels : sequence of (name, unit, dict of kind to errors)
-        Channels, each with the errors of its models.
-
-    Returns
-    -------
-    str
-        Data URI.
-
-    """
+    """Draw the distribution of the error of each channel."""
     columns = min(len(channels), 3)
     n_rows = -(-len(channels) // columns)
     with style(PAGE):

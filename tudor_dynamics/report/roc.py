@@ -29,25 +29,7 @@ SUFFIXES = ('.png', '.svg', '.pdf')
 
 
 def picture_path(path: str | Path) -> Path:
-    """
-    Refuse a file name that no plot can be written to.
-
-    Parameters
-    ----------
-    path : str or Path
-        Name of the picture.
-
-    Returns
-    -------
-    Path
-        The same as a path.
-
-    Raises
-    ------
-    UsageError
-        If the suffix is not one of a picture.
-
-    """
+    """Refuse a file name that no plot can be written to."""
     if Path(path).suffix not in SUFFIXES:
         msg = f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}'
         raise UsageError(msg)
@@ -55,17 +37,7 @@ def picture_path(path: str | Path) -> Path:
 
 
 def write_roc(results: Sequence[MethodResult], path: Path) -> None:
-    """
-    Write the plot, whole or not at all.
-
-    Parameters
-    ----------
-    results : sequence of MethodResult
-        Results of each method.
-    path : Path
-        File; its suffix says what kind.
-
-    """
+    """Write the plot, whole or not at all."""
     figure = Figure(figsize=(6.4, 4.4), layout='constrained')
     axes = figure.add_subplot()
     for result, marker in zip(results, 'os^Dv', strict=False):

@@ -85,18 +85,6 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
 
 
 def write_schedule_figure(schedule: Schedule, fixed: FloatArray, path: Path) -> None:
-    """
-    Write the figure, whole or not at all.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        Schedule to be drawn.
-    fixed : ndarray of the grid's shape
-        Damping ratios that fixed gains have.
-    path : Path
-        Picture to write; its suffix says what kind.
-
-    """
+    """Write the figure, whole or not at all."""
     with style(PRINT):
         write_figure(draw_schedule(schedule, fixed), path)

@@ -65,15 +65,7 @@ def page_model(kind: str) -> dict[str, Any]:
 
 @contextmanager
 def style(settings: Any) -> Iterator[None]:
-    """
-    Draw in one of the styles, whatever the user's matplotlibrc says.
-
-    Parameters
-    ----------
-    settings : dict
-        `PAGE` or `PRINT`.
-
-    """
+    """Draw in one of the styles, whatever the user's matplotlibrc says."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         matplotlib.rcParams.update(settings)

@@ -36,122 +36,50 @@ GOOD_CONDITION = 100.0
 
 @dataclass(frozen=True)
 class Coefficient:
-    """
-    One row of the table of coefficients; ``relative_error`` in percent.
+    """One row of the table of coefficients; ``relative_error`` in percent."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the parameter.
-    value : float
-        Estimate in its unit.
-    unit : str
-        Unit of the value.
-    standard_error : float
-        Standard deviation, in the same unit.
-    relative_error : float
-        Standard deviation over value [%].
-    note : str
-        Whether it is uncertain, or not excited.
-
-    """
-
-    name: str
-    value: float
-    unit: str
-    standard_error: float
-    relative_error: float
-    note: str
+    name: str  # name of the parameter
+    value: float  # estimate in its unit
+    unit: str  # unit of the value
+    standard_error: float  # standard deviation, in the same unit
+    relative_error: float  # standard deviation over value [%]
+    note: str  # whether it is uncertain, or not excited
 
 
 @dataclass(frozen=True)
 class CoefficientGroup:
-    """
-    Coefficients that some channels share, with their conditioning in words.
+    """Coefficients that some channels share, with their conditioning in words."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Channels that share them.
-    condition : float
-        Condition number of the scaled regressor.
-    conditioning : str
-        What that number means, in words.
-    rows : tuple of Coefficient
-        A row for each parameter.
-
-    """
-
-    channels: tuple[str, ...]
-    condition: float
-    conditioning: str
-    rows: tuple[Coefficient, ...]
+    channels: tuple[str, ...]  # channels that share them
+    condition: float  # condition number of the scaled regressor
+    conditioning: str  # what that number means, in words
+    rows: tuple[Coefficient, ...]  # a row for each parameter
 
 
 @dataclass(frozen=True)
 class BagRow:
-    """
-    A bag of the fit; times in seconds.
+    """A bag of the fit; times in seconds."""
 
-    Attributes
-    ----------
-    name : str
-        Bag, or part of one.
-    role : str
-        Whether it was learned from or judged by.
-    recorded : int
-        Samples as recorded.
-    used : int
-        Samples that are left after decimation.
-    duration : float
-        Length of the bag [s].
-    rate : float
-        Samples per second as recorded [Hz].
-    gaps : int
-        Number of gaps.
-    longest_gap : float
-        Length of the longest gap [s].
-    dropped : str
-        Messages that were left out, in words.
-    checksum : str
-        SHA-256 over the storage files.
-    warnings : tuple of str
-        What is odd about the bag.
-
-    """
-
-    name: str
-    role: str
-    recorded: int
-    used: int
-    duration: float
-    rate: float
-    gaps: int
-    longest_gap: float
-    dropped: str
-    checksum: str
-    warnings: tuple[str, ...]
+    name: str  # bag, or part of one
+    role: str  # whether it was learned from or judged by
+    recorded: int  # samples as recorded
+    used: int  # samples that are left after decimation
+    duration: float  # length of the bag [s]
+    rate: float  # samples per second as recorded [Hz]
+    gaps: int  # number of gaps
+    longest_gap: float  # length of the longest gap [s]
+    dropped: str  # messages that were left out, in words
+    checksum: str  # SHA-256 over the storage files
+    warnings: tuple[str, ...]  # what is odd about the bag
 
 
 @dataclass(frozen=True)
 class Overall:
-    """
-    Verdict over all models: a level for the colour, a word, and a sentence.
+    """Verdict over all models: a level for the colour, a word, and a sentence."""
 
-    Attributes
-    ----------
-    level : str
-        Level of the worst output, for the colour.
-    word : str
-        Verdict in a word.
-    sentence : str
-        Verdict in a sentence.
-
-    """
-
-    level: str
-    word: str
-    sentence: str
+    level: str  # level of the worst output, for the colour
+    word: str  # verdict in a word
+    sentence: str  # verdict in a sentence
 
 
 def model_name(item: FittedOutput) -> str:
@@ -167,22 +95,7 @@ def headline(fitted: Sequence[FittedOutput]) -> list[FittedOutput]:
 def overall(
     fitted: Sequence[FittedOutput], detects: Grade | None = None,
 ) -> Overall:
-    """
-    Sum the verdicts up.
-
-    Parameters
-    ----------
-    fitted : sequence of FittedOutput
-        Models of all outputs.
-    detects : Grade, optional
-        How well the best of them detects collisions, where that is known.
-
-    Returns
-    -------
-    Overall
-        ``do not use`` only where it holds for every model, as for the command's exit code.
-
-    """
+    """Sum the verdicts up."""
     fitted = headline(fitted)
     names = {level: [model_name(item) for item in fitted if item.verdict.level is level]
              for level in Grade}
@@ -204,22 +117,7 @@ def overall(
 
 
 def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
-    """
-    List the coefficients of a model that mean something by themselves.
-
-    Parameters
-    ----------
-    item : FittedOutput
-        Model with its output.
-    arm : Arm
-        Arm whose units are written.
-
-    Returns
-    -------
-    list of CoefficientGroup
-        One for each group of channels.
-
-    """
+    """List the coefficients of a model that mean something by themselves."""
     groups = []
     for group in item.model.estimated(arm, item.output):
         rows = []
@@ -266,22 +164,7 @@ def other_warnings(result: FitResult) -> list[str]:
 
 
 def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tuple[str, str]]:
-    """
-    Describe filters and rate.
-
-    Parameters
-    ----------
-    spec : PreprocessingSpec
-        Settings of the fit.
-    sample_rate : float
-        Rate of the first bag [Hz].
-
-    Returns
-    -------
-    list of (str, str)
-        What, and how.
-
-    """
+    """Describe filters and rate: sample_rate [Hz]."""
     rows = []
     if spec.filter == 'causal':
         rows += [

@@ -24,22 +24,7 @@ LONGEST_NAME = 40
 
 
 def number(value: float, digits: int = 3) -> str:
-    """
-    Write a number for a reader.
-
-    Parameters
-    ----------
-    value : float
-        Number to be written.
-    digits : int, default=3
-        Significant digits that are kept.
-
-    Returns
-    -------
-    str
-        Without exponent where that is readable.
-
-    """
+    """Write a number for a reader."""
     if not math.isfinite(value):
         return 'n/a' if math.isnan(value) else ('∞' if value > 0 else '−∞')
     if value == 0.0:
@@ -61,16 +46,6 @@ def pretty_unit(unit: str) -> str:
 
 
 def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
-    """
-    Cut a name that would run out of a figure, and leave out what SVG cannot hold.
-
-    Parameters
-    ----------
-    name : str
-        Name of a joint or gauge.
-    longest : int
-        Characters that are kept at most.
-
-    """
+    """Cut a name that would run out of a figure, and leave out what SVG cannot hold."""
     short = name if len(name) <= longest else name[:longest - 3] + '...'
     return ''.join(c if c.isprintable() else '?' for c in short)

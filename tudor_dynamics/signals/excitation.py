@@ -43,37 +43,18 @@ REST = 1.5
 
 @dataclass(frozen=True, eq=False)
 class JointRange:
-    """
-    Range of each joint [rad].
+    """Range of each joint [rad]."""
 
-    Attributes
-    ----------
-    lower : ndarray of shape (n_joints,)
-        Smallest position of each joint [rad].
-    upper : ndarray of shape (n_joints,)
-        Largest position of each joint [rad].
-
-    """
-
-    lower: FloatArray
-    upper: FloatArray
+    lower: FloatArray  # smallest position of each joint, (joints,) [rad]
+    upper: FloatArray  # largest position of each joint, (joints,) [rad]
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """
-    Targets of each joint over time.
+    """Targets of each joint over time."""
 
-    Attributes
-    ----------
-    start : ndarray of shape (n_joints,)
-        Where the joints rest at first [rad].
-    times, values : tuple of ndarray
-        For each joint, when [s] it gets which target [rad].
-
-    """
-
-    start: FloatArray
+    start: FloatArray  # where the joints rest at first, (joints,) [rad]
+    # For each joint, when [s] it gets which target [rad].
     times: tuple[FloatArray, ...]
     values: tuple[FloatArray, ...]
 
@@ -86,29 +67,7 @@ def joint_range(arm: Arm) -> JointRange:
 
 
 def binary_sequence(length: int, register: int, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """
-    Run a shift register from a random state.
-
-    Parameters
-    ----------
-    length : int
-        Number of clocks.
-    register : int
-        Number of bits: 5, 6, 7, 9, 10 or 11.
-    rng : numpy.random.Generator
-        Chooses the state at the start.
-
-    Returns
-    -------
-    ndarray of bool, shape (length,)
-        Output of the last bit.
-
-    Raises
-    ------
-    SignalError
-        If no register of that length is known.
-
-    """
+    """Run a shift register from a random state; returns (length,)."""
     if register not in TAPS:
         msg = f'no shift register of {register} bits; choose one of {sorted(TAPS)}'
         raise SignalError(msg)
@@ -127,35 +86,7 @@ def aprbs(
     bounds: JointRange, duration: float, seed: int, *, clock: float = 1.0, register: int = 7,
     rest: float = REST,
 ) -> Targets:
-    """
-    Make an APRBS for each joint.
-
-    Parameters
-    ----------
-    bounds : JointRange
-        Range of the amplitudes.
-    duration : float
-        Length of the motion [s].
-    seed : int
-        Of all joints; each gets a generator of its own.
-    clock : float
-        Shortest time between two targets of a joint [s].
-    register : int
-        Bits of the shift register, which makes the longest time.
-    rest : float
-        Rest before the first target [s].
-
-    Returns
-    -------
-    Targets
-        Targets of all joints.
-
-    Raises
-    ------
-    SignalError
-        If clock or duration are not positive or leave no room for a target.
-
-    """
+    """Make an APRBS for each joint: duration, clock, rest [s]."""
     if not (clock > 0.0 and duration > rest + clock):
         msg = (f'an APRBS of {duration} s with a clock of {clock} s has no target; it needs more '
                f'than {rest + max(clock, 0.0):g} s and a positive clock')
@@ -183,28 +114,7 @@ def aprbs(
 
 def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float, *, clock: float = 1.0,
                  ) -> Reference:
-    """
-    Plan the motion of an arm through an APRBS within its limits.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with limits.
-    duration : float
-        Length of the motion [s].
-    seed : int
-        Of the APRBS.
-    dt : float
-        Sample time [s].
-    clock : float
-        Of the APRBS [s].
-
-    Returns
-    -------
-    Reference
-        Motion of the active joints.
-
-    """
+    """Plan the motion of an arm through an APRBS within its limits: duration, dt, clock [s]."""
     targets = aprbs(joint_range(arm), duration, seed, clock=clock)
     return follow_targets(targets.start, targets.times, targets.values, motion_limits(arm), dt,
                           int(round(duration / dt)))
@@ -217,32 +127,7 @@ def fourier_motion(
     """
     Make a random band-limited Fourier series that starts and ends at rest.
 
-    Parameters
-    ----------
-    bounds, limits : JointRange, MotionLimits
-        What the motion must keep to.
-    duration : float
-        Length of the motion [s].
-    seed : int
-        Of the coefficients.
-    dt : float
-        Sample time [s].
-    base : float
-        Base frequency; its product with ``harmonics`` should stay below a third of the first
-        eigenfrequency [Hz].
-    harmonics : int
-        Number of harmonics.
-
-    Returns
-    -------
-    Reference
-        Motion with exact derivatives; faded in and out over one base period.
-
-    Raises
-    ------
-    SignalError
-        If the duration is shorter than three base periods.
-
+    duration, dt [s], base [Hz].
     """
     ramp = 1.0 / base
     if harmonics < 1 or duration < 3.0 * ramp:
@@ -277,20 +162,8 @@ def fade(t: FloatArray, duration: float, ramp: float) -> tuple[
     """
     Fade in and out along a quintic.
 
-    Parameters
-    ----------
-    t : ndarray of shape (n_samples,)
-        Times; before 0 and behind the end there is rest [s].
-    duration : float
-        End of the motion [s].
-    ramp : float
-        Length of each way, at most half of it [s].
-
-    Returns
-    -------
-    tuple of three ndarray
-        Window from 0 to 1, with its first and second derivatives [1/s, 1/s^2].
-
+    duration, ramp [s]; t (samples,) [s]: before 0 and behind the end there is rest; returns window
+    from 0 to 1, with its first and second derivatives [1/s, 1/s^2].
     """
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)
     sign = np.where(t < 0.5 * duration, 1.0, -1.0) / ramp

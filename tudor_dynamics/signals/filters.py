@@ -34,23 +34,11 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class FilteredStates:
-    """
-    Positions with their derivatives, one row a sample.
+    """Positions with their derivatives, one row a sample."""
 
-    Attributes
-    ----------
-    q : ndarray of shape (n_samples, n_joints)
-        Positions of the joints [rad or m].
-    dq : ndarray of shape (n_samples, n_joints)
-        Velocities of the joints [rad/s or m/s].
-    ddq : ndarray of shape (n_samples, n_joints)
-        Accelerations of the joints [rad/s^2 or m/s^2].
-
-    """
-
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
+    q: FloatArray  # positions of the joints, (samples, joints) [rad or m]
+    dq: FloatArray  # velocities of the joints, (samples, joints) [rad/s or m/s]
+    ddq: FloatArray  # accelerations of the joints, (samples, joints) [rad/s^2 or m/s^2]
 
 
 @compiled
@@ -60,18 +48,7 @@ def low_pass_gain(cutoff: float, dt: float) -> float:
 
     ``y[k] = y[k-1] + gain (x[k] - y[k-1])``; exact for any sample time, so also for a varying one.
 
-    Parameters
-    ----------
-    cutoff : float
-        Corner frequency [Hz], > 0.
-    dt : float
-        Sample time [s], > 0.
-
-    Returns
-    -------
-    float
-        ``1 - exp(-2 pi cutoff dt)``.
-
+    cutoff [Hz], dt [s].
     """
     return -math.expm1(-2.0 * math.pi * cutoff * dt)
 
@@ -80,22 +57,8 @@ def low_pass(x: FloatArray, dt: FloatArray, cutoff: float, initial: FloatArray) 
     """
     Filter a record by a causal first-order low-pass, sample time free to vary.
 
-    Parameters
-    ----------
-    x : ndarray of shape (n_samples, n_channels)
-        Signal to be filtered, a channel a column.
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before, for each sample [s].
-    cutoff : float
-        Corner frequency [Hz].
-    initial : ndarray of shape (n_channels,)
-        Output before the first sample.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        Filtered signal.
-
+    x (samples, channels), dt (samples,) [s], cutoff [Hz], initial (channels,); returns
+    (samples, channels).
     """
     y = np.array(x, dtype=float, order='C')
     _low_pass(dt, cutoff, np.array(initial, dtype=float), y)
@@ -120,13 +83,7 @@ class CausalDifferentiator:
     the acceleration the difference quotient of that velocity behind a second one (20 Hz). At the
     first sample after a reset both are zero.
 
-    Parameters
-    ----------
-    velocity_cutoff : float, default=80.0
-        Corner of the first low-pass [Hz].
-    acceleration_cutoff : float, default=20.0
-        Corner of the second low-pass [Hz].
-
+    velocity_cutoff, acceleration_cutoff [Hz].
     """
 
     def __init__(self, velocity_cutoff: float = 80.0, acceleration_cutoff: float = 20.0) -> None:
@@ -154,25 +111,8 @@ class CausalDifferentiator:
         """
         Filter the samples that follow those seen so far; any number of them, one included.
 
-        Parameters
-        ----------
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s], > 0; that of a first sample is not used.
-        q : ndarray of shape (n_samples, n_joints)
-            Positions of the joints [rad or m].
-        measured : ndarray of shape (n_samples, n_joints), optional
-            Velocities of the driver, taken in place of the first filter [rad/s or m/s].
-
-        Returns
-        -------
-        FilteredStates
-            States of the same samples.
-
-        Raises
-        ------
-        SignalError
-            If shapes do not fit or a sample time is not positive.
-
+        dt (samples,) [s], q (samples, joints) [rad or m]; writes measured (samples, joints)
+        [rad/s or m/s].
         """
         q = np.asarray(q, dtype=float)
         dt = np.asarray(dt, dtype=float)
@@ -217,25 +157,7 @@ class CausalDifferentiator:
         """
         Filter one sample: ``process`` for the control loop, without its overhead.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s].
-        q : ndarray of shape (n_joints,)
-            Positions of the joints [rad or m].
-        measured : ndarray of shape (n_joints,), optional
-            Velocities of the driver [rad/s or m/s].
-
-        Returns
-        -------
-        FilteredStates
-            Arrays of shape (n_joints,).
-
-        Raises
-        ------
-        SignalError
-            If the sample time is not positive.
-
+        dt [s], q (joints,) [rad or m], measured (joints,) [rad/s or m/s].
         """
         row = self.step_row(dt, q, measured)
         n = len(q)
@@ -247,15 +169,7 @@ class CausalDifferentiator:
         """
         Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 begins anew [s].
-        q : ndarray of shape (n_joints,)
-            Positions of the joints [rad or m].
-        measured : ndarray of shape (n_joints,), optional
-            Velocities of the driver [rad/s or m/s].
-
+        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: 0 begins anew.
         """
         n = len(q)
         row = np.empty(3 * n)

@@ -37,47 +37,14 @@ KINDS = ('zv', 'zvd')
 
 @dataclass(frozen=True, eq=False)
 class Impulses:
-    """
-    Impulses of a shaper.
+    """Impulses of a shaper."""
 
-    Attributes
-    ----------
-    time : ndarray of shape (n,)
-        How late each is, ascending from 0 [s].
-    weight : ndarray of shape (n,)
-        Positive, 1 in sum.
-
-    """
-
-    time: FloatArray
-    weight: FloatArray
+    time: FloatArray  # how late each is, ascending from 0, (n,) [s]
+    weight: FloatArray  # positive, 1 in sum, (n,)
 
 
 def impulses(kind: str, frequency: float, damping: float) -> Impulses:
-    """
-    Give the impulses after which a mode does not swing.
-
-    Parameters
-    ----------
-    kind : {'zv', 'zvd'}
-        Two impulses over half a period, or three over a whole one, for which the frequency need
-        not be known as well: a swing grows with the square of its error.
-    frequency : float
-        Of the undamped mode [Hz].
-    damping : float
-        Damping ratio of the mode.
-
-    Returns
-    -------
-    Impulses
-        Times and weights.
-
-    Raises
-    ------
-    SignalError
-        If the mode does not swing.
-
-    """
+    """Give the impulses after which a mode does not swing: frequency [Hz]."""
     if kind not in KINDS or not (math.isfinite(frequency) and frequency > 0.0
                                  and 0.0 <= damping < 1.0):
         msg = (f'shaper {kind!r} for {frequency} Hz with a damping ratio of {damping}: expected '
@@ -92,17 +59,7 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
 
 
 class ImpulseShaper:
-    """
-    Shapes a motion sample by sample.
-
-    Parameters
-    ----------
-    shaper : Impulses
-        Impulses to shape with.
-    q : ndarray of shape (n_joints,)
-        Where the motion rests before it begins [rad].
-
-    """
+    """Shapes a motion sample by sample: q (joints,) [rad]."""
 
     def __init__(self, shaper: Impulses, q: FloatArray) -> None:
         self.shaper = shaper
@@ -119,18 +76,7 @@ class ImpulseShaper:
         """
         Shape one sample.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s].
-        q, dq, ddq : ndarray of shape (n_joints,)
-            Motion that is shaped [rad, rad/s, rad/s^2].
-
-        Returns
-        -------
-        ndarray of shape (3, n_joints)
-            Shaped position, speed and acceleration.
-
+        dt [s], q, dq, ddq (joints,) [rad, rad/s, rad/s^2]; returns (3, joints).
         """
         self._t += dt
         self._past.append((self._t, np.stack([q, dq, ddq])))

@@ -123,17 +123,8 @@ def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v
     on to its end, whatever leads to the target sooner. An arm that brakes and has to turn back
     goes on to brake: it stops no later than it was to before.
 
-    Parameters
-    ----------
-    plan : ndarray of shape (PLAN,)
-        Plan that is followed now, and result.
-    q, dq, ddq : float
-        Present reference [rad, rad/s, rad/s^2].
-    target : float
-        Where to come to rest [rad].
-    v_max, a_max : float
-        Limits of speed and acceleration [rad/s, rad/s^2].
-
+    q, dq, ddq [rad, rad/s, rad/s^2], target [rad], v_max, a_max [rad/s, rad/s^2]; writes plan
+    (PLAN,).
     """
     inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE
     for i in range(SEGMENTS):

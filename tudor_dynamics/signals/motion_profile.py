@@ -40,19 +40,10 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """
-    A reference motion, sample by sample.
+    """A reference motion, sample by sample."""
 
-    Attributes
-    ----------
-    dt : float
-        Sample time [s].
-    q, dq, ddq : ndarray of shape (n_samples, n_joints)
-        Positions, speeds and accelerations wanted [rad, rad/s, rad/s^2].
-
-    """
-
-    dt: float
+    dt: float  # sample time [s]
+    # Positions, speeds and accelerations wanted, (samples, joints) [rad, rad/s, rad/s^2].
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
@@ -65,20 +56,10 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
-    """
-    Limits of the planned motion of each joint: [rad/s] and [rad/s^2].
+    """Limits of the planned motion of each joint: [rad/s] and [rad/s^2]."""
 
-    Attributes
-    ----------
-    velocity : ndarray of shape (n_joints,)
-        Largest planned speed of each joint [rad/s].
-    acceleration : ndarray of shape (n_joints,)
-        Largest planned acceleration of each joint [rad/s^2].
-
-    """
-
-    velocity: FloatArray
-    acceleration: FloatArray
+    velocity: FloatArray  # largest planned speed of each joint, (joints,) [rad/s]
+    acceleration: FloatArray  # largest planned acceleration of each joint, (joints,) [rad/s^2]
 
 
 def motion_limits(arm: Arm) -> MotionLimits:

@@ -36,27 +36,8 @@ def zero_phase(
     Fourth order, see Gautier, Janot and Vandanjon, IEEE TCST 21(2), 2013, Section II.C. Stamps
     with jitter are brought to a uniform grid and back.
 
-    Parameters
-    ----------
-    t : ndarray of shape (n_samples,)
-        Stamps, increasing [s].
-    q : ndarray of shape (n_samples, n_joints)
-        Positions of the joints [rad or m].
-    cutoff : float
-        Corner frequency [Hz], below half the sample rate.
-    measured : ndarray of shape (n_samples, n_joints), optional
-        Velocities of the driver, filtered in place of the derivative of the positions.
-
-    Returns
-    -------
-    FilteredStates
-        States on the same stamps.
-
-    Raises
-    ------
-    SignalError
-        If the record is too short or the cut-off too high.
-
+    t (samples,) [s], q (samples, joints) [rad or m], cutoff [Hz]; writes measured
+    (samples, joints).
     """
     n = len(t)
     if n < 32:
@@ -92,18 +73,7 @@ def derivative(x: FloatArray, dt: float) -> FloatArray:
     and inertias too large by as much: several standard errors, where these are small. Here it is
     0.001 %.
 
-    Parameters
-    ----------
-    x : ndarray of shape (n_samples, ...)
-        Values, evenly spaced in time; five or more.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    ndarray of the same shape
-        Derivatives; of second order at the two samples of each end.
-
+    x (samples, ...), dt [s].
     """
     slope = np.gradient(x, dt, axis=0)
     slope[2:-2] = (8.0 * (x[3:-1] - x[1:-3]) - (x[4:] - x[:-4])) / (12.0 * dt)

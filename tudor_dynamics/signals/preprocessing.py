@@ -45,42 +45,24 @@ FEWEST = 32
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """
-    A stretch of motion small enough to build regressor rows for.
+    """A stretch of motion small enough to build regressor rows for."""
 
-    Attributes
-    ----------
-    motion : ndarray of shape (n_samples, 3 n_joints), or as a model takes it
-        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    effort, strain : ndarray of shape (n_kept, n_channels) or None
-        Outputs, already decimated.
-    decimation : Decimation
-        What turns rows of ``motion`` into rows of the outputs.
-
-    """
-
+    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
+    # Outputs, already decimated, (kept, channels).
     effort: FloatArray | None
     strain: FloatArray | None
-    decimation: Decimation
+    decimation: Decimation  # what turns rows of `motion` into rows of the outputs
 
 
 @dataclass(frozen=True, eq=False)
 class Decimation:
-    """
-    A linear operation on the sample axis: anti-alias filter if need be, then choice of samples.
+    """A linear operation on the samples: anti-alias filter if need be, then their choice."""
 
-    Attributes
-    ----------
-    keep : ndarray of int, shape (n_kept,)
-        Indices of the samples that are kept.
-    sections : ndarray of shape (n_sections, 3), or None
-        Zero-phase anti-alias filter, see `sections.low_pass_sections`; None keeps samples as they
-        are, as sub-sampling does next to the running robot.
-
-    """
-
-    keep: NDArray[np.intp]
+    keep: NDArray[np.intp]  # indices of the samples that are kept, (kept,)
+    # (sections, 3): zero-phase anti-alias filter, see `sections.low_pass_sections`; None keeps
+    # samples as they are, as sub-sampling does next to the running robot.
     sections: FloatArray | None = None
 
     def __call__(self, x: FloatArray) -> FloatArray:
@@ -98,40 +80,20 @@ class Decimation:
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """
-    A gapless stretch of a recording, filtered.
+    """A gapless stretch of a recording, filtered."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        Time since the start of the recording [s].
-    stamp : ndarray of int64, shape (n_samples,)
-        Header stamps [ns].
-    states : FilteredStates
-        Positions, velocities, accelerations of all samples.
-    effort, strain : ndarray of shape (n_samples, n_channels) or None
-        Outputs of all samples.
-    decimation : Decimation
-        From all samples to those used.
-    margin : int
-        Samples that the anti-alias filter needs on each side of a block.
-    before : ndarray of shape (n_earlier, 1 + n_joints), or None
-        ``[dt, q]`` of the gapless motion just before, where the stretch begins in the middle of
-        it [s, rad or m].
-    since : float
-        Time between the last of these samples and the first of the stretch [s].
-
-    """
-
-    t: FloatArray
-    stamp: NDArray[np.int64]
-    states: FilteredStates
+    t: FloatArray  # time since the start of the recording, (samples,) [s]
+    stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
+    states: FilteredStates  # positions, velocities, accelerations of all samples
+    # Outputs of all samples, (samples, channels).
     effort: FloatArray | None
     strain: FloatArray | None
-    decimation: Decimation
-    margin: int = 0
+    decimation: Decimation  # from all samples to those used
+    margin: int = 0  # samples that the anti-alias filter needs on each side of a block
+    # `[dt, q]` of the gapless motion just before, where the stretch begins in the middle of it,
+    # (earlier, 1 + joints) [s, rad or m].
     before: FloatArray | None = None
-    since: float = 0.0
+    since: float = 0.0  # time between the last of these samples and the first of the stretch [s]
 
     @property
     def motion(self) -> FloatArray:
@@ -152,20 +114,7 @@ class Stretch:
         return len(self.decimation.keep)
 
     def blocks(self, motion: FloatArray | None = None) -> Iterator[Block]:
-        """
-        Cut the stretch into blocks of bounded size.
-
-        Parameters
-        ----------
-        motion : ndarray of shape (n_samples, n_inputs), optional
-            What a model takes in place of `motion`, for all samples.
-
-        Yields
-        ------
-        Block
-            Blocks whose kept samples, in order, are those of the stretch.
-
-        """
+        """Cut the stretch into blocks of bounded size; writes motion (samples, inputs)."""
         keep = self.decimation.keep
         motion = self.motion if motion is None else motion
         if self.decimation.sections is None:
@@ -193,22 +142,7 @@ class Stretch:
 
 
 def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
-    """
-    Give what is left of white noise of an output behind its filters.
-
-    Parameters
-    ----------
-    stretch : Stretch
-        Filtered stretch, for its sample times and its decimation.
-    spec : PreprocessingSpec
-        Filters and rate that it went through.
-
-    Returns
-    -------
-    float
-        Standard deviation of what is kept, for noise of 1.
-
-    """
+    """Give what is left of white noise of an output behind its filters."""
     cutoff = spec.output_cutoff if spec.filter == 'causal' else None
     white = np.random.default_rng(0).normal(size=(len(stretch.t), 1))
     return float(stretch.decimation(causal_outputs(stretch.dt, white, cutoff)).std())
@@ -220,20 +154,8 @@ def causal_outputs(
     """
     Low-pass an output from its first value on.
 
-    Parameters
-    ----------
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    x : ndarray of shape (n_samples, n_channels)
-        Signal to be filtered, a channel a column.
-    cutoff : float or None
-        Corner frequency [Hz]; None leaves the signal as it is.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        Filtered signal.
-
+    dt (samples,) [s], x (samples, channels); cutoff [Hz]: None leaves the signal as it is; returns
+    (samples, channels).
     """
     if cutoff is None:
         return x

@@ -54,15 +54,7 @@ each channel in a unit of its own in which 1 is nothing."""
 
 
 def largest_swing(swings: FloatArray) -> FloatArray:
-    """
-    Give the largest half range of all channels.
-
-    Parameters
-    ----------
-    swings : ndarray of shape (..., n_samples, n_channels)
-        What swings behind each move, as `Swings` gives it.
-
-    """
+    """Give the largest half range of all channels: swings (..., samples, channels)."""
     return np.asarray(0.5 * np.ptp(swings, axis=-2).max(axis=-1))
 
 
@@ -72,20 +64,7 @@ def refine(profile: Profile, limits: MotionLimits, swings: Swings) -> Profile:
 
     Length and ends stay, no joint goes back, and limits hold as before.
 
-    Parameters
-    ----------
-    profile : Profile
-        Move from rest to rest.
-    limits : MotionLimits
-        Of speed and acceleration.
-    swings : callable
-        Simulates moves, see `Swings`.
-
-    Returns
-    -------
-    Profile
-        The best move found; the one given where none is better.
-
+    Returns the one given where none is better.
     """
     room = _Room(profile, limits)
     farthest = FARTHEST

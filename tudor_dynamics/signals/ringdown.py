@@ -35,23 +35,11 @@ MOST_SAMPLES = 600
 
 @dataclass(frozen=True)
 class RingMode:
-    """
-    One oscillation of a free decay.
+    """One oscillation of a free decay."""
 
-    Attributes
-    ----------
-    frequency : float
-        Of the damped oscillation [Hz].
-    damping : float
-        Damping ratio; negative where the oscillation grows.
-    amplitude : float
-        At the first sample, in the unit of the signal.
-
-    """
-
-    frequency: float
-    damping: float
-    amplitude: float
+    frequency: float  # of the damped oscillation [Hz]
+    damping: float  # damping ratio; negative where the oscillation grows
+    amplitude: float  # at the first sample, in the unit of the signal
 
 
 def ring_modes(
@@ -60,27 +48,7 @@ def ring_modes(
     """
     Find the strongest oscillations of a free decay.
 
-    Parameters
-    ----------
-    signal : array of shape (n_samples,)
-        Strain, or anything else that rings.
-    dt : float
-        Sample time [s].
-    count : int
-        Number of oscillations wanted.
-    highest, lowest : float
-        Band of frequencies [Hz].
-
-    Returns
-    -------
-    tuple of RingMode
-        At most ``count``, by frequency.
-
-    Raises
-    ------
-    SignalError
-        If the signal is too short or not finite.
-
+    signal (samples,), dt [s], highest, lowest [Hz].
     """
     y = np.asarray(signal, dtype=float)
     if y.ndim != 1 or not np.isfinite(y).all():

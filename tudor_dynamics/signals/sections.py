@@ -36,16 +36,7 @@ def butterworth(order: int) -> Poles:
     """
     Give the poles of a Butterworth low-pass with its corner at 1 rad/s.
 
-    Parameters
-    ----------
-    order : int
-        Order of the low-pass, an even number.
-
-    Returns
-    -------
-    ndarray of complex, shape (order / 2,)
-        One of each conjugate pair.
-
+    Returns (order / 2,).
     """
     return np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order // 2) + 1.0) / order))
 
@@ -54,18 +45,7 @@ def chebyshev(order: int, ripple: float) -> Poles:
     """
     Give the poles of a Chebyshev low-pass of the first kind with its corner at 1 rad/s.
 
-    Parameters
-    ----------
-    order : int
-        Order of the low-pass, an even number.
-    ripple : float
-        By which the gain varies below the corner [dB].
-
-    Returns
-    -------
-    ndarray of complex, shape (order / 2,)
-        One of each conjugate pair.
-
+    ripple [dB]; returns (order / 2,).
     """
     flat = np.arcsinh(1.0 / np.sqrt(10.0 ** (0.1 * ripple) - 1.0)) / order
     return -np.sinh(flat + 0.5j * np.pi * (2.0 * np.arange(order // 2) + 1.0) / order)
@@ -75,19 +55,7 @@ def low_pass_sections(poles: Poles, cutoff: float) -> FloatArray:
     """
     Make a discrete low-pass of a continuous one, by the bilinear transform.
 
-    Parameters
-    ----------
-    poles : ndarray of complex, shape (n_sections,)
-        One of each conjugate pair, for a corner at 1 rad/s.
-    cutoff : float
-        Corner frequency, as a part of the sample rate, below a half.
-
-    Returns
-    -------
-    ndarray of shape (n_sections, 3)
-        ``gain, a1, a2`` of ``y[k] = gain (x[k] + 2 x[k-1] + x[k-2]) - a1 y[k-1] - a2 y[k-2]``,
-        each section with a gain of 1 at 0 Hz.
-
+    poles (sections,); returns (sections, 3).
     """
     continuous = np.tan(np.pi * cutoff) * poles
     discrete = (1.0 + continuous) / (1.0 - continuous)
@@ -100,21 +68,7 @@ def forward_backward(sections: FloatArray, x: FloatArray, pad: int) -> FloatArra
     """
     Filter a record without delay: once forward, once backward, begun at rest where it begins.
 
-    Parameters
-    ----------
-    sections : ndarray of shape (n_sections, 3)
-        Low-pass, as from `low_pass_sections`.
-    x : ndarray of shape (n_samples, n_channels)
-        Record, a channel a column.
-    pad : int
-        Samples by which the record is continued at both ends, turned about its last ones; fewer
-        than it has.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        Filtered record.
-
+    sections (sections, 3), x (samples, channels); returns (samples, channels).
     """
     y = np.concatenate([2.0 * x[:1] - x[pad:0:-1], x, 2.0 * x[-1:] - x[-2:-pad - 2:-1]])
     _run(sections, y, False)

@@ -60,24 +60,13 @@ TRIES = 8
 
 @dataclass(frozen=True, eq=False)
 class PathModes:
-    """
-    Modes along a path.
+    """Modes along a path."""
 
-    Attributes
-    ----------
-    omega, damping : ndarray of shape (n_samples, n_modes)
-        Angular frequencies [rad/s] and damping ratios.
-    drive : ndarray of shape (n_samples, n_modes, n_joints)
-        What accelerations drive each mode with.
-    size : ndarray of shape (n_modes,)
-        Strain by which each mode counts.
-
-    """
-
+    # (samples, modes): angular frequencies [rad/s] and damping ratios.
     omega: FloatArray
     damping: FloatArray
-    drive: FloatArray
-    size: FloatArray
+    drive: FloatArray  # what accelerations drive each mode with, (samples, modes, joints)
+    size: FloatArray  # strain by which each mode counts, (modes,)
 
 
 ModesAlong = Callable[[FloatArray], PathModes]
@@ -86,19 +75,10 @@ ModesAlong = Callable[[FloatArray], PathModes]
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """
-    A move, its acceleration linear between knots.
+    """A move, its acceleration linear between knots."""
 
-    Attributes
-    ----------
-    step : float
-        Time between knots [s].
-    q, dq, ddq : ndarray of shape (n_knots, n_joints)
-        At the knots [rad, rad/s, rad/s^2].
-
-    """
-
-    step: float
+    step: float  # time between knots [s]
+    # At the knots, (knots, joints) [rad, rad/s, rad/s^2].
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
@@ -112,16 +92,7 @@ class Profile:
         """
         Give the motion at a time; before it begins and behind its end it rests.
 
-        Parameters
-        ----------
-        t : float or ndarray of shape (n_samples,)
-            Since the beginning [s].
-
-        Returns
-        -------
-        ndarray of shape (3, n_joints) or (3, n_samples, n_joints)
-            Position, speed, acceleration.
-
+        t (samples,) [s]; returns (3, joints) or (3, samples, joints).
         """
         k = np.clip(np.asarray(t) / self.step, 0, len(self.q) - 2).astype(int)
         s = np.clip(t - k * self.step, 0.0, self.step)[..., None]
@@ -135,20 +106,7 @@ def swing(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
     """
     Give what an acceleration at each time swings each mode with at the end.
 
-    Parameters
-    ----------
-    modes : PathModes
-        Modes at even times from begin to end.
-    step : float
-        Time between two of them [s].
-    scale : float
-        Of all frequencies.
-
-    Returns
-    -------
-    ndarray of complex, shape (n_samples, n_modes, n_joints)
-        Strain per acceleration and time [unit s^2/rad per s].
-
+    step [s]; returns (samples, modes, joints) [unit s^2/rad per s].
     """
     omega = scale * modes.omega
     left = np.zeros((2, *omega.shape))
@@ -162,30 +120,7 @@ def swing(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
 def plan_shaped(
     start: FloatArray, target: FloatArray, limits: MotionLimits, along: ModesAlong,
 ) -> Profile:
-    """
-    Plan a move that leaves no swing.
-
-    Parameters
-    ----------
-    start, target : ndarray of shape (n_joints,)
-        From rest to rest [rad].
-    limits : MotionLimits
-        Of speed and acceleration.
-    along : callable
-        Gives the modes on a path.
-
-    Returns
-    -------
-    Profile
-        The move; longer than without shaping by half a period of the first mode, or where that
-        is not enough by as many quarters more as it takes.
-
-    Raises
-    ------
-    SignalError
-        If no such move is found.
-
-    """
+    """Plan a move that leaves no swing: start, target (joints,) [rad]."""
     plain = MotionPlanner(limits, start)
     plain.go(target)
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
@@ -298,16 +233,7 @@ def speed_rows(step: float) -> FloatArray:
     """
     Give the speeds that bound a move, by its accelerations at the inner knots.
 
-    Parameters
-    ----------
-    step : float
-        Time between knots [s].
-
-    Returns
-    -------
-    ndarray of shape (2 * KNOTS, KNOTS - 1)
-        At the knots, and where the tangents between them meet [s].
-
+    step [s]; returns (2 * KNOTS, KNOTS - 1) [s].
     """
     inner = KNOTS - 1
     speed = np.zeros((2 * KNOTS, inner))
@@ -322,15 +248,7 @@ def integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: floa
     """
     Give the move of accelerations that lead from rest to rest at a target.
 
-    Parameters
-    ----------
-    start, target : ndarray of shape (n_joints,)
-        Where it begins and ends [rad].
-    ddq : ndarray of shape (KNOTS + 1, n_joints)
-        Accelerations at the knots, 0 at both ends [rad/s^2].
-    step : float
-        Time between knots [s].
-
+    start, target (joints,) [rad], ddq (KNOTS + 1, joints) [rad/s^2], step [s].
     """
     dq, q = np.zeros_like(ddq), np.zeros_like(ddq)
     dq[1:] = np.cumsum(0.5 * step * (ddq[1:] + ddq[:-1]), axis=0)

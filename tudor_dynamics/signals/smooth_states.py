@@ -36,11 +36,7 @@ class SmoothStates:
     Garnier, Mensler and Richard, "Continuous-time model identification from sampled data", Int. J.
     Control 76(13), 2003).
 
-    Parameters
-    ----------
-    cutoff : float
-        Corner frequency of each [Hz].
-
+    cutoff [Hz].
     """
 
     def __init__(self, cutoff: float) -> None:
@@ -58,18 +54,7 @@ class SmoothStates:
         """
         Filter one sample.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 begins anew [s].
-        x : ndarray of shape (n_channels,)
-            Sample of the signal.
-
-        Returns
-        -------
-        ndarray of shape (3, n_channels)
-            Signal, its first and its second derivative [1, 1/s, 1/s^2 of its unit].
-
+        x (channels,); dt [s]: 0 begins anew; returns (3, channels) [1, 1/s, 1/s^2 of its unit].
         """
         if self._stages is None or dt <= 0.0:
             self._stages = np.tile(x, (5, 1))
@@ -87,18 +72,7 @@ class SmoothStates:
         """
         Filter a gapless record at once.
 
-        Parameters
-        ----------
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before; that of the first counts for nothing [s].
-        x : ndarray of shape (n_samples, n_channels)
-            Signal, a channel a column.
-
-        Returns
-        -------
-        ndarray of shape (3, n_samples, n_channels)
-            As from `step`.
-
+        dt (samples,) [s], x (samples, channels); returns (3, samples, channels).
         """
         if not len(x):
             return np.zeros((3, *x.shape))
@@ -117,16 +91,7 @@ def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
     """
     Give what the middle of three values, and its derivatives, take of them, the last first.
 
-    Parameters
-    ----------
-    dt, earlier : float or ndarray of shape (n_samples,)
-        Time between the last two, and between those before [s].
-
-    Returns
-    -------
-    ndarray of shape (3, 3) or (3, 3, n_samples)
-        For value, first and second derivative [1, 1/s, 1/s^2].
-
+    dt, earlier (samples,) [s]; returns (3, 3) or (3, 3, samples) [1, 1/s, 1/s^2].
     """
     both, nothing = dt + earlier, 0.0 * dt
     return np.array([

@@ -38,20 +38,7 @@ MOST_POINTS = 1_000_000
 
 
 def spline(trajectory: Trajectory) -> BPoly:
-    """
-    Lay polynomials between points.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        Two points or more.
-
-    Returns
-    -------
-    scipy.interpolate.BPoly
-        Positions of all joints over the time [s].
-
-    """
+    """Lay polynomials between points; returns positions of all joints over the time [s]."""
     from scipy.interpolate import BPoly  # slow to import, and few fits have a plan
 
     given = (trajectory.q, trajectory.dq, trajectory.ddq)
@@ -68,16 +55,7 @@ def states(trajectory: Trajectory) -> FloatArray:
     straight line from effort to effort. The arm rests before the first point and behind the last,
     which the controller holds: there what is not given is zero.
 
-    Parameters
-    ----------
-    trajectory : Trajectory
-        What joints are to do.
-
-    Returns
-    -------
-    ndarray of shape (n_points, 3 n_joints)
-        ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
+    Returns (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     """
     given = (trajectory.dq, trajectory.ddq)
     return np.hstack([trajectory.q, *(
@@ -99,27 +77,7 @@ def _at_points(trajectory: Trajectory, order: int) -> FloatArray:
 
 
 def denser(trajectory: Trajectory, rate: float) -> Trajectory:
-    """
-    Put more points onto the splines, so that efforts follow what lies between.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        What joints are to do.
-    rate : float
-        Points per second [Hz]; the first and the last stay where they are.
-
-    Returns
-    -------
-    Trajectory
-        Points with velocities and accelerations of the splines.
-
-    Raises
-    ------
-    SignalError
-        If that are too many, or the rate is impossible.
-
-    """
+    """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
     if not 0.0 < rate < float('inf') or seconds * rate > MOST_POINTS:
         msg = (f'{seconds:g} s at {rate:g} points per second; expected a rate above zero and '

@@ -37,23 +37,12 @@ FEWEST = 200
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """
-    Stamps of an even sampling, beside those that were recorded.
+    """Stamps of an even sampling, beside those that were recorded."""
 
-    Attributes
-    ----------
-    stamp : ndarray of int64, shape (n,)
-        Even stamps [ns].
-    jitter : float
-        Standard deviation of the recorded stamps about them [s].
-    now, even : float
-        Roughness of the positions over the recorded and over the even stamps: rms error by which
-        a sample follows from its four neighbours, relative to the largest of the two.
-
-    """
-
-    stamp: NDArray[np.int64]
-    jitter: float
+    stamp: NDArray[np.int64]  # even stamps, (n,) [ns]
+    jitter: float  # standard deviation of the recorded stamps about them [s]
+    # Roughness of the positions over the recorded and over the even stamps: rms error by which a
+    # sample follows from its four neighbours, relative to the largest of the two.
     now: float
     even: float
 
@@ -71,16 +60,7 @@ def timing(recording: Recording) -> Timing | None:
     cubic over even stamps than over the recorded ones, the sampling was even, and the stamps were
     late by varying times.
 
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-
-    Returns
-    -------
-    Timing or None
-        None where the stamps are even, or no even ones fit them.
-
+    Returns None where the stamps are even, or no even ones fit them.
     """
     stamp = recording.stamp.copy()
     squares, count = np.zeros((2, recording.q.shape[1])), 0
@@ -114,18 +94,7 @@ def retimed(recording: Recording) -> tuple[Recording, Timing | None]:
     """
     Give a recording even stamps where its positions were sampled evenly beyond doubt.
 
-    Parameters
-    ----------
-    recording : Recording
-        Signals of a bag.
-
-    Returns
-    -------
-    recording : Recording
-        The same samples, with a warning that says what was done; itself where nothing was.
-    found : Timing or None
-        Why; None where nothing was done.
-
+    Returns found, None where nothing was done.
     """
     found = timing(recording)
     if found is None or not found.clear:

@@ -30,25 +30,7 @@ DATA = 'data'
 
 
 def array_layout(buffer: bytes) -> Layout:
-    """
-    Parse the structure of a Float64MultiArray.
-
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-
-    Returns
-    -------
-    Layout
-        Place of ``data``, whose values are named by their places, from 0; there is no stamp.
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no Float64MultiArray, or longer than arms have values.
-
-    """
+    """Parse the structure of a Float64MultiArray."""
     cursor = Cursor(buffer)
     dimensions = cursor.count()
     if dimensions > min(len(buffer) // 12, MAX_NAMES):  # label, size and stride take twelve bytes
@@ -66,25 +48,7 @@ def array_layout(buffer: bytes) -> Layout:
 
 
 def dynamic_layout(buffer: bytes) -> Layout:
-    """
-    Parse the structure of a DynamicJointState.
-
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-
-    Returns
-    -------
-    Layout
-        Names of the joints, and a field for each interface that one of them has.
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no DynamicJointState, or a joint has not one value for each interface.
-
-    """
+    """Parse the structure of a DynamicJointState."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
     joints = cursor.names()

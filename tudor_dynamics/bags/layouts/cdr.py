@@ -40,23 +40,11 @@ MAX_LAYOUTS = 256
 
 @dataclass(frozen=True, eq=False)
 class MessageBatch:
-    """
-    Messages of one layout.
+    """Messages of one layout."""
 
-    Attributes
-    ----------
-    index : ndarray of int, shape (n,)
-        Their places among the messages of the topic, increasing.
-    layout : Layout
-        What they share.
-    records : structured ndarray, shape (n,)
-        Their numbers, one record a message.
-
-    """
-
-    index: NDArray[np.intp]
-    layout: Layout
-    records: NDArray[np.void]
+    index: NDArray[np.intp]  # their places among the messages of the topic, increasing, (n,)
+    layout: Layout  # what they share
+    records: NDArray[np.void]  # their numbers, one record a message, (n,)
 
     @property
     def stamp(self) -> NDArray[np.int64]:
@@ -67,22 +55,7 @@ class MessageBatch:
         return seconds * 1_000_000_000 + self.records['nanosec'].astype(np.int64)
 
     def values(self, field: str) -> FloatArray:
-        """
-        Give the values of a field.
-
-        Parameters
-        ----------
-        field : str
-            ``position``, ``velocity`` or ``effort``; ``wrench`` for a WrenchStamped, an interface
-            for a DynamicJointState, ``data`` for an array.
-
-        Returns
-        -------
-        ndarray of shape (n, length of the field)
-            In the units of the message; no columns where the field is empty, NaN where a joint
-            lacks the interface.
-
-        """
+        """Give the values of a field; returns (n, length of the field)."""
         if self.layout.size(field) == 0:
             return np.empty((len(self.index), 0))
         if field in self.layout.scattered:
@@ -112,29 +85,7 @@ def decode(
     parse: Callable[[bytes], Layout],
     topic: str,
 ) -> list[MessageBatch]:
-    """
-    Decode the messages of a topic.
-
-    Parameters
-    ----------
-    messages : sequence of bytes
-        CDR buffers with their encapsulation headers.
-    parse : callable
-        Such as `joint_state_layout` or `wrench_layout`.
-    topic : str
-        Name, for messages.
-
-    Returns
-    -------
-    list of MessageBatch
-        One for each layout; their indices make up ``range(len(messages))``.
-
-    Raises
-    ------
-    BagError
-        If a message is not of the type expected; its index is named.
-
-    """
+    """Decode the messages of a topic."""
     lengths = np.fromiter(map(len, messages), dtype=np.int64, count=len(messages))
     blocks: list[MessageBatch] = []
     for length in np.unique(lengths).tolist():

@@ -49,54 +49,24 @@ class CdrError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """
-    Where everything stands in messages of one shape.
+    """Where everything stands in messages of one shape."""
 
-    Attributes
-    ----------
-    length : int
-        Bytes of a message.
-    order : {'<', '>'}
-        Byte order of the numbers.
-    frame_id : str
-        Of the header.
-    names : tuple of str
-        Of a JointState; empty for other types.
-    fields : dict of str to (int, int)
-        Offset and number of float64 values of each array.
-    dtype : numpy.dtype
-        Structured type: ``sec``, ``nanosec`` and the fields that are not empty.
-    stamped : bool
-        Whether the messages have a header with a stamp.
-    scattered : dict of str to tuple of (str, int) or None
-        Of fields whose values stand apart: for each name the part of the structured type and the
-        place in it; None where the name lacks the field.
-    significant : ndarray of uint8, shape (length,)
-        255 where a byte belongs to the structure, 0 where it is a number or padding.
-
-    """
-
-    length: int
-    order: str
-    frame_id: str
-    names: tuple[str, ...]
-    fields: dict[str, tuple[int, int]]
-    dtype: np.dtype[Any]
+    length: int  # bytes of a message
+    order: str  # byte order of the numbers
+    frame_id: str  # of the header
+    names: tuple[str, ...]  # of a JointState; empty for other types
+    fields: dict[str, tuple[int, int]]  # offset and number of float64 values of each array
+    dtype: np.dtype[Any]  # structured type: `sec`, `nanosec` and the fields that are not empty
+    # (length,): 255 where a byte belongs to the structure, 0 where it is a number or padding.
     significant: NDArray[np.uint8]
-    stamped: bool = True
+    stamped: bool = True  # whether the messages have a header with a stamp
+    # Of fields whose values stand apart: for each name the part of the structured type and the
+    # place in it; None where the name lacks the field.
     scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] = dataclass_field(
         default_factory=dict)
 
     def size(self, name: str) -> int:
-        """
-        Give the number of values in a field; none of a field that such messages lack.
-
-        Parameters
-        ----------
-        name : str
-            Name of the field.
-
-        """
+        """Give the number of values in a field; none of a field that such messages lack."""
         return self.fields.get(name, (0, 0))[1]
 
 
@@ -114,17 +84,7 @@ class Cursor:
         self._u32 = struct.Struct(self.order + 'I')
 
     def skip(self, size: int, alignment: int) -> int:
-        """
-        Skip numbers; return where they begin.
-
-        Parameters
-        ----------
-        size : int
-            Bytes that they take.
-        alignment : int
-            Multiple of bytes that they begin at.
-
-        """
+        """Skip numbers; return where they begin."""
         start = self.position + (HEADER - self.position) % alignment
         if start + size > len(self.buffer):
             raise CdrError(f'ends within byte {start} + {size}, has {len(self.buffer)} bytes')
@@ -175,25 +135,7 @@ class Cursor:
         spare: int = MAX_PADDING, *, stamped: bool = True,
         scattered: Mapping[str, tuple[tuple[str, int] | None, ...]] | None = None,
     ) -> Layout:
-        """
-        Check that nothing is left, and make the layout.
-
-        Parameters
-        ----------
-        frame_id : str
-            Of the header.
-        names : tuple of str
-            Names of the values in each field.
-        fields : dict of str to (int, int)
-            Offset and number of float64 values of each array.
-        spare : int
-            Bytes that may follow.
-        stamped : bool
-            Whether there is a header.
-        scattered : mapping, optional
-            See `Layout`; its fields take the place of those given, which are their parts.
-
-        """
+        """Check that nothing is left, and make the layout."""
         left = len(self.buffer) - self.position
         if left > spare:
             raise CdrError(f'has {left} bytes too many')
@@ -212,27 +154,7 @@ class Cursor:
 
 
 def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
-    """
-    Parse the structure of a JointState.
-
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-    spare : int
-        Bytes that may follow.
-
-    Returns
-    -------
-    Layout
-        Names, and places of position, velocity and effort.
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no JointState.
-
-    """
+    """Parse the structure of a JointState."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
     names = cursor.names()
@@ -244,21 +166,7 @@ def wrench_layout(buffer: bytes) -> Layout:
     """
     Parse the structure of a WrenchStamped.
 
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-
-    Returns
-    -------
-    Layout
-        Place of ``wrench``: force [N] and torque [N m].
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no WrenchStamped.
-
+    Returns place of ``wrench``: force [N] and torque [N m].
     """
     cursor = Cursor(buffer)
     frame_id = cursor.header()
@@ -269,22 +177,8 @@ def imu_layout(buffer: bytes) -> Layout:
     """
     Parse the structure of an Imu.
 
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-
-    Returns
-    -------
-    Layout
-        Places of ``orientation`` (x, y, z, w), ``angular_velocity`` [rad/s] and
-        ``linear_acceleration`` [m/s^2]; of their covariances, which lie between, none.
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no Imu.
-
+    Returns places of ``orientation`` (x, y, z, w), ``angular_velocity`` [rad/s] and
+    ``linear_acceleration`` [m/s^2]; of their covariances, which lie between, none.
     """
     cursor = Cursor(buffer)
     frame_id = cursor.header()
@@ -296,28 +190,7 @@ def imu_layout(buffer: bytes) -> Layout:
 
 
 def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
-    """
-    Parse the structure of a JointTrajectory of exactly one point.
-
-    Parameters
-    ----------
-    buffer : bytes
-        Message with its encapsulation header.
-    spare : int
-        Bytes that may follow.
-
-    Returns
-    -------
-    Layout
-        Names, and places of positions, velocities, accelerations and effort; the place of
-        ``time_from_start`` has no length, because it is no float64.
-
-    Raises
-    ------
-    CdrError
-        If the buffer is no JointTrajectory of one point.
-
-    """
+    """Parse the structure of a JointTrajectory of exactly one point."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
     names = cursor.names()

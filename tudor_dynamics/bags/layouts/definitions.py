@@ -49,22 +49,7 @@ SECTION = re.compile(r'^=+$', re.MULTILINE)
 
 
 def parts_of(definition: str) -> dict[str, Fields]:
-    """
-    Split a message definition into its parts.
-
-    Parameters
-    ----------
-    definition : str
-        Text of ``.msg`` files as bags hold it: the message, then what it is made of, each below
-        a line of ``=`` and ``MSG: package/Type``.
-
-    Returns
-    -------
-    dict of str to tuple of (str, str)
-        Short name of a part, empty for the message itself, to types and names of its fields;
-        types without their packages.
-
-    """
+    """Split a message definition into its parts."""
     found: dict[str, Fields] = {}
     for number, section in enumerate(SECTION.split(definition)):
         lines = [line.partition('#')[0].split() for line in section.splitlines()]
@@ -80,24 +65,7 @@ def parts_of(definition: str) -> dict[str, Fields]:
 
 
 def check_definition(msgtype: str, definition: str, topic: str, path: str) -> None:
-    """
-    Refuse messages of a definition that is not the one they are read by.
-
-    Parameters
-    ----------
-    msgtype : str
-        Type of the messages, one of `EXPECTED`.
-    definition : str
-        What the bag says of it.
-    topic, path : str
-        Names of topic and bag, for the message.
-
-    Raises
-    ------
-    BagError
-        If the definition has other fields.
-
-    """
+    """Refuse messages of a definition that is not the one they are read by."""
     found = parts_of(definition)
     for part, fields in EXPECTED[msgtype].items():
         if found.get(part) != fields:

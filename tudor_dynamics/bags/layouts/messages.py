@@ -40,45 +40,21 @@ LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 
 @dataclass(frozen=True, eq=False)
 class JointStateSeries:
-    """
-    Messages of one JointState topic.
+    """Messages of one JointState topic."""
 
-    Attributes
-    ----------
-    topic : str
-        Full name, e.g. ``/joint_states``.
-    stamp : ndarray of int64, shape (n,)
-        Header stamps [ns].
-    names : sequence of str
-        Joints, or gauges.
-    position, velocity, effort : ndarray of shape (n, n_names), optional
-        Values; a field that is None stays empty.
-    frame_id : str
-        Of the header.
-    msgtype : str
-        Type of the messages.
-
-    """
-
+    # Full name, e.g. `/joint_states`.
     topic: str
-    stamp: NDArray[np.int64]
-    names: Sequence[str]
+    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
+    names: Sequence[str]  # joints, or gauges
+    # (n, names): values; a field that is None stays empty.
     position: FloatArray | None = None
     velocity: FloatArray | None = None
     effort: FloatArray | None = None
-    frame_id: str = ''
-    msgtype: str = JOINT_STATE
+    frame_id: str = ''  # of the header
+    msgtype: str = JOINT_STATE  # type of the messages
 
     def encode(self) -> list[bytes]:
-        """
-        Encode the messages.
-
-        Returns
-        -------
-        list of bytes
-            CDR buffers, little endian.
-
-        """
+        """Encode the messages."""
         buffer = _header(self.frame_id)
         _put(buffer, 4, struct.pack('<I', len(self.names)))
         for name in self.names:
@@ -97,41 +73,19 @@ class JointStateSeries:
 
 @dataclass(frozen=True, eq=False)
 class WrenchSeries:
-    """
-    Messages of one WrenchStamped topic.
+    """Messages of one WrenchStamped topic."""
 
-    Attributes
-    ----------
-    topic : str
-        Full name, e.g. ``/applied_wrench``.
-    stamp : ndarray of int64, shape (n,)
-        Header stamps [ns].
-    force, torque : ndarray of shape (n, 3)
-        Components in the frame [N, N m].
-    frame_id : str or sequence of str
-        Frame, of all messages or of each.
-    msgtype : str
-        Type of the messages.
-
-    """
-
+    # Full name, e.g. `/applied_wrench`.
     topic: str
-    stamp: NDArray[np.int64]
+    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
+    # Components in the frame, (n, 3) [N, N m].
     force: FloatArray
     torque: FloatArray
-    frame_id: str | Sequence[str] = ''
-    msgtype: str = WRENCH_STAMPED
+    frame_id: str | Sequence[str] = ''  # frame, of all messages or of each
+    msgtype: str = WRENCH_STAMPED  # type of the messages
 
     def encode(self) -> list[bytes]:
-        """
-        Encode the messages.
-
-        Returns
-        -------
-        list of bytes
-            CDR buffers, little endian.
-
-        """
+        """Encode the messages."""
         if isinstance(self.frame_id, str):
             return self._encode(self.frame_id, slice(None))
         frames = np.asarray(self.frame_id)
@@ -152,44 +106,20 @@ class WrenchSeries:
 
 @dataclass(frozen=True, eq=False)
 class ImuSeries:
-    """
-    Messages of one Imu topic, their covariances unknown (zero).
+    """Messages of one Imu topic, their covariances unknown (zero)."""
 
-    Attributes
-    ----------
-    topic : str
-        Full name, e.g. ``/imu/tip``.
-    stamp : ndarray of int64, shape (n,)
-        Header stamps [ns].
-    orientation : ndarray of shape (n, 4)
-        Of the sensor in the base frame, quaternion x, y, z, w.
-    angular_velocity, linear_acceleration : ndarray of shape (n, 3)
-        In the axes of the sensor; at rest the acceleration points upwards [rad/s, m/s^2].
-    frame_id : str
-        Frame of the sensor.
-    msgtype : str
-        Type of the messages, ``sensor_msgs/msg/Imu``.
-
-    """
-
+    # Full name, e.g. `/imu/tip`.
     topic: str
-    stamp: NDArray[np.int64]
-    orientation: FloatArray
+    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
+    orientation: FloatArray  # of the sensor in the base frame, quaternion x, y, z, w, (n, 4)
+    # In the axes of the sensor; at rest the acceleration points upwards, (n, 3) [rad/s, m/s^2].
     angular_velocity: FloatArray
     linear_acceleration: FloatArray
-    frame_id: str = ''
-    msgtype: str = IMU
+    frame_id: str = ''  # frame of the sensor
+    msgtype: str = IMU  # type of the messages, `sensor_msgs/msg/Imu`
 
     def encode(self) -> list[bytes]:
-        """
-        Encode the messages.
-
-        Returns
-        -------
-        list of bytes
-            CDR buffers, little endian.
-
-        """
+        """Encode the messages."""
         buffer = _header(self.frame_id)
         _put(buffer, 8, bytes(8 * (4 + 9 + 3 + 9 + 3 + 9)))
         layout = imu_layout(bytes(buffer))

@@ -51,22 +51,12 @@ _U64 = struct.Struct('<Q')
 
 @dataclass
 class Scan:
-    """
-    Raw messages of one topic.
+    """Raw messages of one topic."""
 
-    Attributes
-    ----------
-    msgtypes : dict of str to None
-        Message types announced for it, in their order.
-    log_time : list of int
-        Time of recording [ns].
-    data : list of bytes
-        Messages as they were on the wire; left empty where only times were asked for.
-
-    """
-
+    # Message types announced for it, in their order.
     msgtypes: dict[str, None] = field(default_factory=dict)
-    log_time: list[int] = field(default_factory=list)
+    log_time: list[int] = field(default_factory=list)  # time of recording [ns]
+    # Messages as they were on the wire; left empty where only times were asked for.
     data: list[bytes] = field(default_factory=list)
 
 
@@ -79,17 +69,7 @@ def _text(record: bytes, offset: int) -> tuple[str, int]:
 
 
 class Channels:
-    """
-    Channels of a file and the topics they carry, as their records come by.
-
-    Attributes
-    ----------
-    topics : dict of int to (str, str)
-        Channel number to topic and message type.
-    definitions : dict of str to str
-        Message type to the text that defines it, where that is one of ``.msg`` files.
-
-    """
+    """Channels of a file and the topics they carry, as their records come by."""
 
     def __init__(self) -> None:
         self.topics: dict[int, tuple[str, str]] = {}
@@ -97,15 +77,7 @@ class Channels:
         self._schemas = {0: '__schemaless__'}
 
     def schema(self, record: bytes) -> None:
-        """
-        Take a schema; Damaged if it is another than before under its number.
-
-        Parameters
-        ----------
-        record : bytes
-            Content of a schema record.
-
-        """
+        """Take a schema; Damaged if it is another than before under its number."""
         (number,) = _U16.unpack_from(record)
         name, offset = _text(record, 2)
         encoding, offset = _text(record, offset)
@@ -115,15 +87,7 @@ class Channels:
             raise Damaged('a schema changes its name')
 
     def channel(self, record: bytes) -> int:
-        """
-        Take a channel and give its number; Damaged if it is another than before.
-
-        Parameters
-        ----------
-        record : bytes
-            Content of a channel record.
-
-        """
+        """Take a channel and give its number; Damaged if it is another than before."""
         number, schema = _U16.unpack_from(record)[0], _U16.unpack_from(record, 2)[0]
         topic, _ = _text(record, 4)
         if schema not in self._schemas:
@@ -229,33 +193,7 @@ def scan_mcap(
     path: Path, topics: Collection[str] | None = None, *, with_data: bool = True,
     channels: Channels | None = None, unfinished: bool = False,
 ) -> dict[str, Scan]:
-    """
-    Read the raw messages of some topics.
-
-    Parameters
-    ----------
-    path : Path
-        MCAP file to walk through.
-    topics : collection of str, optional
-        Topics to read; all by default.
-    with_data : bool
-        Also keep the messages, not only their times.
-    channels : Channels, optional
-        What the summary says, which the data must not contradict.
-    unfinished : bool
-        The file breaks off anywhere; what is whole before is read.
-
-    Returns
-    -------
-    dict of str to Scan
-        Messages of each topic in the order of the file.
-
-    Raises
-    ------
-    Damaged
-        If the file contradicts itself, or asks for more than it may.
-
-    """
+    """Read the raw messages of some topics; topics: all by default."""
     walk = _Walk(topics, with_data, channels or Channels())
     with open_regular(path) as stream:
         try:

@@ -48,29 +48,7 @@ class BreaksOff(Damaged):
 
 
 def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str, int]]:
-    """
-    Give the topics of an MCAP file.
-
-    Parameters
-    ----------
-    path : Path
-        MCAP file to ask.
-    unfinished : bool
-        The file breaks off anywhere; what is whole before is counted.
-
-    Returns
-    -------
-    list of (str, str, int)
-        Name, message type and number of messages of each channel; a topic may come repeatedly.
-
-    Raises
-    ------
-    BreaksOff
-        If the file has no end, and is not said to be unfinished.
-    Damaged
-        If the file has no beginning, or contradicts itself.
-
-    """
+    """Give the topics of an MCAP file."""
     summary = _Summary() if unfinished else _read(path)
     if summary.complete:
         return [(topic, msgtype, summary.counts.get(number, 0))
@@ -82,35 +60,12 @@ def mcap_topics(path: Path, *, unfinished: bool = False) -> list[tuple[str, str,
 
 
 def mcap_channels(path: Path) -> Channels:
-    """
-    Give the channels that the summary of a file names; none where it cannot be used.
-
-    Parameters
-    ----------
-    path : Path
-        MCAP file to ask.
-
-    """
+    """Give the channels that the summary of a file names; none where it cannot be used."""
     return _read(path).channels
 
 
 def mcap_definitions(path: Path, *, unfinished: bool = False) -> dict[str, str]:
-    """
-    Give the definitions of messages that a file carries.
-
-    Parameters
-    ----------
-    path : Path
-        MCAP file to ask.
-    unfinished : bool
-        The file breaks off anywhere; what is whole before is looked at.
-
-    Returns
-    -------
-    dict of str to str
-        Message type to its definition.
-
-    """
+    """Give the definitions of messages that a file carries."""
     summary = _Summary() if unfinished else _read(path)
     if not summary.channels.definitions:
         scan_mcap(path, (), with_data=False, channels=summary.channels, unfinished=unfinished)

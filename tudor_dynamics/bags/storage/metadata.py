@@ -34,51 +34,17 @@ STORAGES = ('mcap', 'sqlite3')
 
 @dataclass(frozen=True)
 class Metadata:
-    """
-    What the metadata say of a bag.
+    """What the metadata say of a bag."""
 
-    Attributes
-    ----------
-    files : tuple of Path
-        Storage files in their order.
-    compression : {'', 'file', 'message'}
-        What rosbag2 has compressed, beside chunks.
-    counts : dict of str to int
-        Number of messages of each topic.
-    custom : dict of str to str
-        What whoever recorded added.
-    doubled : bool
-        Whether a file was listed more than once.
-
-    """
-
-    files: tuple[Path, ...]
-    compression: str
-    counts: Mapping[str, int]
-    custom: Mapping[str, str]
-    doubled: bool = False
+    files: tuple[Path, ...]  # storage files in their order
+    compression: str  # what rosbag2 has compressed, beside chunks
+    counts: Mapping[str, int]  # number of messages of each topic
+    custom: Mapping[str, str]  # what whoever recorded added
+    doubled: bool = False  # whether a file was listed more than once
 
 
 def read_metadata(directory: Path) -> Metadata:
-    """
-    Read the metadata of a bag.
-
-    Parameters
-    ----------
-    directory : Path
-        Directory of the bag.
-
-    Returns
-    -------
-    Metadata
-        What they say; each file is there.
-
-    Raises
-    ------
-    BagError
-        If they cannot be used.
-
-    """
+    """Read the metadata of a bag."""
     try:
         content = load_yaml(read_bounded(directory / METADATA, MAX_METADATA_BYTES))
         return _checked(directory, content['rosbag2_bagfile_information'])

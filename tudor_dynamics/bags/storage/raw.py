@@ -45,104 +45,45 @@ REMEDIES = {
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """
-    A topic as the bag announces it: name, message type, number of messages.
-
-    Attributes
-    ----------
-    name : str
-        Name of the topic.
-    msgtype : str
-        Type of its messages.
-    count : int
-        Number of messages.
-
-    """
+    """A topic as the bag announces it: name, message type, number of messages."""
 
     name: str
-    msgtype: str
-    count: int
+    msgtype: str  # type of its messages
+    count: int  # number of messages
 
 
 @dataclass(frozen=True, eq=False)
 class RawMessages:
-    """
-    Messages of one topic, undecoded, in the order of their log times.
+    """Messages of one topic, undecoded, in the order of their log times."""
 
-    Attributes
-    ----------
-    topic, msgtype : str
-        Name and type, e.g. ``sensor_msgs/msg/JointState``.
-    log_time : ndarray of int64, shape (n,)
-        Time at which each message was recorded [ns].
-    data : list of bytes
-        CDR buffers with their encapsulation header; empty where only times were asked for.
-
-    """
-
+    # Name and type, e.g. `sensor_msgs/msg/JointState`.
     topic: str
     msgtype: str
-    log_time: NDArray[np.int64]
+    log_time: NDArray[np.int64]  # time at which each message was recorded, (n,) [ns]
+    # CDR buffers with their encapsulation header; empty where only times were asked for.
     data: list[bytes]
 
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """
-    A bag that could be opened.
+    """A bag that could be opened."""
 
-    Attributes
-    ----------
-    path : Path
-        What the user named.
-    storage : str
-        ``sqlite3``, ``mcap`` or both.
-    files : tuple of Path
-        Storage files in their order.
-    topics : dict of str to TopicInfo
-        What the bag announces.
-    compression : {'', 'file', 'message', None}
-        What rosbag2 has compressed, beside chunks; None where no metadata tell, so that each
-        message has to be looked at.
-    custom : dict of str to str
-        What whoever recorded wrote into ``custom_data`` of the metadata.
-    unfinished : frozenset of Path
-        Files that break off, because their recorder was killed.
-
-    """
-
-    path: Path
-    storage: str
-    files: tuple[Path, ...]
-    topics: Mapping[str, TopicInfo]
+    path: Path  # what the user named
+    storage: str  # `sqlite3`, `mcap` or both
+    files: tuple[Path, ...]  # storage files in their order
+    topics: Mapping[str, TopicInfo]  # what the bag announces
+    # What rosbag2 has compressed, beside chunks; None where no metadata tell, so that each message
+    # has to be looked at.
     compression: str | None = ''
+    # What whoever recorded wrote into `custom_data` of the metadata.
     custom: Mapping[str, str] = field(default_factory=dict)
+    # Files that break off, because their recorder was killed.
     unfinished: frozenset[Path] = frozenset()
 
     def read(
         self, topics: Collection[str], *, with_data: bool = True,
     ) -> dict[str, RawMessages]:
-        """
-        Read raw messages.
-
-        Parameters
-        ----------
-        topics : collection of str
-            Names as in ``self.topics``; a name that is not there is an empty topic.
-        with_data : bool
-            Also keep the messages, not only their times.
-
-        Returns
-        -------
-        dict of str to RawMessages
-            Messages of each topic, ordered by log time (stable).
-
-        Raises
-        ------
-        BagError
-            If the storage is damaged, or a topic carries two types.
-
-        """
+        """Read raw messages; topics: a name that is not there is an empty topic."""
         for name in topics:
             if name in self.topics and ',' in self.topics[name].msgtype:
                 msg = (f'{self.path}: topic {name} carries messages of several types '
@@ -166,20 +107,7 @@ class Bag:
         return RawMessages(name, msgtype, log_time, data)
 
     def definitions(self, msgtype: str) -> list[str]:
-        """
-        Give what the bag says that a type of message is made of, file by file.
-
-        Parameters
-        ----------
-        msgtype : str
-            Such as ``std_msgs/msg/Float64MultiArray``.
-
-        Returns
-        -------
-        list of str
-            Texts of ``.msg`` files; none of files that carry none.
-
-        """
+        """Give what the bag says that a type of message is made of, file by file."""
         found = []
         for file in self.files:
             with storage_file(file, self.compression) as opened:
@@ -190,15 +118,7 @@ class Bag:
         return found
 
     def checksum(self) -> str:
-        """
-        Give the SHA-256 over the storage files, one after the other.
-
-        Returns
-        -------
-        str
-            Hexadecimal digest.
-
-        """
+        """Give the SHA-256 over the storage files, one after the other."""
         digest = hashlib.sha256()
         try:
             for file in self.files:
@@ -219,27 +139,7 @@ def one_line(err: BaseException) -> str:
 
 @contextmanager
 def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
-    """
-    Give a storage file as it can be read; what goes wrong with it becomes a BagError.
-
-    Parameters
-    ----------
-    file : Path
-        File of the bag.
-    compression : {'', 'file', 'message', None}
-        Of the bag.
-
-    Yields
-    ------
-    Path
-        The file itself, or a copy that is unpacked.
-
-    Raises
-    ------
-    BagError
-        If the file is damaged, cannot be read, or asks for more than it may.
-
-    """
+    """Give a storage file as it can be read; what goes wrong with it becomes a BagError."""
     remedy = REMEDIES.get(Path(file.stem if compression == 'file' else file.name).suffix,
                           'check the bag with `ros2 bag info`')
     try:

@@ -78,25 +78,7 @@ def _check_tables(connection: sqlite3.Connection) -> None:
 
 
 def sqlite_topics(path: Path) -> list[tuple[str, str, int]]:
-    """
-    Give the topics of a storage file.
-
-    Parameters
-    ----------
-    path : Path
-        Database file to ask.
-
-    Returns
-    -------
-    list of (str, str, int)
-        Name, message type and number of messages of each; a topic may come repeatedly.
-
-    Raises
-    ------
-    Damaged
-        If it is no such file, or asks for more than it may.
-
-    """
+    """Give the topics of a storage file."""
     with _opened(path) as connection:
         counts: dict[object, int] = {}
         sizes = connection.execute(
@@ -114,16 +96,7 @@ def sqlite_definitions(path: Path) -> dict[str, str]:
     """
     Give the definitions of messages that a file carries.
 
-    Parameters
-    ----------
-    path : Path
-        Database file to ask.
-
-    Returns
-    -------
-    dict of str to str
-        Message type to its definition; empty where the file is from before there were any.
-
+    Returns an empty dict where the file is from before there were any.
     """
     with _opened(path) as connection:
         if not _is_plain(connection, 'message_definitions'):
@@ -148,26 +121,7 @@ def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
 def scan_sqlite(
     path: Path, times: dict[str, list[int]], data: dict[str, list[bytes]], *, with_data: bool,
 ) -> None:
-    """
-    Read the raw messages of some topics, in the order of their log times.
-
-    Parameters
-    ----------
-    path : Path
-        Database file with the messages.
-    times : dict of str to list of int
-        Topics to read; log times are appended [ns].
-    data : dict of str to list of bytes
-        The same for messages.
-    with_data : bool
-        Also read the messages, not only their times.
-
-    Raises
-    ------
-    Damaged
-        If the file contradicts itself, or asks for more than it may.
-
-    """
+    """Read the raw messages of some topics, in the order of their log times: times [ns]."""
     left = path.stat().st_size
     with _opened(path) as connection:
         names = {number: name for number, name

@@ -44,29 +44,13 @@ class Damaged(ValueError):
 
 
 class Unpacker:
-    """
-    Unpacks the pieces of one file.
-
-    Parameters
-    ----------
-    size : int
-        Size of the file [bytes].
-
-    """
+    """Unpacks the pieces of one file: size [bytes]."""
 
     def __init__(self, size: int) -> None:
         self._left = max(MAX_RATIO * size, FREE_BYTES)
 
     def take(self, size: int) -> None:
-        """
-        Count what was unpacked; Damaged where it becomes too much.
-
-        Parameters
-        ----------
-        size : int
-            Bytes that were unpacked just now.
-
-        """
+        """Count what was unpacked; Damaged where it becomes too much."""
         self._left -= size
         if self._left < 0:
             msg = (f'it unpacks to more than {MAX_RATIO} times its size, or '
@@ -74,29 +58,7 @@ class Unpacker:
             raise Damaged(msg)
 
     def unpack(self, data: bytes, compression: str, size: int | None = None) -> bytes:
-        """
-        Unpack a piece.
-
-        Parameters
-        ----------
-        data : bytes
-            Bytes as they are stored.
-        compression : {'', 'zstd', 'lz4'}
-            How they were packed; not at all if empty.
-        size : int, optional
-            Size that it must come to.
-
-        Returns
-        -------
-        bytes
-            Unpacked.
-
-        Raises
-        ------
-        Damaged
-            If it cannot be unpacked, comes to another size, or to too much.
-
-        """
+        """Unpack a piece; compression: not at all if empty."""
         most = MAX_PIECE if size is None else size
         if most > MAX_PIECE:
             msg = f'a piece of {most} bytes; at most {MAX_PIECE} are unpacked at once'
@@ -152,25 +114,7 @@ def _unpack(data: bytes, compression: str, most: int) -> bytes:
 
 @contextmanager
 def unpacked_file(path: Path) -> Iterator[Path]:
-    """
-    Unpack a file that rosbag2 has compressed as a whole.
-
-    Parameters
-    ----------
-    path : Path
-        File with the suffix ``.zstd``.
-
-    Yields
-    ------
-    Path
-        Unpacked file; it is removed behind the context.
-
-    Raises
-    ------
-    Damaged
-        If it cannot be unpacked, or comes to too much.
-
-    """
+    """Unpack a file that rosbag2 has compressed as a whole."""
     from backports import zstd
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder, path.stem)

@@ -116,17 +116,7 @@ def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
-    """
-    Print one row a method, and behind it one row an event.
-
-    Parameters
-    ----------
-    results : sequence of MethodResult
-        Results of each method.
-    allowed : float
-        False alarms per hour that the thresholds allow.
-
-    """
+    """Print one row a method, and behind it one row an event."""
     table = new_table(
         f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',

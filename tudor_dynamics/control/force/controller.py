@@ -49,44 +49,18 @@ class Phase(IntEnum):
 
 @dataclass(frozen=True)
 class ForceSettings:
-    """
-    Gains and bounds.
+    """Gains and bounds."""
 
-    Attributes
-    ----------
-    approach_speed : float
-        Of the tip towards the surface, and back [m/s].
-    reach : float
-        Farthest that is approached; beyond it there is no surface [m].
-    touch : float
-        Force from which there is contact [N].
-    integral : float
-        Speed of the tip per force that is missing [m/s per N].
-    proportional : float
-        Way of the tip per force that is missing [m/N].
-    speed : float
-        Largest speed of the tip in contact [m/s].
-    give : float
-        Farthest that the surface may give way; beyond it is none to press on [m].
-    largest : float
-        Force at which it stops [N].
-    lost : float
-        Time without contact after which it is lost [s].
-    ramp : float
-        Time constant of a new wanted force [s].
-
-    """
-
-    approach_speed: float = 0.02
-    reach: float = 0.1
-    touch: float = 0.4
-    integral: float = 0.3
-    proportional: float = 0.02
-    speed: float = 0.1
-    give: float = 0.1
-    largest: float = 15.0
-    lost: float = 0.5
-    ramp: float = 0.15
+    approach_speed: float = 0.02  # of the tip towards the surface, and back [m/s]
+    reach: float = 0.1  # farthest that is approached; beyond it there is no surface [m]
+    touch: float = 0.4  # force from which there is contact [N]
+    integral: float = 0.3  # speed of the tip per force that is missing [m/s per N]
+    proportional: float = 0.02  # way of the tip per force that is missing [m/N]
+    speed: float = 0.1  # largest speed of the tip in contact [m/s]
+    give: float = 0.1  # farthest that the surface may give way; beyond it is none to press on [m]
+    largest: float = 15.0  # force at which it stops [N]
+    lost: float = 0.5  # time without contact after which it is lost [s]
+    ramp: float = 0.15  # time constant of a new wanted force [s]
 
 
 SMOOTH = 0.02
@@ -96,35 +70,7 @@ SOFT = 0.15
 
 
 class ForceController:
-    """
-    Reference of an arm that holds a force.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with limits, gauges and their gains.
-    settings : ForceSettings, optional
-        Gains and bounds.
-    normal : sequence of 3 floats
-        Direction in which the surface presses on the tip, in the base frame.
-
-    Attributes
-    ----------
-    phase : Phase
-        What it does.
-    cause : str
-        Why, in one sentence.
-    force : float
-        Force on the tip as it is estimated [N].
-    wanted : float
-        Force that is asked for [N].
-
-    Raises
-    ------
-    ArmError, SignalError
-        If no gauge has a gain, or a joint has no limits.
-
-    """
+    """Reference of an arm that holds a force: force, wanted [N]."""
 
     def __init__(
         self, arm: Arm, settings: ForceSettings = ForceSettings(),  # noqa: B008 (frozen)
@@ -155,16 +101,7 @@ class ForceController:
         """
         Ask for a force; from rest, the surface is approached first.
 
-        Parameters
-        ----------
-        force : float
-            Wanted force on the tip [N].
-
-        Returns
-        -------
-        str
-            Why it is refused; empty if it is taken.
-
+        force [N]; returns an empty string if it is taken.
         """
         if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
             return (f'a force of {force:g} N: expected more than {self.settings.touch:g} N, from '
@@ -192,15 +129,7 @@ class ForceController:
             self._brake = None
 
     def stop(self, cause: str) -> None:
-        """
-        Brake, and hold the pose where that ends.
-
-        Parameters
-        ----------
-        cause : str
-            Why, in one sentence.
-
-        """
+        """Brake, and hold the pose where that ends."""
         if self.phase is Phase.HELD or self._q is None:
             return
         self.phase, self.cause = Phase.HELD, cause
@@ -214,23 +143,8 @@ class ForceController:
         """
         Advance the reference by a sample.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before; 0 to begin at the measured pose [s].
-        q : ndarray of shape (n_joints,)
-            Measured positions [rad].
-        strain : ndarray of shape (n_gauges,)
-            Readings less what the weight of the arm does there, in units of the gauges; not a
-            number where missing.
-        share : ndarray of shape (n_gauges,), optional
-            What a unit force adds to each reading; by the levers of straight links without [1/N].
-
-        Returns
-        -------
-        tuple of ndarray
-            Reference positions and speeds [rad, rad/s].
-
+        q (joints,) [rad], strain (gauges,), share (gauges,) [1/N]; dt [s]: 0 to begin at the
+        measured pose; returns reference positions and speeds [rad, rad/s].
         """
         if self._q is None or dt <= 0.0:
             if self._q is not None and self.phase not in (Phase.IDLE, Phase.HELD):

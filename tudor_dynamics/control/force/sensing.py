@@ -47,29 +47,7 @@ SHARE = 0.6
 
 
 class TipSensing:
-    """
-    Force at the tip along a direction.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with gauges whose gain ``sensors`` gives.
-    normal : ndarray of shape (3,)
-        Direction of the force, in the base frame.
-
-    Attributes
-    ----------
-    names : tuple of str
-        Gauges that are used.
-    normal : ndarray of shape (3,)
-        Direction of the force, in the base frame.
-
-    Raises
-    ------
-    ArmError
-        If no gauge has a gain.
-
-    """
+    """Force at the tip along a direction: normal (3,)."""
 
     def __init__(self, arm: Arm, normal: FloatArray) -> None:
         sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
@@ -113,16 +91,7 @@ class TipSensing:
         """
         Give where the tip is along the direction, and its speed by joint speed.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_joints,)
-            Positions of the active joints [rad].
-
-        Returns
-        -------
-        tuple of float and ndarray of shape (n_joints,)
-            [m, m/rad]
-
+        q (joints,) [rad]; returns (joints,).
         """
         self._q[self._columns] = q
         jacobian = pin.computeFrameJacobian(
@@ -148,23 +117,7 @@ class TipSensing:
         """
         Estimate the force where `look` was last.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the sample before [s].
-        strain : ndarray of shape (n_gauges,)
-            Readings of all gauges of the arm, less what its weight does, in their units.
-        share : ndarray of shape (n_gauges,), optional
-            What a unit force adds to each reading, where that is known better than by the levers
-            of straight links [1/N].
-        free : bool
-            Whether nothing touches the arm: what is read now is no force.
-
-        Returns
-        -------
-        float
-            Force [N]; `fault` says where a gauge cannot be believed.
-
+        dt [s], strain (gauges,) [its unit], share (gauges,) [1/N]; returns force [N].
         """
         values = strain[self._used]
         self._watch(dt, values)

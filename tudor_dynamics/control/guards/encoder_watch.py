@@ -38,17 +38,7 @@ class EncoderWatch:
     """
     Judges the readings of encoders against the commands that the joints were given.
 
-    Parameters
-    ----------
-    limits : Limits
-        What the joints never exceed; without a speed limit nothing can be judged but the numbers.
-
-    Attributes
-    ----------
-    owed : ndarray of shape (n_joints,)
-        Way that commands have made while the reading stood still, and what a jump took away: the
-        joint is so much further if the encoder lies [rad or m].
-
+    owed (joints,) [rad or m].
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -72,21 +62,7 @@ class EncoderWatch:
         """
         Judge one reading.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the reading before [s].
-        q : ndarray of shape (n_joints,)
-            Readings of the encoders [rad or m].
-        commanded : ndarray of shape (n_joints,)
-            Speeds that the joints should have had since, the delay of the loop taken into account
-            [rad/s or m/s].
-
-        Returns
-        -------
-        list of (int, str)
-            Joints that cannot be believed, and why.
-
+        dt [s], q (joints,) [rad or m], commanded (joints,) [rad/s or m/s].
         """
         found: list[tuple[int, str]] = []
         far = self._speed * RANGE_TIME

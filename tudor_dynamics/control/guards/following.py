@@ -30,19 +30,7 @@ RESTING = 0.05
 
 
 class Following:
-    """
-    Reasons not to follow a reference.
-
-    Parameters
-    ----------
-    joints : tuple of str
-        Names, for messages.
-    planned : ndarray of shape (n_joints,)
-        Speeds of planned motion [rad/s or m/s].
-    reference : ReferenceGate
-        What would be followed.
-
-    """
+    """Reasons not to follow a reference: planned (joints,) [rad/s or m/s]."""
 
     def __init__(
         self, joints: tuple[str, ...], planned: FloatArray, reference: ReferenceGate,
@@ -53,13 +41,7 @@ class Following:
         """
         Say why an arm that follows must not go on; empty if it may.
 
-        Parameters
-        ----------
-        now, timeout : float
-            Local time, and age from which on a reference is missing [s].
-        q : ndarray of shape (n_joints,)
-            Measured positions of the joints [rad or m].
-
+        now, timeout [s], q (joints,) [rad or m].
         """
         away = self._away(now, timeout, q)
         if self._reference.age(now) > timeout:
@@ -73,13 +55,7 @@ class Following:
         """
         Say why an arm that holds cannot begin to follow; empty if it can.
 
-        Parameters
-        ----------
-        now, timeout, q
-            As in ``stray``.
-        held : ndarray of shape (n_joints,)
-            Speeds at which it holds, or still brakes [rad/s or m/s].
-
+        held (joints,) [rad/s or m/s].
         """
         reference, away = self._reference, self._away(now, timeout, q)
         if reference.age(now) > timeout:

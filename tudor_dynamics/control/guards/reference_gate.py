@@ -29,22 +29,7 @@ class ReferenceGate:
     """
     Lets references pass that keep to the limits, and says what is wrong with others.
 
-    Parameters
-    ----------
-    joints : tuple of str
-        Names, for messages.
-    limits : Limits
-        What nothing exceeds.
-
-    Attributes
-    ----------
-    q, dq : ndarray of shape (n_joints,)
-        Newest reference, as it came [rad, rad/s].
-    refused : collections.Counter
-        References that were not taken, by cause.
-    refusal : str
-        What is wrong with the last one; empty if it was taken.
-
+    q, dq (joints,) [rad, rad/s]; refusal: empty if it was taken.
     """
 
     def __init__(self, joints: tuple[str, ...], limits: Limits) -> None:
@@ -64,43 +49,19 @@ class ReferenceGate:
         return self._at is not None
 
     def age(self, now: float) -> float:
-        """
-        Give the age of the newest reference; infinite without one [s].
-
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-
-        """
+        """Give the age of the newest reference; infinite without one [s]."""
         return math.inf if self._at is None else now - self._at
 
     def place(self, now: float, longest: float) -> FloatArray:
         """
         Give where the newest reference is by now, carried on for a time at most [rad; s].
 
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        longest : float
-            Time for which it is carried on at most [s].
-
+        now, longest [s].
         """
         return np.asarray(self.q + min(self.age(now), longest) * self.dq)
 
     def add(self, now: float, q: FloatArray, dq: FloatArray) -> None:
-        """
-        Take a reference, if it can be one.
-
-        Parameters
-        ----------
-        now : float
-            Local time [s].
-        q, dq : ndarray of shape (n_joints,)
-            Position and speed of the reference [rad, rad/s].
-
-        """
+        """Take a reference, if it can be one: now [s], q, dq (joints,) [rad, rad/s]."""
         self.refusal = self._impossible(q, dq)
         if self.refusal:
             self.refused[self.refusal.partition(':')[0]] += 1

@@ -50,11 +50,7 @@ class SwingWatch:
     grows, is fed by them. Whether it rests or not, commands beyond the speed limit again and
     again, or far from the reference, are no damping either.
 
-    Parameters
-    ----------
-    speed : ndarray of shape (n_joints,)
-        Limits of the joints [rad/s].
-
+    speed (joints,) [rad/s].
     """
 
     def __init__(self, speed: FloatArray) -> None:
@@ -72,22 +68,7 @@ class SwingWatch:
         """
         Judge one command.
 
-        Parameters
-        ----------
-        dt : float
-            Time since the one before [s].
-        added : ndarray of shape (n_joints,)
-            What position loop and damper add to the reference's speeds [rad/s].
-        moving : bool
-            Whether the reference moves.
-        cut : bool
-            Whether the speed limit cut the command.
-
-        Returns
-        -------
-        str
-            What is wrong, once; empty for nothing.
-
+        dt [s], added (joints,) [rad/s]; returns an empty string for nothing.
         """
         self._rest = 0.0 if moving else self._rest + dt
         self._elapsed += dt

@@ -36,11 +36,7 @@ class Takeover:
     A command at the speed that was measured is a step up for an arm that has begun to brake
     meanwhile; so one that brakes is left to stop.
 
-    Parameters
-    ----------
-    acceleration : ndarray of shape (n_joints,)
-        Of planned motion, with which drives brake as well [rad/s^2].
-
+    acceleration (joints,) [rad/s^2].
     """
 
     def __init__(self, acceleration: FloatArray) -> None:
@@ -52,24 +48,7 @@ class Takeover:
         self._seen.clear()
 
     def step(self, now: float, dq: FloatArray, delay: float) -> bool:
-        """
-        Look at a sample.
-
-        Parameters
-        ----------
-        now : float
-            Time of the sample [s].
-        dq : ndarray of shape (n_joints,)
-            Measured speeds of the joints [rad/s].
-        delay : float
-            Of the loop [s].
-
-        Returns
-        -------
-        bool
-            Whether the arm stands or goes on at its speed, and may be taken over at it.
-
-        """
+        """Look at a sample: now, delay [s], dq (joints,) [rad/s]."""
         self._seen.append((now, dq))
         while len(self._seen) > 2 and now - self._seen[1][0] >= LOOK + delay:
             self._seen.popleft()

@@ -48,56 +48,19 @@ OUTPUT_CUTOFF = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Choices:
-    """
-    All that was chosen for a fit.
+    """All that was chosen for a fit."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Arm with the friction of its joints.
-    preprocessing : PreprocessingSpec
-        Filters and rate.
-    settings : FitSettings
-        Settings with nothing left open.
-    made : tuple of Choice
-        What was chosen, and what it brought; without what was fixed.
-
-    """
-
-    arm: Arm
-    preprocessing: PreprocessingSpec
-    settings: FitSettings
-    made: tuple[Choice, ...] = ()
+    arm: Arm  # arm with the friction of its joints
+    preprocessing: PreprocessingSpec  # filters and rate
+    settings: FitSettings  # settings with nothing left open
+    made: tuple[Choice, ...] = ()  # what was chosen, and what it brought; without what was fixed
 
 
 def choose(
     arm: Arm, bags: Sequence[BagData], preprocessing: PreprocessingSpec, settings: FitSettings,
     progress: Progress = lambda _: None, *, summable: bool = False,
 ) -> Choices:
-    """
-    Choose what description and settings leave open.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded; friction that its description does not name is open.
-    bags : sequence of BagData
-        Bags to learn from; no other has a hand in it.
-    preprocessing : PreprocessingSpec
-        Filters and rate; what is not set explicitly is open.
-    settings : FitSettings
-        Choices of the fit; ``auto`` is open.
-    progress : callable
-        Told what is done next.
-    summable : bool, default=False
-        Leave out friction whose rows depend on all bags.
-
-    Returns
-    -------
-    Choices
-        Everything fixed.
-
-    """
+    """Choose what description and settings leave open."""
     progress('choose what is left open')
     return _Chooser(arm, bags, preprocessing, settings, summable=summable).choose()
 
@@ -225,15 +188,7 @@ class _Chooser:
 
 
 def friction_words(joints: Sequence[JointSpec]) -> str:
-    """
-    Write the friction of joints, those alike together.
-
-    Parameters
-    ----------
-    joints : sequence of JointSpec
-        Joints with their friction.
-
-    """
+    """Write the friction of joints, those alike together."""
     found: dict[str, list[str]] = {}
     for joint in joints:
         text = ' + '.join(joint.friction) or 'none'

@@ -35,20 +35,7 @@ Change = Mapping[str, Any]
 
 
 def choices_of(joint: JointSpec) -> dict[str, Any]:
-    """
-    Give all keys of a joint that a choice of its friction sets.
-
-    Parameters
-    ----------
-    joint : JointSpec
-        Joint with the friction that was chosen.
-
-    Returns
-    -------
-    dict of str to Any
-        Keys of the description with their values, as ``Arm.with_joints`` takes them.
-
-    """
+    """Give all keys of a joint that a choice of its friction sets."""
     return {key: getattr(joint, key) for key in (
         'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
 
@@ -62,18 +49,7 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
     """
     Give what may be added to the friction of a joint, by its name.
 
-    Parameters
-    ----------
-    joint : JointSpec
-        Joint with the friction that it has.
-    left_out : collection of str
-        Terms that nothing may be said of here.
-
-    Returns
-    -------
-    dict of str to mapping
-        Keys of the description with their values; empty where all is fixed.
-
+    Returns an empty dict where all is fixed.
     """
     found: dict[str, Change] = {}
     if is_open(joint):
@@ -100,17 +76,7 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
 def all_candidates(
     joints: Sequence[JointSpec], left_out: Collection[str],
 ) -> list[JointSpec]:
-    """
-    Give the joints with all friction that can come out, for the rows to have its columns.
-
-    Parameters
-    ----------
-    joints : sequence of JointSpec
-        Joints as described.
-    left_out : collection of str
-        Terms that nothing may be said of here.
-
-    """
+    """Give the joints with all friction that can come out, for the rows to have its columns."""
     found = []
     for joint in joints:
         changes = additions(joint, left_out).values()
@@ -143,24 +109,7 @@ def choose_friction(
     All open joints are given the same addition at once, since friction shows in its own joint:
     one fit to each part tells for every joint whether it pays there.
 
-    Parameters
-    ----------
-    left_out : LeftOut
-        Errors of candidates; its rows have the columns of ``all_candidates``.
-    joints : sequence of JointSpec
-        Joints with the friction to begin with.
-    without : collection of str
-        Terms that nothing may be said of here.
-    shared : bool
-        One set of parameters for currents of unknown torque constants.
-    constants : ndarray of shape (n_channels,) or None
-        Torque constants, where they were found.
-
-    Returns
-    -------
-    list of JointSpec
-        Joints with what was chosen.
-
+    constants (channels,).
     """
     current = list(joints)
 

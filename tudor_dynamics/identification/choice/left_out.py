@@ -42,17 +42,7 @@ LEAST_GAIN = 0.01
 
 
 def paid(before: FloatArray, after: FloatArray, least: float = LEAST_GAIN) -> bool:
-    """
-    Say whether left-out parts clearly pay for a candidate.
-
-    Parameters
-    ----------
-    before, after : ndarray of shape (n_parts,)
-        Sums of squared errors of the simpler choice and of the candidate.
-    least : float
-        Smallest part of the error that it has to bring.
-
-    """
+    """Say whether left-out parts clearly pay for a candidate: before, after (parts,)."""
     gains = before - after
     if not np.all(np.isfinite(gains)) or not before.sum() > 0.0:
         return False
@@ -61,15 +51,7 @@ def paid(before: FloatArray, after: FloatArray, least: float = LEAST_GAIN) -> bo
 
 
 class LeftOut:
-    """
-    Errors of candidates on parts that are left out, each once.
-
-    Parameters
-    ----------
-    rows : WideRows
-        Rows of the training data for all candidates.
-
-    """
+    """Errors of candidates on parts that are left out, each once."""
 
     def __init__(self, rows: WideRows) -> None:
         self.rows = rows
@@ -86,22 +68,7 @@ class LeftOut:
         """
         Fit a candidate to all parts but one, and predict that, for every part.
 
-        Parameters
-        ----------
-        joints : sequence of JointSpec
-            Joints with the friction of the candidate.
-        shared : bool
-            One set of parameters for currents of unknown torque constants.
-        weighted : bool
-            Weight each channel by its residual variance.
-        constants : ndarray of shape (n_channels,), optional
-            Torque constants where they are taken for known; else each fit finds them.
-
-        Returns
-        -------
-        ndarray of shape (n_parts, n_channels)
-            Sums of squared errors; infinite where a fit has too few samples.
-
+        constants (channels,); returns (parts, channels), infinite where a fit has too few samples.
         """
         errors = np.zeros((len(self._parts), len(self._total)))
         for channels, kept in self.rows.groupings[shared]:
@@ -123,20 +90,7 @@ class LeftOut:
         """
         Fit a candidate to all parts.
 
-        Parameters
-        ----------
-        joints : sequence of JointSpec
-            Joints with the friction of the candidate.
-        shared : bool
-            One set of parameters for currents of unknown torque constants.
-
-        Returns
-        -------
-        parameters : ndarray of shape (n_channels, n_columns)
-            Parameters of each channel on all columns.
-        constants : ndarray of shape (n_channels,) or None
-            Torque constants, where they were to be found.
-
+        Returns parameters (channels, columns) and constants (channels,).
         """
         full = np.zeros((len(self._total), self.rows.n_columns))
         constants = None

@@ -23,23 +23,13 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Choice:
-    """
-    One thing that was left open.
+    """One thing that was left open."""
 
-    Attributes
-    ----------
-    what : str
-        What was to be chosen.
-    chosen, instead : str
-        What it came to, and what it is compared with, in words.
-    error, error_instead : float
-        Relative error on the parts that were left out, with the one and with the other [%].
-
-    """
-
-    what: str
+    what: str  # what was to be chosen
+    # What it came to, and what it is compared with, in words.
     chosen: str
     instead: str
+    # Relative error on the parts that were left out, with the one and with the other [%].
     error: float
     error_instead: float
 
@@ -52,14 +42,6 @@ class Choice:
 
 
 def choices_to_list(made: Sequence[Choice]) -> list[dict[str, Any]]:
-    """
-    Give choices as plain values, for JSON and bundles.
-
-    Parameters
-    ----------
-    made : sequence of Choice
-        What was chosen.
-
-    """
+    """Give choices as plain values, for JSON and bundles."""
     return [{**asdict(choice), 'error': round(choice.error, 3),
              'error_instead': round(choice.error_instead, 3)} for choice in made]

@@ -52,23 +52,12 @@ way, with its displacement in place of the switch.
 
 @dataclass(frozen=True, eq=False)
 class CandidateRows:
-    """
-    A part of the training data, its rows and outputs decimated.
+    """A part of the training data, its rows and outputs decimated."""
 
-    Attributes
-    ----------
-    bodies : ndarray of shape (n_samples, n_channels, n_body_columns)
-        Rows of the bodies and rotors.
-    speed : ndarray of shape (n_samples, n_joints, n_terms)
-        Friction terms of each drive, those of the load as yet without it.
-    output : ndarray of shape (n_samples, n_channels)
-        Efforts or strains in their units, as measured.
-
-    """
-
-    bodies: FloatArray
+    bodies: FloatArray  # rows of the bodies and rotors, (samples, channels, body_columns)
+    # (samples, joints, terms): friction terms of each drive, those of the load as yet without it.
     speed: FloatArray
-    output: FloatArray
+    output: FloatArray  # efforts or strains in their units, as measured, (samples, channels)
 
 
 def terms_of(joint: JointSpec) -> list[Term]:
@@ -92,25 +81,7 @@ def joint_with(joint: JointSpec, term: Term) -> JointSpec:
 
 
 class WideRows:
-    """
-    Rows of an output for all candidates.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    output : {'effort', 'strain'}
-        What is measured.
-    candidates : sequence of JointSpec
-        Joints with all friction that may be chosen.
-    bags : sequence of BagData
-        Bags to learn from, with the filters of the candidates.
-    strain_form : {'exact', 'paper'}
-        Where the bending moment is taken.
-    with_payload : bool
-        Whether the payload of each bag counts.
-
-    """
+    """Rows of an output for all candidates."""
 
     def __init__(
         self, arm: Arm, output: str, candidates: Sequence[JointSpec], bags: Sequence[BagData],
@@ -188,11 +159,7 @@ class WideRows:
         """
         Take parameters by which the loads are known, for the terms that grow with them.
 
-        Parameters
-        ----------
-        parameters : ndarray of shape (n_channels, n_columns)
-            Parameters of each channel on all columns.
-
+        parameters (channels, columns).
         """
         self._loads = parameters[:, :len(self.columns)]
 
@@ -221,17 +188,7 @@ class WideRows:
         return found
 
     def taken(self, joints: Sequence[JointSpec], columns: NDArray[np.intp]) -> NDArray[np.intp]:
-        """
-        Give the places of the columns that a candidate takes.
-
-        Parameters
-        ----------
-        joints : sequence of JointSpec
-            Joints with their friction.
-        columns : ndarray of int
-            Columns of the regressor that are kept for the bodies.
-
-        """
+        """Give the places of the columns that a candidate takes."""
         bodies = np.searchsorted(self.columns, columns)
         if self.output != 'effort':
             return bodies

@@ -38,20 +38,7 @@ POSES = 200
 
 
 def live_preprocessing(spec: PreprocessingSpec) -> PreprocessingSpec:
-    """
-    Give the preprocessing of the running robot: causal, every sample.
-
-    Parameters
-    ----------
-    spec : PreprocessingSpec
-        Preprocessing of a model.
-
-    Returns
-    -------
-    PreprocessingSpec
-        The same where it is causal, else the causal filters that stand beside it.
-
-    """
+    """Give the preprocessing of the running robot: causal, every sample."""
     return spec.model_copy(update={'filter': 'causal', 'rate': None})
 
 
@@ -63,28 +50,7 @@ def free_motion(
     momentum: bool = False,
     strain: Sequence[tuple[Model, BagData]] = (),
 ) -> list[FreeMotion]:
-    """
-    Compute the residuals of every sample as the running robot has them.
-
-    Parameters
-    ----------
-    cases : sequence of (model, bag)
-        Bags with the output, each with a model that has not seen it.
-    output : {'effort', 'strain'}
-        Output that is predicted.
-    spec : PreprocessingSpec
-        Preprocessing of the models.
-    momentum : bool, default=False
-        Residuals of the momentum observer in place of plain ones.
-    strain : sequence of (model, bag)
-        Models of the strain, by which those of the effort may be corrected.
-
-    Returns
-    -------
-    list of FreeMotion
-        One for each gapless stretch.
-
-    """
+    """Compute the residuals of every sample as the running robot has them."""
     correcting = {id(bag): model for model, bag in strain}
     records = []
     for model, bag in cases:
@@ -107,16 +73,7 @@ def stiction(cases: Sequence[tuple[Model, BagData]]) -> FloatArray:
     """
     Give the friction that may hold each joint while it stands, as all models have it.
 
-    Parameters
-    ----------
-    cases : sequence of (model, bag)
-        Bags with their models of the effort.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        Largest over the models, in the unit of each joint's effort.
-
+    Returns (joints,) [unit of each joint's effort].
     """
     return np.asarray(np.max([
         model.stiction(bag.recording.q[::max(1, len(bag.recording.q) // POSES)])
@@ -127,24 +84,7 @@ def learn_all(
     unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
 ) -> tuple[dict[tuple[str, str], MethodThresholds], dict[tuple[str, str], str]]:
-    """
-    Learn the thresholds of all methods that a fit allows.
-
-    Parameters
-    ----------
-    unseen : sequence of (output, kind, cases)
-        Every model of the fit with motion that it has not seen.
-    spec : PreprocessingSpec
-        Preprocessing of the models.
-
-    Returns
-    -------
-    learned : dict of (str, str) to MethodThresholds
-        Method and kind to thresholds.
-    missing : dict of (str, str) to str
-        Method and kind to why there are none.
-
-    """
+    """Learn the thresholds of all methods that a fit allows."""
     found: dict[tuple[str, str], MethodThresholds] = {}
     missing: dict[tuple[str, str], str] = {}
 
@@ -184,18 +124,7 @@ def fit_thresholds(
     """
     Learn the thresholds of all methods, as plain values; see `learn_all`.
 
-    Parameters
-    ----------
-    unseen : sequence of (output, kind, cases)
-        Every model of the fit with motion that it has not seen.
-    spec : PreprocessingSpec
-        Preprocessing of the models.
-
-    Returns
-    -------
-    dict
-        Method to kind to thresholds as plain values; empty where there is too little motion.
-
+    Returns an empty dict where there is too little motion.
     """
     learned, missing = learn_all(unseen, spec)
     if missing:

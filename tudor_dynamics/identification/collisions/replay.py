@@ -39,28 +39,14 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MethodResult:
-    """
-    Result of one method.
+    """Result of one method."""
 
-    Attributes
-    ----------
-    method : str
-        ``strain``, ``effort`` or ``momentum``.
-    score : CollisionScore
-        Figures at the thresholds asked for.
-    watched : tuple of Watched
-        Bags that were replayed.
-    roc : tuple of (float, float, float)
-        Factor on the threshold, false alarms per hour, detection rate.
-    no_contact : str
-        Why nothing is said of force and place; empty where something is, or was not asked for.
-
-    """
-
-    method: str
-    score: CollisionScore
-    watched: tuple[Watched, ...]
+    method: str  # `strain`, `effort` or `momentum`
+    score: CollisionScore  # figures at the thresholds asked for
+    watched: tuple[Watched, ...]  # bags that were replayed
+    # Factor on the threshold, false alarms per hour, detection rate.
     roc: tuple[tuple[float, float, float], ...]
+    # Why nothing is said of force and place; empty where something is, or was not asked for.
     no_contact: str = ''
 
 
@@ -132,28 +118,7 @@ def watch_bag(
     bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
     truth: Truth,
 ) -> dict[str, Watched]:
-    """
-    Replay one bag past all methods: one filter and one predictor, a detector for each.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Model with thresholds.
-    settings : dict of str to MonitorSettings
-        Method to choices, with that method alone.
-    name : str
-        Path of the bag.
-    recording : Recording
-        Signals of the bag.
-    truth : Truth
-        Pushes that there were.
-
-    Returns
-    -------
-    dict of str to Watched
-        Method to ratios and events.
-
-    """
+    """Replay one bag past all methods: one filter and one predictor, a detector for each."""
     if not settings:
         return {}
     bundle = bundle.beside_robot()
@@ -196,31 +161,7 @@ def evaluate_collisions(
     settings: MonitorSettings,
     truths: Sequence[Truth],
 ) -> list[MethodResult]:
-    """
-    Evaluate every method for which there are models, thresholds and signals.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Model with thresholds.
-    bags : sequence of (path, Recording)
-        Bags, with or without pushes.
-    settings : MonitorSettings
-        Choices; each method is given the whole false-alarm rate.
-    truths : sequence of Truth
-        Pushes of each bag, as far as they are known.
-
-    Returns
-    -------
-    list of MethodResult
-        One for each method.
-
-    Raises
-    ------
-    UsageError
-        If the model has no thresholds.
-
-    """
+    """Evaluate every method for which there are models, thresholds and signals."""
     results = []
     chosen = _settings(bundle, settings, [recording for _, recording in bags])
     seen = [watch_bag(bundle, chosen, path, recording, _within(truth, recording))

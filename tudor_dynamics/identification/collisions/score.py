@@ -44,37 +44,20 @@ _EARLY = round(EARLY * 1e9)
 
 @dataclass(frozen=True)
 class CollisionScore:
-    """
-    Figures of one method.
+    """Figures of one method."""
 
-    Attributes
-    ----------
-    events : int
-        Events in all bags.
-    pushes, found : int
-        Pushes in the bags, and those found.
-    detection_rate : float or None
-        Their ratio; None without pushes.
-    latency_median, latency_p95 : float or None
-        From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
-    false_alarms : int or None
-        Events without a push, in bags whose pushes are known; None without such bags.
-    hours : float
-        Time without a push in those bags [h].
-    false_alarms_per_hour : float or None
-        False alarms over those hours [1/h].
-
-    """
-
-    events: int
+    events: int  # events in all bags
+    # Pushes in the bags, and those found.
     pushes: int
     found: int
-    detection_rate: float | None
+    detection_rate: float | None  # their ratio; None without pushes
+    # From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
     latency_median: float | None
     latency_p95: float | None
+    # Events without a push, in bags whose pushes are known; None without such bags.
     false_alarms: int | None
-    hours: float
-    false_alarms_per_hour: float | None
+    hours: float  # time without a push in those bags [h]
+    false_alarms_per_hour: float | None  # false alarms over those hours [1/h]
 
     def as_dict(self) -> dict[str, Any]:
         """Give the figures as JSON-ready dictionary."""
@@ -83,34 +66,16 @@ class CollisionScore:
 
 @dataclass(frozen=True)
 class Sighting:
-    """
-    One event of a bag, as a person wants to know of it.
+    """One event of a bag, as a person wants to know of it."""
 
-    Attributes
-    ----------
-    event : CollisionEvent
-        What was found.
-    time : float
-        From the first sample of the bag to certainty [s].
-    channel : str
-        Joint or gauge that stood furthest above its threshold.
-    ratio : float
-        Largest ratio to the collision threshold while it lasted.
-    seconds : float
-        From the first sample above the threshold to the last.
-    push : int or None
-        Place of the push that it belongs to; None where there is none, or none is known.
-    contact : dict or None
-        What touched the arm meanwhile, see ``ContactRecord.summary``; None where that is unknown.
-
-    """
-
-    event: CollisionEvent
-    time: float
-    channel: str
-    ratio: float
-    seconds: float
+    event: CollisionEvent  # what was found
+    time: float  # from the first sample of the bag to certainty [s]
+    channel: str  # joint or gauge that stood furthest above its threshold
+    ratio: float  # largest ratio to the collision threshold while it lasted
+    seconds: float  # from the first sample above the threshold to the last
+    # Place of the push that it belongs to; None where there is none, or none is known.
     push: int | None = None
+    # What touched the arm meanwhile, see `ContactRecord.summary`; None where that is unknown.
     contact: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
@@ -122,29 +87,14 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """
-    One bag as one method saw it.
+    """One bag as one method saw it."""
 
-    Attributes
-    ----------
-    bag : str
-        Path of the bag.
-    stamp : ndarray of int64, shape (n_samples,)
-        Samples with a residual [ns].
-    ratio : ndarray of shape (n_samples,)
-        Largest ratio to the collision threshold that held for the debounce time.
-    truth : Truth
-        Pushes that there were.
-    sightings : tuple of Sighting
-        What was found.
-
-    """
-
-    bag: str
-    stamp: NDArray[np.int64]
+    bag: str  # path of the bag
+    stamp: NDArray[np.int64]  # samples with a residual, (samples,) [ns]
+    # (samples,): largest ratio to the collision threshold that held for the debounce time.
     ratio: FloatArray
-    truth: Truth
-    sightings: tuple[Sighting, ...]
+    truth: Truth  # pushes that there were
+    sightings: tuple[Sighting, ...]  # what was found
 
     @property
     def alarms(self) -> NDArray[np.int64]:
@@ -156,20 +106,7 @@ def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) ->
     """
     Find the push that an event belongs to.
 
-    Parameters
-    ----------
-    stamp : int
-        Stamp of the event [ns].
-    pushes : sequence of KnownPush
-        Pushes that there were.
-    late : float
-        Time behind the end of a push that still belongs to it [s].
-
-    Returns
-    -------
-    int or None
-        Place of the last push that had begun, or is about to; None where it is over for longer.
-
+    stamp [ns], late [s]; returns None where it is over for longer.
     """
     begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
     if not begun or stamp > pushes[begun[-1]].end + round(late * 1e9):
@@ -178,22 +115,7 @@ def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) ->
 
 
 def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
-    """
-    Judge alarms by the pushes.
-
-    Parameters
-    ----------
-    watched : sequence of Watched
-        Bags that were replayed.
-    alarms : sequence of ndarray of int64
-        For each bag the stamps at which something was found [ns].
-
-    Returns
-    -------
-    CollisionScore
-        Figures.
-
-    """
+    """Judge alarms by the pushes: alarms [ns]."""
     latencies, pushes, false, free = [], 0, 0, 0.0
     for item, times in zip(watched, alarms, strict=True):
         if not item.truth.known:
@@ -224,15 +146,7 @@ def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:
     """
     Give the times at which a threshold that much higher would have given an event.
 
-    Parameters
-    ----------
-    item : Watched
-        Bag with the ratios to its thresholds.
-    factor : float
-        Factor on the threshold.
-    rearm : float
-        Time without an excess before the next event [s].
-
+    rearm [s].
     """
     times = item.stamp[item.ratio > factor]
     if not len(times):

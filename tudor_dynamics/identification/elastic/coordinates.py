@@ -32,17 +32,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class Straight:
-    """
-    Logarithms to coordinates and back.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the parameters.
-    center : ndarray of shape (n_names,)
-        Logarithms at which a coordinate that is no logarithm is 1.
-
-    """
+    """Logarithms to coordinates and back: center (names,)."""
 
     def __init__(self, names: Sequence[str], center: FloatArray) -> None:
         self.center = center
@@ -53,35 +43,15 @@ class Straight:
         """
         Give compliances and masses relative to the centre, other logarithms as they are.
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_names,)
-            Logarithms of the parameters.
-
+        x (names,).
         """
         return np.where(self._plain, x, np.exp(self._sign * (x - self.center)))
 
     def back(self, u: FloatArray) -> FloatArray:
-        """
-        Give the logarithms.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_names,)
-            Coordinates of ``of``.
-
-        """
+        """Give the logarithms: u (names,)."""
         positive = np.where(self._plain, 1.0, np.maximum(u, 1e-300))
         return np.where(self._plain, u, self.center + self._sign * np.log(positive))
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """
-        Differentiate ``back``.
-
-        Parameters
-        ----------
-        u : ndarray of shape (n_names,)
-            Coordinates of ``of``.
-
-        """
+        """Differentiate ``back``: u (names,)."""
         return np.where(self._plain, 1.0, self._sign / np.where(self._plain, 1.0, u))

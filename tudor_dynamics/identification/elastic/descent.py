@@ -36,52 +36,19 @@ FARTHEST = 6.0
 
 @dataclass(frozen=True)
 class SearchPhase:
-    """
-    A search by all parameters.
+    """A search by all parameters."""
 
-    Attributes
-    ----------
-    bandwidth : float
-        How strongly the simulation is drawn towards the measured strain, see ``Problem.draw``
-        [1/s].
-    inner : float
-        Longest inner step [s].
-    steps : int
-        Steps to take at most, each the best of a ladder.
-    enough : float
-        Part of the sum of squares: a step that gains less ends the search.
-
-    """
-
+    # How strongly the simulation is drawn towards the measured strain, see `Problem.draw` [1/s].
     bandwidth: float
-    inner: float
-    steps: int
-    enough: float
+    inner: float  # longest inner step [s]
+    steps: int  # steps to take at most, each the best of a ladder
+    enough: float  # part of the sum of squares: a step that gains less ends the search
 
 
 def improve(
     problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4,
 ) -> FloatArray:
-    """
-    Search by all parameters of the problem.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem with its weights.
-    x : ndarray of shape (n_names,) or (unknowns,)
-        Logarithms to start from.
-    steps : int
-        Steps to take at most, each the best of a ladder.
-    enough : float
-        Part of the sum of squares: a step that gains less ends the search.
-
-    Returns
-    -------
-    ndarray of shape (unknowns,)
-        Vector where the search ended, see ``Problem.moments``.
-
-    """
+    """Search by all parameters of the problem: x (names,) or (unknowns,); returns (unknowns,)."""
     straight = Straight(problem.names, problem.center)
     n = len(problem.names)
 
@@ -109,26 +76,7 @@ def improve(
 def descend(
     problem: Problem, x: FloatArray, stages: Sequence[SearchPhase], told: Callable[[int], None],
 ) -> FloatArray:
-    """
-    Improve the parameters stage by stage.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem; follows positions alone afterwards.
-    x : ndarray of shape (n_names,)
-        Logarithms to start from.
-    stages : sequence of SearchPhase
-        Searches, one after the other.
-    told : callable
-        Given the number of each stage before it begins.
-
-    Returns
-    -------
-    ndarray of shape (n_names,)
-        Logarithms of the parameters where the last stage ended.
-
-    """
+    """Improve the parameters stage by stage: x (names,); returns (names,)."""
     for number, stage in enumerate(stages):
         told(number)
         problem.inner = stage.inner

@@ -26,13 +26,7 @@ def fit_percent(errors: FloatArray, strain: FloatArray) -> float:
     """
     Give the fit of all channels together, ``100 (1 - |e| / |y - mean|)`` [%].
 
-    Parameters
-    ----------
-    errors : ndarray of shape (n_samples, n_gauges)
-        Measured less simulated strain, in the units of the gauges.
-    strain : ndarray of shape (n_samples, n_gauges)
-        Measured strain, in the units of the gauges.
-
+    errors, strain (samples, gauges) [unit of the gauges].
     """
     spread = float(np.linalg.norm(strain - strain.mean(axis=0)))
     return 100.0 * (1.0 - float(np.linalg.norm(errors)) / max(spread, 1e-300))
@@ -42,13 +36,7 @@ def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
     """
     Give robust standard deviations: half of the errors lie within 0.6745 of them.
 
-    Parameters
-    ----------
-    errors : ndarray of shape (n_samples, n_gauges)
-        Measured less simulated strain, in the units of the gauges.
-    strain : ndarray of shape (n_samples, n_gauges)
-        Measured strain, in the units of the gauges.
-
+    errors, strain (samples, gauges) [unit of the gauges].
     """
     return np.asarray(np.maximum(np.median(np.abs(errors), axis=0) / 0.6745,
                                  1e-3 * strain.std(axis=0) + 1e-12))

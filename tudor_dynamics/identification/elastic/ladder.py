@@ -44,32 +44,7 @@ def minimised(
     jacobian: Callable[[FloatArray], FloatArray], begin: FloatArray,
     bounds: tuple[FloatArray, FloatArray], scale: FloatArray, *, steps: int, enough: float,
 ) -> FloatArray:
-    """
-    Search for the least sum of squares.
-
-    Parameters
-    ----------
-    residuals : callable
-        Gives the residuals, shape (n_residuals,), of each of several vectors.
-    jacobian : callable
-        Gives their derivatives at one vector, shape (n_residuals, n).
-    begin : ndarray of shape (n,)
-        Where to begin, within the bounds.
-    bounds : tuple of ndarray of shape (n,)
-        Least and largest values.
-    scale : ndarray of shape (n,)
-        Typical change of each unknown, which its prior or something like it holds.
-    steps : int
-        Steps to take at most.
-    enough : float
-        Part of the sum of squares: a step that gains less is the last.
-
-    Returns
-    -------
-    ndarray of shape (n,)
-        Where the search ended.
-
-    """
+    """Search for the least sum of squares: begin, bounds, scale (n,); returns (n,)."""
     x = begin
     now, = residuals([x])
     cost, damping = float(now @ now), LEAST / LADDER[0]

@@ -37,41 +37,20 @@ MODES = 2
 
 @dataclass(frozen=True)
 class Vibration:
-    """
-    A damped oscillation.
+    """A damped oscillation."""
 
-    Attributes
-    ----------
-    frequency : float
-        Of the damped oscillation [Hz].
-    damping : float
-        Damping ratio of the mode.
-
-    """
-
-    frequency: float
-    damping: float
+    frequency: float  # of the damped oscillation [Hz]
+    damping: float  # damping ratio of the mode
 
 
 @dataclass(frozen=True, eq=False)
 class ModeMap:
-    """
-    The first modes over the poses of some bags.
+    """The first modes over the poses of some bags."""
 
-    Attributes
-    ----------
-    joints : tuple of int
-        Indices of the one or two joints that move most, the axes of the map.
-    edges : tuple of ndarray of shape (n_cells + 1,)
-        Edges of the cells along each of them [rad or m].
-    frequency, damping : ndarray of shape (n_modes, n_cells) or (n_modes, n_cells, n_cells)
-        At the middle of each cell, other joints at their mean; first joint first. NaN outside of
-        what the bags enclose [Hz; 1].
-
-    """
-
-    joints: tuple[int, ...]
-    edges: tuple[FloatArray, ...]
+    joints: tuple[int, ...]  # indices of the one or two joints that move most, the axes of the map
+    edges: tuple[FloatArray, ...]  # edges of the cells along each of them, (cells + 1,) [rad or m]
+    # At the middle of each cell, other joints at their mean; first joint first. NaN outside of
+    # what the bags enclose, (modes, cells) or (modes, cells, cells) [Hz; 1].
     frequency: FloatArray
     damping: FloatArray
 
@@ -80,25 +59,7 @@ def vibrations(driven: DrivenArm, q: FloatArray, count: int = MODES) -> tuple[Vi
     """
     Find the slowest small vibrations about the equilibrium at a pose, joints held.
 
-    Parameters
-    ----------
-    driven : DrivenArm
-        Arm; it rests at the pose afterwards.
-    q : ndarray of shape (n_joints,)
-        Positions of the active joints [rad or m].
-    count : int
-        Most vibrations wanted.
-
-    Returns
-    -------
-    tuple of Vibration
-        By undamped frequency, ascending; what creeps back without swinging is left out.
-
-    Raises
-    ------
-    SimulationError
-        If there is no equilibrium.
-
+    q (joints,) [rad or m].
     """
     small = driven.linearised(q)
     m = len(small.mass)
@@ -113,20 +74,7 @@ def vibrations(driven: DrivenArm, q: FloatArray, count: int = MODES) -> tuple[Vi
 
 
 def busiest(positions: FloatArray) -> tuple[int, ...]:
-    """
-    Choose the joints that span the map.
-
-    Parameters
-    ----------
-    positions : ndarray of shape (n_samples, n_joints)
-        Positions that were visited [rad or m].
-
-    Returns
-    -------
-    tuple of int
-        Indices of the two joints that move most, ascending; one, or none, where no more move.
-
-    """
+    """Choose the joints that span the map: positions (samples, joints) [rad or m]."""
     order = np.argsort(-positions.std(axis=0), kind='stable')[:2]
     return tuple(sorted(int(i) for i in order if np.ptp(positions[:, i]) > MOVING))
 
@@ -135,20 +83,7 @@ def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> Mo
     """
     Find the first modes over the poses that were visited, and those between them.
 
-    Parameters
-    ----------
-    driven : DrivenArm
-        Arm with its identified parameters.
-    positions : ndarray of shape (n_samples, n_joints)
-        Poses that were visited [rad or m].
-    cells : int
-        Cells along each joint.
-
-    Returns
-    -------
-    ModeMap or None
-        None where no joint moves.
-
+    positions (samples, joints) [rad or m]; returns None where no joint moves.
     """
     joints = busiest(positions)
     if not joints:
@@ -178,20 +113,7 @@ def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> Mo
 
 
 def enclosed(visited: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """
-    Fill a map of visited cells up to its convex hull.
-
-    Parameters
-    ----------
-    visited : ndarray of bool, one or two axes
-        Cells that were visited.
-
-    Returns
-    -------
-    ndarray of bool
-        Cells that were visited, and those between.
-
-    """
+    """Fill a map of visited cells up to its convex hull."""
     spots = np.argwhere(visited)
     if visited.ndim == 1:
         inside = np.zeros_like(visited)

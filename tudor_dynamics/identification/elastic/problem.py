@@ -46,28 +46,7 @@ class Problem:
     """
     Residuals and derivatives for a choice of parameters and records.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    records : sequence of Record
-        What to compare with.
-    names : tuple of str
-        Parameters to be searched, see ``DrivenArm.parameters``.
-    fixed : dict of str to float
-        Values of others that differ from the description.
-    center, width : ndarray of shape (n_names,)
-        Prior of the logarithms: mean and standard deviation.
-    inner : float
-        Longest inner step of the simulation [s].
-
-    Attributes
-    ----------
-    strain : ndarray of shape (n_samples, n_gauges)
-        What is compared with, all records one after the other.
-    weights : ndarray of shape (n_samples, n_gauges)
-        Square roots of the weights: one over the noise of the gauge, less for outliers.
-
+    center, width (names,), inner [s], strain, weights (samples, gauges).
     """
 
     def __init__(
@@ -107,11 +86,7 @@ class Problem:
         """
         Give the vector of these parameters, with the gains as they were when drawn.
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_names,)
-            Logarithms of the parameters.
-
+        x (names,).
         """
         return np.concatenate([x[:len(self.names)], np.zeros(self.unknowns - len(self.names))])
 
@@ -119,17 +94,7 @@ class Problem:
         """
         Simulate the moments that bend the gauges.
 
-        Parameters
-        ----------
-        x : ndarray of shape (unknowns,)
-            Logarithms of the parameters; behind them, while drawn, of the gains of the gauges
-            relative to those at the time of ``draw``.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_gauges), or None
-            Moments at the samples that count [N m]; None where they cannot be simulated.
-
+        x (unknowns,); returns (samples, gauges) [N m], None where they cannot be simulated.
         """
         for known, result in self._last:
             if np.array_equal(known, x):
@@ -152,18 +117,7 @@ class Problem:
         1/bandwidth, and what is left are errors of prediction, smooth in the parameters. Gains of
         gauges then act on the simulation too, and are searched like the parameters.
 
-        Parameters
-        ----------
-        x : ndarray of shape (unknowns,)
-            Vector that the observer's gains belong to.
-        bandwidth : float
-            Rate at which an error dies out [1/s]; 0 to follow positions alone.
-
-        Returns
-        -------
-        ndarray of shape (unknowns,)
-            The parameters, as a vector of the problem as it is now.
-
+        x (unknowns,); bandwidth [1/s]: 0 to follow positions alone; returns (unknowns,).
         """
         moments = self.moments(x)
         gauges = None if moments is None else self.gauges(moments, x)
@@ -184,18 +138,8 @@ class Problem:
         """
         Find gain and offset of each gauge for given moments.
 
-        Parameters
-        ----------
-        moments : ndarray of shape (n_samples, n_gauges)
-            Simulated bending moments [N m].
-        x : ndarray of shape (unknowns,)
-            Vector that they belong to; its gains are taken while drawn, and the best otherwise.
-
-        Returns
-        -------
-        ndarray of shape (n_gauges, 2)
-            Gain [unit of the gauge per N m] and offset [unit of the gauge].
-
+        moments (samples, gauges) [N m], x (unknowns,); returns (gauges, 2): gain
+        [unit of the gauge per N m] and offset [unit of the gauge].
         """
         result = np.empty((moments.shape[1], 2))
         for g in range(moments.shape[1]):
@@ -212,13 +156,7 @@ class Problem:
         """
         Give measured less simulated strain, with the gains and offsets of ``gauges``.
 
-        Parameters
-        ----------
-        moments : ndarray of shape (n_samples, n_gauges)
-            Simulated bending moments [N m].
-        x : ndarray of shape (unknowns,)
-            Vector that they belong to.
-
+        moments (samples, gauges) [N m], x (unknowns,).
         """
         gains = self.gauges(moments, x)
         return np.asarray(self.strain - moments * gains[:, 0] - gains[:, 1])
@@ -227,11 +165,7 @@ class Problem:
         """
         Give the fit on all records for several vectors; -inf where one cannot be simulated [%].
 
-        Parameters
-        ----------
-        several : sequence of ndarray of shape (unknowns,)
-            Vectors, see ``moments``.
-
+        several (unknowns,).
         """
         return [-np.inf if moments is None else fit_percent(self.errors(moments, x), self.strain)
                 for x, moments in zip(several, self._simulations.several(several), strict=True)]
@@ -240,16 +174,7 @@ class Problem:
         """
         Give the weighted errors, and how far the parameters are from their prior.
 
-        Parameters
-        ----------
-        several : sequence of ndarray of shape (unknowns,)
-            Logarithms of the parameters, and of the gains while drawn.
-
-        Returns
-        -------
-        list of ndarray of shape (n_samples * n_gauges + n_names,)
-            Of each vector.
-
+        several (unknowns,); returns (samples * gauges + names,).
         """
         result = []
         for x, moments in zip(several, self._kept(several), strict=True):
@@ -263,16 +188,7 @@ class Problem:
         """
         Differentiate the moments by each unknown.
 
-        Parameters
-        ----------
-        x : ndarray of shape (unknowns,)
-            Vector, see ``moments``.
-
-        Returns
-        -------
-        ndarray of shape (unknowns, n_samples, n_gauges)
-            [N m]
-
+        x (unknowns,); returns (unknowns, samples, gauges).
         """
         here = self.moments(x)
         if here is None:
@@ -286,11 +202,7 @@ class Problem:
         """
         Differentiate ``residuals``; what a gain or an offset can take up is left out.
 
-        Parameters
-        ----------
-        x : ndarray of shape (unknowns,)
-            Logarithms of the parameters, and of the gains while drawn.
-
+        x (unknowns,).
         """
         slopes = self.slopes(x)
         moments = self.moments(x)

@@ -38,32 +38,14 @@ LEAST_SECONDS = 8.0
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """
-    A gapless stretch to compare with.
+    """A gapless stretch to compare with."""
 
-    Attributes
-    ----------
-    q : ndarray of shape (n_samples, n_joints)
-        Measured positions [rad or m].
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    strain : ndarray of shape (n_samples, n_gauges)
-        Readings in their units.
-    skip : int
-        Samples at the beginning that do not count.
-    payload : float or None
-        Mass at the tip [kg]; None where it is among the parameters.
-    before : ndarray of shape (n_earlier, 1 + n_joints), or None
-        ``[dt, q]`` of the motion just before.
-
-    """
-
-    q: FloatArray
-    dt: FloatArray
-    strain: FloatArray
-    skip: int = 0
-    payload: float | None = None
-    before: FloatArray | None = None
+    q: FloatArray  # measured positions, (samples, joints) [rad or m]
+    dt: FloatArray  # time since the sample before, (samples,) [s]
+    strain: FloatArray  # readings in their units, (samples, gauges)
+    skip: int = 0  # samples at the beginning that do not count
+    payload: float | None = None  # mass at the tip [kg]; None where it is among the parameters
+    before: FloatArray | None = None  # `[dt, q]` of the motion just before, (earlier, 1 + joints)
 
     @property
     def times(self) -> FloatArray:
@@ -74,15 +56,7 @@ class Record:
         return dt
 
     def with_payload(self, values: dict[str, float]) -> dict[str, float]:
-        """
-        Give these parameters with the payload of this record where it is known.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Parameters by name, in SI units.
-
-        """
+        """Give these parameters with the payload of this record where it is known."""
         return values if self.payload is None else {**values, 'payload': self.payload}
 
     def head(self, seconds: float) -> Record:
@@ -92,15 +66,7 @@ class Record:
                       self.payload, self.before)
 
     def thinned(self, dt: float) -> Record:
-        """
-        Leave out samples, for coarse steps.
-
-        Parameters
-        ----------
-        dt : float
-            Time that samples shall be apart [s].
-
-        """
+        """Leave out samples, for coarse steps: dt [s]."""
         stride = int(dt / float(np.median(self.dt[1:])) + 0.5) if len(self.dt) > 1 else 1
         if stride < 2:
             return self
@@ -111,20 +77,10 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Knowledge:
-    """
-    What is known of the parameters before any recording.
+    """What is known of the parameters before any recording."""
 
-    Attributes
-    ----------
-    start : dict of str to float
-        Starting values by parameter.
-    width : dict of str to float
-        Standard deviation of their logarithms.
-
-    """
-
-    start: dict[str, float] = field(default_factory=dict)
-    width: dict[str, float] = field(default_factory=dict)
+    start: dict[str, float] = field(default_factory=dict)  # starting values by parameter
+    width: dict[str, float] = field(default_factory=dict)  # standard deviation of their logarithms
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -142,15 +98,7 @@ class Knowledge:
         return np.array([self.width[name] for name in self.names])
 
     def without(self, kind: str) -> Knowledge:
-        """
-        Leave a parameter out of the search.
-
-        Parameters
-        ----------
-        kind : str
-            Name of the parameter, such as ``lag``; one that is not there is no matter.
-
-        """
+        """Leave a parameter out of the search."""
         return Knowledge({k: v for k, v in self.start.items() if k != kind},
                          {k: v for k, v in self.width.items() if k != kind})
 
@@ -159,18 +107,7 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
     """
     Take from a stretch what the search compares with.
 
-    Parameters
-    ----------
-    stretch : Stretch
-        Gapless motion with strain.
-    payload : float or None
-        Mass at the tip [kg].
-
-    Returns
-    -------
-    Record or None
-        None where it is too short.
-
+    payload [kg]; returns None where it is too short.
     """
     if stretch.strain is None:
         return None
@@ -186,25 +123,7 @@ def record_of(stretch: Stretch, payload: float | None) -> Record | None:
 
 
 def records_of(bags: Sequence[BagData]) -> list[Record]:
-    """
-    Take from bags what the search compares with.
-
-    Parameters
-    ----------
-    bags : sequence of BagData
-        Bags to learn from.
-
-    Returns
-    -------
-    list of Record
-        One for each stretch that is long enough.
-
-    Raises
-    ------
-    FitError
-        If there is none.
-
-    """
+    """Take from bags what the search compares with."""
     records = [record for bag in bags for stretch in bag.stretches
                if (record := record_of(stretch, bag.payload)) is not None]
     if not records:

@@ -41,71 +41,33 @@ CLUSTER = 2.0
 
 @dataclass(frozen=True)
 class Start:
-    """
-    A start that was tried.
+    """A start that was tried."""
 
-    Attributes
-    ----------
-    factor : float
-        On all stiffnesses.
-    share : float or None
-        Of the compliance that lies in the gears; None as described.
-    fit : float
-        That it came to on the pieces compared, stiffness and damping improved [%].
-
-    """
-
-    factor: float
-    share: float | None
-    fit: float
+    factor: float  # on all stiffnesses
+    share: float | None  # of the compliance that lies in the gears; None as described
+    fit: float  # that it came to on the pieces compared, stiffness and damping improved [%]
 
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """
-    What was found out about an elastic arm.
+    """What was found out about an elastic arm."""
 
-    Attributes
-    ----------
-    physical : tuple of PhysicalParameter
-        Parameters, with what the description knew of those that were not searched.
-    gauges, gauge_errors : ndarray of shape (n_gauges, 2)
-        Gain and offset of each gauge, and their standard deviations.
-    noise : ndarray of shape (n_gauges,)
-        Standard deviation of what is left over, without outliers [unit of the gauge].
-    fit : float
-        Of the strain on the records themselves, all channels together [%].
-    starts : tuple of Start
-        Starts compared, with the fit each came to.
-    runs : int
-        Simulations done in all.
-    untold : tuple of str
-        Stiffnesses that searches from different starts end at different values of, as good.
-
-    """
-
+    # Parameters, with what the description knew of those that were not searched.
     physical: tuple[PhysicalParameter, ...]
+    # (gauges, 2): gain and offset of each gauge, and their standard deviations.
     gauges: FloatArray
     gauge_errors: FloatArray
+    # Standard deviation of what is left over, without outliers, (gauges,) [unit of the gauge].
     noise: FloatArray
-    fit: float
-    starts: tuple[Start, ...]
-    runs: int
+    fit: float  # of the strain on the records themselves, all channels together [%]
+    starts: tuple[Start, ...]  # starts compared, with the fit each came to
+    runs: int  # simulations done in all
+    # Stiffnesses that searches from different starts end at different values of, as good.
     untold: tuple[str, ...] = ()
 
 
 def reweight(problem: Problem, x: FloatArray) -> None:
-    """
-    Weigh each gauge by its own error, outliers less (Huber).
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem whose weights are changed.
-    x : ndarray of shape (unknowns,)
-        Vector at which the errors count.
-
-    """
+    """Weigh each gauge by its own error, outliers less (Huber): x (unknowns,)."""
     moments = problem.moments(x)
     if moments is None:
         return
@@ -121,33 +83,7 @@ def result_of(
     problem: Problem, x: FloatArray, starts: tuple[Start, ...], runs: int,
     untold: tuple[str, ...] = (),
 ) -> Identified:
-    """
-    Collect what was found.
-
-    Parameters
-    ----------
-    problem : Problem
-        Problem with all records.
-    x : ndarray of shape (n_names,)
-        Logarithms of the parameters found.
-    starts : tuple of Start
-        Starts compared, with the fit each came to.
-    runs : int
-        Simulations done before this problem's own.
-    untold : tuple of str
-        Parameters that the data cannot tell.
-
-    Returns
-    -------
-    Identified
-        Values with standard errors.
-
-    Raises
-    ------
-    FitError
-        If the arm with these parameters cannot follow the records.
-
-    """
+    """Collect what was found: x (names,)."""
     for _ in range(2):  # outliers that count less move gains, and these the errors
         reweight(problem, x)
     drawn = problem.draw(x, SMOOTH)

@@ -50,57 +50,25 @@ SAME = 2.0
 
 @dataclass(frozen=True)
 class Ringdown:
-    """
-    An oscillation that died out while the joints stood still.
+    """An oscillation that died out while the joints stood still."""
 
-    Attributes
-    ----------
-    bag : str
-        Bag that it was found in.
-    begin, seconds : float
-        When, and how much of it was looked at [s].
-    q : tuple of float
-        Pose of the arm [rad or m].
-    gauge : str
-        Gauge that showed it best.
-    amplitude : float
-        At the beginning, in the unit of the gauge.
-    measured : Vibration
-        From the strain measured.
-    held : Vibration or None
-        The model's mode of nearest frequency at this pose, joints held, small amplitude.
-    simulated : Vibration or None
-        From the model's strain along the measured motion, analysed in the same way; None where
-        it does not show this oscillation.
-
-    """
-
-    bag: str
+    bag: str  # bag that it was found in
+    # When, and how much of it was looked at [s].
     begin: float
     seconds: float
-    q: tuple[float, ...]
-    gauge: str
-    amplitude: float
-    measured: Vibration
+    q: tuple[float, ...]  # pose of the arm [rad or m]
+    gauge: str  # gauge that showed it best
+    amplitude: float  # at the beginning, in the unit of the gauge
+    measured: Vibration  # from the strain measured
+    # The model's mode of nearest frequency at this pose, joints held, small amplitude.
     held: Vibration | None
+    # From the model's strain along the measured motion, analysed in the same way; None where it
+    # does not show this oscillation.
     simulated: Vibration | None
 
 
 def standstills(stretch: Stretch) -> list[slice]:
-    """
-    Find where all joints stand still for long enough.
-
-    Parameters
-    ----------
-    stretch : Stretch
-        Motion without a gap.
-
-    Returns
-    -------
-    list of slice
-        Samples, at most MOST_SECONDS each.
-
-    """
+    """Find where all joints stand still for long enough."""
     still = np.all(np.abs(stretch.states.dq) < STILL, axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     found = []
@@ -115,24 +83,7 @@ def standstills(stretch: Stretch) -> list[slice]:
 def find_ringdowns(
     driven: DrivenArm, values: Mapping[str, float], bags: Sequence[BagData],
 ) -> tuple[Ringdown, ...]:
-    """
-    Measure the ring-downs of some bags and predict each.
-
-    Parameters
-    ----------
-    driven : DrivenArm
-        Arm whose parameters are set anew.
-    values : mapping of str to float
-        Its parameters; the payload of a bag that says its own replaces theirs.
-    bags : sequence of BagData
-        Bags with strain.
-
-    Returns
-    -------
-    tuple of Ringdown
-        In the order of the bags.
-
-    """
+    """Measure the ring-downs of some bags and predict each."""
     found: list[Ringdown] = []
     for bag in bags:
         own = {} if bag.payload is None else {'payload': bag.payload}
@@ -159,20 +110,7 @@ def clear_ring(signal: FloatArray, dt: float) -> tuple[float, RingMode | None]:
     """
     Find the strongest oscillation, and how much of the signal it is.
 
-    Parameters
-    ----------
-    signal : ndarray of shape (n_samples,)
-        Strain, or anything else that rings.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    share : float
-        Of the variance, less a straight drift, that the oscillation explains.
-    mode : RingMode or None
-        None where it is not clear.
-
+    signal (samples,), dt [s]; returns mode, None where it is not clear.
     """
     try:
         modes = ring_modes(signal, dt, count=1)

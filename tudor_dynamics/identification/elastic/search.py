@@ -58,22 +58,7 @@ which they differ by more than the latter, as a logarithm."""
 
 
 def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
-    """
-    Collect starting values and their widths.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    payload : bool
-        Whether the payload is to be searched.
-
-    Returns
-    -------
-    Knowledge
-        Parameters to be searched.
-
-    """
+    """Collect starting values and their widths."""
     start: dict[str, float] = {}
     width: dict[str, float] = {}
     for name, value in DrivenArm(arm).parameters.items():
@@ -91,29 +76,7 @@ def identify(
     """
     Identify the physical parameters of an elastic arm from strain.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links`` and gauges.
-    records : sequence of Record
-        Gapless stretches of the training bags.
-    warm : dict of str to float, optional
-        Parameters of an arm that is nearly this one: the search begins there, without scan.
-    knowledge : Knowledge, optional
-        Starting values and widths; those of the description by default.
-    progress : callable
-        Told what is done next.
-
-    Returns
-    -------
-    Identified
-        Parameters, gauges, and how well they explain the records.
-
-    Raises
-    ------
-    FitError
-        If there is nothing to compare with, or nothing could be simulated.
-
+    knowledge: those of the description by default.
     """
     if not records or not arm.gauges:
         msg = (f'{arm.source}: the elastic model is identified from strain, and there is none; '
@@ -196,26 +159,6 @@ def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identi
     Take over what a search found out of the same bags behind another filter.
 
     The arm is the same whatever its recordings pass; gauges and errors are those of these records.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links`` and gauges.
-    records : sequence of Record
-        The same stretches as behind the other filter.
-    found : Identified
-        What the search ended with there.
-
-    Returns
-    -------
-    Identified
-        The same parameters, with gauges and errors of these records.
-
-    Raises
-    ------
-    FitError
-        If the arm cannot follow the records.
-
     """
     known = knowledge_of(arm, payload=any(record.payload is None for record in records))
     values = {p.name: p.value for p in found.physical}
@@ -225,20 +168,7 @@ def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identi
 
 
 def chosen(fits: Sequence[float]) -> int:
-    """
-    Choose the first of several searches, or the best that explains clearly more.
-
-    Parameters
-    ----------
-    fits : sequence of float
-        Fit of each on what it learned from, the plainest first [%].
-
-    Returns
-    -------
-    int
-        Which one.
-
-    """
+    """Choose the first of several searches, or the best that explains clearly more: fits [%]."""
     best = int(np.argmax(fits))
     return best if 100.0 - fits[best] < CLEARLY * (100.0 - fits[0]) else 0
 
@@ -249,20 +179,7 @@ def rivals(
     """
     Name stiffnesses that searches end at different values of, with errors as small.
 
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters that were searched.
-    ends : sequence of ndarray of shape (n_names,)
-        Logarithms where each search ended.
-    fits : sequence of float
-        Fit of each on what it learned from [%].
-
-    Returns
-    -------
-    tuple of str
-        Parameters that the data cannot tell.
-
+    ends (names,), fits [%].
     """
     best = chosen(fits)
     good = [end for end, fit in zip(ends, fits, strict=True)

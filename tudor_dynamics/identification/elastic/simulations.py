@@ -34,28 +34,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 class Simulations:
-    """
-    Arms that follow recordings, in threads and side by side.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    records : sequence of Record
-        What is followed.
-    names : tuple of str
-        Parameters that vectors give the logarithms of.
-    fixed : dict of str to float
-        Values of others that differ from the description.
-    inner : float
-        Longest inner step [s].
-
-    Attributes
-    ----------
-    runs : int
-        Simulations done so far.
-
-    """
+    """Arms that follow recordings, in threads and side by side: inner [s]."""
 
     def __init__(
         self, arm: Arm, records: Sequence[Record], names: tuple[str, ...],
@@ -71,18 +50,7 @@ class Simulations:
         """
         Simulate the moments that bend the gauges, as many at once as there are lanes.
 
-        Parameters
-        ----------
-        vectors : sequence of ndarray of shape (unknowns,)
-            Logarithms of the parameters; behind them, while drawn, of the gains of the gauges
-            relative to those at the time of ``draw``.
-
-        Returns
-        -------
-        list of ndarray of shape (n_samples, n_gauges), or of None
-            Moments at the samples that count, of each vector [N m]; None where they cannot be
-            simulated.
-
+        vectors (unknowns,); returns (samples, gauges) [N m], None where they cannot be simulated.
         """
         self.runs += len(vectors)
         together = in_threads(self._together, [
@@ -97,24 +65,8 @@ class Simulations:
         """
         Draw what is simulated from now on towards the measured strain.
 
-        Parameters
-        ----------
-        x : ndarray of shape (unknowns,)
-            Vector that the observer's gains belong to.
-        strain : ndarray of shape (n_samples, n_gauges)
-            Readings of the samples that count, without spoilt ones.
-        gauges : ndarray of shape (n_gauges, 2)
-            Gain [unit of the gauge per N m] and offset [unit of the gauge].
-        deviation : ndarray of shape (n_gauges,)
-            Of what a sample measures [N m].
-        bandwidth : float
-            Rate at which an error dies out [1/s].
-
-        Returns
-        -------
-        bool
-            False where the arm cannot be observed along a recording; nothing draws it then.
-
+        x (unknowns,), strain (samples, gauges), deviation (gauges,) [N m], bandwidth [1/s]; gauges
+        (gauges, 2): gain [unit of the gauge per N m] and offset [unit of the gauge].
         """
         self.release()
         found, begin = [], 0

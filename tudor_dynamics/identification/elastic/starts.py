@@ -61,23 +61,13 @@ COARSE = 5e-3
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """
-    Where to start.
+    """Where to start."""
 
-    Attributes
-    ----------
-    best : tuple of ndarray of shape (n_names,)
-        Logarithms of the best start as described, then of each other share, better ones first.
-    compared : tuple of Start
-        What was improved and compared.
-    runs : int
-        Simulations done in all.
-
-    """
-
+    # (names,): logarithms of the best start as described, then of each other share, better ones
+    # first.
     best: tuple[FloatArray, ...]
-    compared: tuple[Start, ...]
-    runs: int
+    compared: tuple[Start, ...]  # what was improved and compared
+    runs: int  # simulations done in all
 
 
 def _pieces(records: Sequence[Record]) -> list[Record]:
@@ -97,22 +87,7 @@ def shared(
     """
     Give gears a share of the compliance that each has together with the link behind it.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    names : tuple of str
-        Parameters to be searched.
-    x : ndarray of shape (n_names,)
-        Logarithms of the parameters as described.
-    share : float or None
-        Compliance of a gear over that of both, at the end of the beam; None to change nothing.
-
-    Returns
-    -------
-    ndarray of shape (n_names,)
-        Logarithms with the same sums of compliances.
-
+    x (names,); share: None to change nothing; returns (names,).
     """
     x = x.copy()
     if share is None:
@@ -134,33 +109,7 @@ def compare_starts(
     arm: Arm, records: Sequence[Record], names: tuple[str, ...], center: FloatArray,
     width: FloatArray, progress: Callable[[str], None],
 ) -> Starts:
-    """
-    Find where to start.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    records : sequence of Record
-        Gapless stretches of the training bags.
-    names : tuple of str
-        Parameters to be searched.
-    center, width : ndarray of shape (n_names,)
-        Prior of their logarithms.
-    progress : callable
-        Told what is done next.
-
-    Returns
-    -------
-    Starts
-        Logarithms of the best starts, and what the others came to.
-
-    Raises
-    ------
-    FitError
-        If nothing could be simulated.
-
-    """
+    """Find where to start: center, width (names,)."""
     pieces = _pieces(records)
     scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
     some = tuple(name for name in names if kind_of(name).early)

@@ -43,21 +43,7 @@ Searches = Mapping[tuple[str, ...], Identified]
 
 
 def check_arm(arm: Arm) -> None:
-    """
-    Refuse an arm of which no elastic model can be made, before hours of work and not after.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm whose description must have links.
-
-    Raises
-    ------
-    FitError
-        If it has no gauges, no links, none that is flexible, or a gauge on a rigid one; if its
-        drives are coupled, or friction is to grow with the load or to give way.
-
-    """
+    """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     reason = ''
     beyond = sorted({term for joint in arm.joints for term in joint.friction
                      if term in ('load', 'presliding')})
@@ -125,28 +111,7 @@ class ElasticTrainer:
     is kept where the rest is held out, for some of the bags a half of all. So nothing that is left
     out to judge a model by has a hand in it.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links`` and gauges.
-    payload_range : (float, float) or None
-        Least and largest payload where the bags differ in it [kg].
-    progress : callable
-        Told what is done next.
-    warm : mapping of str to float, optional
-        Physical parameters of an arm that is nearly this one, where every search begins.
-    kept : BagData, optional
-        Part of the only bag, the rest of which is held out.
-    known : mapping of tuple of str to Identified, optional
-        Names of bags to what searches found of them behind another filter: taken over.
-
-    Attributes
-    ----------
-    identified : Identified or None
-        What was found for the first bags, which are all.
-    searches : mapping of tuple of str to Identified
-        What was found, by the names of bags.
-
+    payload_range [kg].
     """
 
     def __init__(
@@ -167,48 +132,13 @@ class ElasticTrainer:
 
     @staticmethod
     def check(arm: Arm, bags: Sequence[BagData] | None = None) -> None:
-        """
-        Refuse what no elastic model can be identified from.
-
-        Parameters
-        ----------
-        arm : Arm
-            Arm whose description must have links and gauges.
-        bags : sequence of BagData, optional
-            Bags that must have strain.
-
-        Raises
-        ------
-        FitError
-            If the arm or the bags do not allow it.
-
-        """
+        """Refuse what no elastic model can be identified from."""
         check_arm(arm)
         if bags is not None:
             records_of(bags)
 
     def fit(self, bags: Sequence[BagData], output: str) -> ElasticModel:
-        """
-        Fit the model of one output.
-
-        Parameters
-        ----------
-        bags : sequence of BagData
-            Bags with strain, and with the output.
-        output : {'effort', 'strain'}
-            Output to be learned.
-
-        Returns
-        -------
-        ElasticModel
-            Fitted model.
-
-        Raises
-        ------
-        FitError
-            If the arm or the bags do not allow it.
-
-        """
+        """Fit the model of one output."""
         self.prepare([bags])
         found = self._found[_names(bags)]
         payloads = {bag.payload for bag in bags}
@@ -227,20 +157,7 @@ class ElasticTrainer:
         return model
 
     def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
-        """
-        Search for all that is going to be asked, several searches at a time.
-
-        Parameters
-        ----------
-        parts : sequence of sequence of BagData
-            Bags to learn from, all of them first.
-
-        Raises
-        ------
-        FitError
-            If the arm or the bags do not allow it.
-
-        """
+        """Search for all that is going to be asked, several searches at a time."""
         self._all = self._all or parts[0]
         todo: dict[tuple[str, ...], Sequence[BagData]] = {}
         for bags in parts:

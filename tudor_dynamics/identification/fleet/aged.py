@@ -33,26 +33,7 @@ def aged(
     output: str, model: AnalyticalModel, others: Sequence[AnalyticalModel],
     then: Sequence[Part], now: Sequence[Part],
 ) -> list[Change]:
-    """
-    Compare the errors of a model on a later date with those on the date that it is of.
-
-    Parameters
-    ----------
-    output : {'effort', 'strain'}
-        What is predicted.
-    model : AnalyticalModel
-        Model of the first date.
-    others : sequence of AnalyticalModel
-        The same without each part of its data.
-    then, now : sequence of list of list of Products
-        Parts of the data of the first date, and of the later one.
-
-    Returns
-    -------
-    list of Change
-        One for each channel.
-
-    """
+    """Compare the errors of a model on a later date with those on the date that it is of."""
     old = [part_errors(blind, part) for blind, part in zip(others, then, strict=True)]
     new = [part_errors(model, part) for part in now]
     return [change_of((output, 'analytical', channel), *(

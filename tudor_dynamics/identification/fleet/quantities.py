@@ -52,57 +52,28 @@ WEIGHTLESS = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Measure:
-    """
-    Something that is linear in the parameters of a model.
+    """Something that is linear in the parameters of a model."""
 
-    Attributes
-    ----------
-    name, channel : str
-        What it is, of which joint or gauge.
-    unit : str
-        Unit of its values.
-    weights : ndarray of shape (n_channels, n_columns)
-        Of each coefficient.
-
-    """
-
+    # What it is, of which joint or gauge.
     name: str
     channel: str
-    unit: str
-    weights: FloatArray
+    unit: str  # unit of its values
+    weights: FloatArray  # of each coefficient, (channels, columns)
 
     def of(self, model: AnalyticalModel) -> float:
-        """
-        Give its value for a model.
-
-        Parameters
-        ----------
-        model : AnalyticalModel
-            Fitted model of the same rows.
-
-        """
+        """Give its value for a model."""
         return float(np.sum(self.weights * model.coefficients()))
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """
-    A number of one arm at one date.
+    """A number of one arm at one date."""
 
-    Attributes
-    ----------
-    name, channel : str
-        What it is, of which joint or gauge.
-    unit : str
-        Unit of its value.
-    value, error : float
-        Value and its standard error.
-
-    """
-
+    # What it is, of which joint or gauge.
     name: str
     channel: str
-    unit: str
+    unit: str  # unit of its value
+    # Value and its standard error.
     value: float
     error: float
 
@@ -110,26 +81,7 @@ class Quantity:
 def measures(
     arm: Arm, output: str, model: AnalyticalModel, bags: Sequence[BagData],
 ) -> list[Measure]:
-    """
-    Say what is compared of an output.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm of the kind.
-    output : {'effort', 'strain'}
-        What is measured.
-    model : AnalyticalModel
-        Model of some bags of the kind: what weight makes of an output counts along its values.
-    bags : sequence of BagData
-        These bags: usual poses and speeds.
-
-    Returns
-    -------
-    list of Measure
-        Friction of each joint that moves (efforts), and weight of each channel that feels it.
-
-    """
+    """Say what is compared of an output."""
     units = output_units(arm, output)
     q, dq = (np.vstack([getattr(s.states, name)[s.decimation.keep] for s in all_stretches(bags)])
              for name in ('q', 'dq'))
@@ -175,20 +127,7 @@ def quantities(
     """
     Give the numbers of an arm at a date.
 
-    Parameters
-    ----------
-    some : sequence of Measure
-        What is compared.
-    model : AnalyticalModel
-        Of all parts of the data.
-    others : sequence of AnalyticalModel
-        Of all parts but one, for each of them.
-
-    Returns
-    -------
-    list of Quantity
-        None without enough parts for standard errors.
-
+    Returns None without enough parts for standard errors.
     """
     n = len(others)
     if n < FEWEST_PARTS:
@@ -205,18 +144,7 @@ def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
     """
     Find oscillations that die out while the joints stand still.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    bag : BagData
-        Bag, with strain or without.
-
-    Returns
-    -------
-    list of (str, float, float)
-        Gauge, frequency [Hz] and damping ratio.
-
+    Returns gauge, frequency [Hz].
     """
     found = []
     for stretch in bag.stretches:
@@ -230,20 +158,7 @@ def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
 
 
 def ring_quantities(found: Sequence[tuple[str, float, float]]) -> list[Quantity]:
-    """
-    Sum up the ring-downs of an arm at a date.
-
-    Parameters
-    ----------
-    found : sequence of (str, float, float)
-        As from `rings`.
-
-    Returns
-    -------
-    list of Quantity
-        Median frequency and damping ratio of each gauge, errors from their scatter.
-
-    """
+    """Sum up the ring-downs of an arm at a date."""
     told = []
     for gauge in dict.fromkeys(name for name, _, _ in found):
         values = np.array([item[1:] for item in found if item[0] == gauge])
@@ -259,20 +174,7 @@ def ring_quantities(found: Sequence[tuple[str, float, float]]) -> list[Quantity]
 
 
 def stiffness_quantities(found: Sequence[PhysicalParameter]) -> list[Quantity]:
-    """
-    Take the stiffnesses of gears and links that the recordings have told.
-
-    Parameters
-    ----------
-    found : sequence of PhysicalParameter
-        As identified for an arm at a date.
-
-    Returns
-    -------
-    list of Quantity
-        With standard errors, which are wide where gear and link can hardly be told apart.
-
-    """
+    """Take the stiffnesses of gears and links that the recordings have told."""
     told = []
     for item in found:
         if item.shown and kind_of(item.name).adds < 0:

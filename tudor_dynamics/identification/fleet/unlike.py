@@ -44,60 +44,27 @@ FEW = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """
-    A quantity of one arm over time.
+    """A quantity of one arm over time."""
 
-    Attributes
-    ----------
-    days : ndarray of shape (n_dates,)
-        Time since the first date of the fleet [d].
-    values, errors : ndarray of shape (n_dates,)
-        Values with their standard errors.
-
-    """
-
-    days: FloatArray
+    days: FloatArray  # time since the first date of the fleet, (dates,) [d]
+    # Values with their standard errors, (dates,).
     values: FloatArray
     errors: FloatArray
 
 
 @dataclass(frozen=True)
 class Difference:
-    """
-    How far a number is from what was to be expected.
+    """How far a number is from what was to be expected."""
 
-    Attributes
-    ----------
-    value, expected : float
-        The number; that of the other arms, or of the first date on the line through all.
-    sigmas : float
-        Their difference over its standard error.
-    named : bool
-        Whether it is large and certain enough to be named.
-
-    """
-
+    # The number; that of the other arms, or of the first date on the line through all.
     value: float
     expected: float
-    sigmas: float
-    named: bool
+    sigmas: float  # their difference over its standard error
+    named: bool  # whether it is large and certain enough to be named
 
 
 def unlike(series: Sequence[Series]) -> list[Difference | None]:
-    """
-    Compare the levels of arms.
-
-    Parameters
-    ----------
-    series : sequence of Series
-        A quantity of each arm.
-
-    Returns
-    -------
-    list of Difference or None
-        For each arm; None where there are too few others.
-
-    """
+    """Compare the levels of arms; returns None where there are too few others."""
     scale = day_scatter(series)
     levels, errors = (np.array(column) for column in zip(
         *(_level(item, scale) for item in series), strict=True))
@@ -117,21 +84,7 @@ def unlike(series: Sequence[Series]) -> list[Difference | None]:
 
 
 def drifts(series: Sequence[Series]) -> list[Difference | None]:
-    """
-    Look for arms that change over time.
-
-    Parameters
-    ----------
-    series : sequence of Series
-        A quantity of each arm.
-
-    Returns
-    -------
-    list of Difference or None
-        For each arm the line through its values at its last date, and at its first; None where
-        there are too few dates.
-
-    """
+    """Look for arms that change over time; returns None where there are too few dates."""
     scale = day_scatter(series)
     found: list[Difference | None] = []
     for item in series:
@@ -148,21 +101,7 @@ def drifts(series: Sequence[Series]) -> list[Difference | None]:
 
 
 def day_scatter(series: Sequence[Series]) -> float:
-    """
-    Say how much more a quantity scatters from date to date than its standard errors tell.
-
-    Parameters
-    ----------
-    series : sequence of Series
-        A quantity of each arm.
-
-    Returns
-    -------
-    float
-        Factor on the standard errors, 1 or more; from the median arm, so that one that jumps does
-        not widen all others.
-
-    """
+    """Say how much more a quantity scatters from date to date than its standard errors tell."""
     ratios = []
     for item in series:
         freedom = len(item.days) - 2

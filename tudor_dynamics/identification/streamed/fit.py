@@ -35,41 +35,22 @@ from tudor_dynamics.models.analytical import AnalyticalModel
 
 @dataclass(frozen=True, eq=False)
 class Streamed:
-    """
-    What the passes over many bags came to.
+    """What the passes over many bags came to."""
 
-    Attributes
-    ----------
-    task : Task
-        What was asked of every bag.
-    models : mapping of (int, str) to AnalyticalModel
-        Filters and output to the model of all bags.
-    others : mapping of (int, str) to mapping of int to AnalyticalModel
-        The same without each group of bags.
-    learned, judged : tuple of BagFacts
-        Bags learned from, and test bags.
-    unused : tuple of Unused
-        Bags that were left out.
-    unseen, seen : mapping of (int, str) to Tally
-        How models did on the test bags, or on each bag left out; and on the bags learned from.
-    training, test : tuple of BagData
-        A sample of the bags, which stays in memory: for choices, thresholds and figures.
-    folds : mapping of str to int
-        Bag to the group that it is left out with.
-
-    """
-
-    task: Task
-    models: Mapping[Place, AnalyticalModel]
-    others: Mapping[Place, Mapping[int, AnalyticalModel]]
+    task: Task  # what was asked of every bag
+    models: Mapping[Place, AnalyticalModel]  # filters and output to the model of all bags
+    others: Mapping[Place, Mapping[int, AnalyticalModel]]  # the same without each group of bags
+    # Bags learned from, and test bags.
     learned: tuple[BagFacts, ...]
     judged: tuple[BagFacts, ...]
-    unused: tuple[Unused, ...]
+    unused: tuple[Unused, ...]  # bags that were left out
+    # How models did on the test bags, or on each bag left out; and on the bags learned from.
     unseen: Mapping[Place, Tally]
     seen: Mapping[Place, Tally]
+    # A sample of the bags, which stays in memory: for choices, thresholds and figures.
     training: tuple[BagData, ...]
     test: tuple[BagData, ...]
-    folds: Mapping[str, int]
+    folds: Mapping[str, int]  # bag to the group that it is left out with
 
     @property
     def method(self) -> str:
@@ -83,20 +64,7 @@ class Streamed:
                 f'leave one of {groups} groups of bags out, {bags} bags')
 
     def result(self, number: int) -> FitResult:
-        """
-        Give the fit behind some of the filters.
-
-        Parameters
-        ----------
-        number : int
-            Which of the task's filters.
-
-        Returns
-        -------
-        FitResult
-            Figures are those of all bags, traces and thresholds those of the sample.
-
-        """
+        """Give the fit behind some of the filters."""
         task, spec = self.task, self.task.specs[number]
         training, test = (tuple(filtered(bag, spec) for bag in bags)
                           for bags in (self.training, self.test))

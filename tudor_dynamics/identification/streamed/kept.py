@@ -44,53 +44,25 @@ Part = list[list[Products]]
 
 @dataclass(frozen=True, eq=False)
 class KeptBag:
-    """
-    What a bag came to.
+    """What a bag came to."""
 
-    Attributes
-    ----------
-    facts : BagFacts
-        What is known of it.
-    parts : mapping of (int, str) to list of list of Products
-        Filters and output to products, as Gram matrices with triangular factors.
-
-    """
-
-    facts: BagFacts
+    facts: BagFacts  # what is known of it
+    # Filters and output to products, as Gram matrices with triangular factors.
     parts: Mapping[Place, Part]
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """
-    How models did on a bag.
+    """How models did on a bag."""
 
-    Attributes
-    ----------
-    facts : BagFacts
-        What is known of it.
-    unseen, seen : mapping of (int, str) to Tally
-        Filters and output to the sums of a model that has not seen the bag, and of that of all.
-
-    """
-
-    facts: BagFacts
+    facts: BagFacts  # what is known of it
+    # Filters and output to the sums of a model that has not seen the bag, and of that of all.
     unseen: Mapping[Place, Tally]
     seen: Mapping[Place, Tally]
 
 
 def write_bag(path: Path, bag: KeptBag) -> None:
-    """
-    Write what a bag came to, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        File; one that is there is replaced.
-    bag : KeptBag
-        What is kept.
-
-    """
+    """Write what a bag came to, whole or not at all."""
     arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
         asdict(bag.facts)).encode(), np.uint8)}
     for (number, output), part in bag.parts.items():
@@ -101,20 +73,7 @@ def write_bag(path: Path, bag: KeptBag) -> None:
 
 
 def read_bag(path: Path) -> KeptBag | None:
-    """
-    Read what a bag came to.
-
-    Parameters
-    ----------
-    path : Path
-        File of `write_bag`.
-
-    Returns
-    -------
-    KeptBag or None
-        None where there is no such file, or it cannot be read: the bag is gone through again.
-
-    """
+    """Read what a bag came to."""
     try:
         arrays = load_npz(read_bounded(path, LARGEST), path)
         facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
@@ -135,17 +94,7 @@ def read_bag(path: Path) -> KeptBag | None:
 
 
 def write_judged(path: Path, judged: Judged) -> None:
-    """
-    Write how models did on a bag, whole or not at all.
-
-    Parameters
-    ----------
-    path : Path
-        File; one that is there is replaced.
-    judged : Judged
-        What is kept.
-
-    """
+    """Write how models did on a bag, whole or not at all."""
     write_whole(path, json.dumps({'facts': asdict(judged.facts)} | {
         name: [[*place, _plain(tally)] for place, tally in getattr(judged, name).items()]
         for name in ('unseen', 'seen')}).encode())
@@ -155,11 +104,7 @@ def read_judged(path: Path) -> Judged | None:
     """
     Read how models did on a bag.
 
-    Parameters
-    ----------
-    path : Path
-        File of `write_judged`; None is given for one that is not there, as by `read_bag`.
-
+    path: None is given for one that is not there, as by `read_bag`.
     """
     try:
         content = json.loads(read_bounded(path, LARGEST))
@@ -172,17 +117,7 @@ def read_judged(path: Path) -> Judged | None:
 
 
 def forget(folder: Path, used: Collection[Path]) -> None:
-    """
-    Remove what bags came to under settings or sources of before.
-
-    Parameters
-    ----------
-    folder : Path
-        Where it is kept.
-    used : collection of Path
-        What stays; a file whose name this module has not given stays as well.
-
-    """
+    """Remove what bags came to under settings or sources of before."""
     for file in folder.iterdir():
         if file not in used and NAME.fullmatch(file.name):
             file.unlink(missing_ok=True)

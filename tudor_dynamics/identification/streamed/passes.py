@@ -55,24 +55,7 @@ def survey(
     """
     See many bags without reading them: in threads, as checksums need no more.
 
-    Parameters
-    ----------
-    choices : sequence of BagChoice
-        Bags, and parts of them.
-    payloads : dict of str to float
-        Resolved path of a bag to its mass at the tip, in place of its metadata [kg].
-    base : Path
-        Directory that their names are relative to.
-    jobs : int
-        Number of threads.
-    progress : callable
-        Told how many are done.
-
-    Returns
-    -------
-    list of Sight or Unused
-        In the order of the choices.
-
+    payloads [kg].
     """
     def see(choice: BagChoice) -> Sight | Unused:
         path = base / choice.path
@@ -96,24 +79,7 @@ def survey(
 def gather(
     asked: Sequence[tuple[Task, Sequence[Sight]]], jobs: int, progress: Progress,
 ) -> list[BagFacts | Unused]:
-    """
-    Multiply out many bags, and keep what each came to in its file.
-
-    Parameters
-    ----------
-    asked : sequence of (Task, sequence of Sight)
-        What is asked, of which bags.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Told how many are done.
-
-    Returns
-    -------
-    list of BagFacts or Unused
-        In the order of the bags.
-
-    """
+    """Multiply out many bags, and keep what each came to in its file."""
     trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
     return _gone_through(_gather, trials, _sums, jobs, progress)
 
@@ -160,24 +126,7 @@ def _complete(task: Task, bag: BagData) -> BagData:
 
 
 def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFacts | Unused]:
-    """
-    Let models predict many bags, and keep how they did in files.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        Bags with their models.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Told how many are done.
-
-    Returns
-    -------
-    list of BagFacts or Unused
-        In the order of the bags.
-
-    """
+    """Let models predict many bags, and keep how they did in files."""
     return _gone_through(_judge, trials, Trial.file, jobs, progress)
 
 
@@ -211,15 +160,7 @@ def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
 
 
 def files_of(trials: Sequence[Trial]) -> set[Path]:
-    """
-    Name the files that a fit has used.
-
-    Parameters
-    ----------
-    trials : sequence of Trial
-        As they were judged.
-
-    """
+    """Name the files that a fit has used."""
     found = set()
     for trial in trials:
         for seen in trial.bags:

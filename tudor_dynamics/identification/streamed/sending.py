@@ -39,26 +39,12 @@ Work = Callable[[Trial, Count], Found]
 
 @dataclass(frozen=True, eq=False)
 class Parcel:
-    """
-    A bag, and what is to be done on it.
+    """A bag, and what is to be done on it."""
 
-    Attributes
-    ----------
-    work : callable
-        Does it; a function of a module.
-    trial : Trial
-        What is asked of the only bag in it.
-    name : str
-        Name of the bag's directory or file.
-    files : mapping of str to bytes
-        Its files; under no name if the bag is a file itself.
-
-    """
-
-    work: Work
-    trial: Trial
-    name: str
-    files: Mapping[str, bytes]
+    work: Work  # does it; a function of a module
+    trial: Trial  # what is asked of the only bag in it
+    name: str  # name of the bag's directory or file
+    files: Mapping[str, bytes]  # its files; under no name if the bag is a file itself
 
 
 class _Parcels(Sequence[Parcel]):
@@ -86,31 +72,7 @@ def send(
     work: Work, trials: Sequence[Trial], kept: Callable[[Trial, Sight], Path],
     progress: Callable[[int], None],
 ) -> Found:
-    """
-    Do work on the cluster, each bag sent with it; here, where it was done before.
-
-    Parameters
-    ----------
-    work : callable
-        Goes through the bags of a trial and keeps what they come to in files.
-    trials : sequence of Trial
-        What is asked of which bags.
-    kept : callable
-        Names the file that what a bag comes to is kept in.
-    progress : callable
-        Told how many bags are done.
-
-    Returns
-    -------
-    list of BagFacts or Unused
-        In the order of the bags.
-
-    Raises
-    ------
-    BagError
-        If a bag has gone since it was looked at.
-
-    """
+    """Do work on the cluster, each bag sent with it; here, where it was done before."""
     single = [(replace(trial, bags=(seen,)), kept(trial, seen).exists())
               for trial in trials for seen in trial.bags]
     away = [trial for trial, done in single if not done]
@@ -130,27 +92,7 @@ def send(
 
 
 def packed(work: Work, trial: Trial) -> Parcel:
-    """
-    Pack a bag.
-
-    Parameters
-    ----------
-    work : callable
-        What is to be done on it.
-    trial : Trial
-        What is asked of it.
-
-    Returns
-    -------
-    Parcel
-        All that a worker needs.
-
-    Raises
-    ------
-    BagError
-        If the bag has gone since it was looked at.
-
-    """
+    """Pack a bag."""
     seen, = trial.bags
     path = trial.task.place(seen)
     try:
@@ -163,22 +105,7 @@ def packed(work: Work, trial: Trial) -> Parcel:
 
 
 def unpacked(parcel: Parcel, count: Count) -> tuple[Found, dict[str, bytes]]:
-    """
-    Unpack a bag, and do the work on it.
-
-    Parameters
-    ----------
-    parcel : Parcel
-        What was sent.
-    count : callable
-        Told that it is done.
-
-    Returns
-    -------
-    list of BagFacts or Unused, dict of str to bytes
-        What was found, and the files that the work has kept.
-
-    """
+    """Unpack a bag, and do the work on it."""
     seen, = parcel.trial.bags
     with TemporaryDirectory(prefix='tudor_') as scratch:
         bag, kept = Path(scratch) / 'sent' / Path(parcel.name).name, Path(scratch) / 'kept'

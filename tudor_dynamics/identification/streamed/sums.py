@@ -36,57 +36,20 @@ FOLDS = 10
 
 
 def fold_of(number: int, bags: int) -> int:
-    """
-    Say which group a bag is left out with: neighbours in the order given, so in time, go together.
-
-    Parameters
-    ----------
-    number : int
-        Place of the bag.
-    bags : int
-        Number of all bags.
-
-    Returns
-    -------
-    int
-        Number of the group; each bag its own where there are few.
-
-    """
+    """Say which group a bag is left out with: neighbours in time go together."""
     return number * min(FOLDS, bags) // bags
 
 
 @dataclass
 class FoldSums:
-    """
-    What groups of bags came to, added up bag by bag, in their order.
+    """What groups of bags came to, added up bag by bag, in their order."""
 
-    Attributes
-    ----------
-    task : Task
-        What was asked of every bag.
-    parts : dict of (int, str) to dict of int to list of list of Products
-        Filters and output, then group, to sums.
-
-    """
-
-    task: Task
+    task: Task  # what was asked of every bag
+    # Filters and output, then group, to sums.
     parts: dict[Place, dict[int, Part]] = field(default_factory=dict)
 
     def add(self, seen: Sight) -> None:
-        """
-        Add what was kept of a bag.
-
-        Parameters
-        ----------
-        seen : Sight
-            Bag that was gone through.
-
-        Raises
-        ------
-        FitError
-            If what was kept of it has gone meanwhile.
-
-        """
+        """Add what was kept of a bag."""
         file = self.task.file(seen, '.npz')
         kept = read_bag(file)
         if kept is None:
@@ -100,18 +63,7 @@ class FoldSums:
         """
         Fit the model of all groups, and one without each of them.
 
-        Parameters
-        ----------
-        place : (int, str)
-            Number of the filters, and the output.
-
-        Returns
-        -------
-        model : AnalyticalModel
-            Of all bags.
-        others : dict of int to AnalyticalModel
-            Group to the model of the others; empty where there is one group alone.
-
+        Returns others, an empty dict where there is one group alone.
         """
         folds = self.parts[place]
         known: dict[tuple[str, bool], Part] = {}
@@ -131,34 +83,14 @@ class FoldSums:
 
 @dataclass
 class ErrorSums:
-    """
-    How models did on many bags, added up bag by bag, in their order.
+    """How models did on many bags, added up bag by bag, in their order."""
 
-    Attributes
-    ----------
-    unseen, seen : dict of (int, str) to Tally
-        Filters and output to errors of models that have not seen the bags, and of those that have.
-
-    """
-
+    # Filters and output to errors of models that have not seen the bags, and of those that have.
     unseen: dict[Place, Tally] = field(default_factory=dict)
     seen: dict[Place, Tally] = field(default_factory=dict)
 
     def add(self, file: Path) -> None:
-        """
-        Add what was kept of a bag.
-
-        Parameters
-        ----------
-        file : Path
-            File of a bag that was judged.
-
-        Raises
-        ------
-        FitError
-            If it has gone meanwhile.
-
-        """
+        """Add what was kept of a bag."""
         judged = read_judged(file)
         if judged is None:
             raise gone(file)
@@ -168,30 +100,14 @@ class ErrorSums:
 
 
 def gone(file: Path) -> FitError:
-    """
-    Say that what was kept is not there any more.
-
-    Parameters
-    ----------
-    file : Path
-        Where it was kept.
-
-    """
+    """Say that what was kept is not there any more."""
     return FitError('what a bag came to cannot be read any more', place=file,
                     remedy='fit again, leave that directory alone meanwhile, and let all machines '
                            'see it')
 
 
 def name_of(fold: int) -> str:
-    """
-    Name a group of bags, in a bundle.
-
-    Parameters
-    ----------
-    fold : int
-        Number of the group, from 0.
-
-    """
+    """Name a group of bags, in a bundle."""
     return f'group {fold + 1}'
 
 
@@ -210,15 +126,7 @@ def _nothing() -> Iterator[TrainingBlock]:
 
 
 def light(model: AnalyticalModel) -> AnalyticalModel:
-    """
-    Give a model without the data that it was fitted to, to be sent.
-
-    Parameters
-    ----------
-    model : AnalyticalModel
-        Fitted model with what each group of bags came to.
-
-    """
+    """Give a model without the data that it was fitted to, to be sent."""
     other = copy.copy(model)
     other.data_ = {}
     return other

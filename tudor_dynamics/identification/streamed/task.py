@@ -38,61 +38,28 @@ Place = tuple[int, str]
 
 @dataclass(frozen=True)
 class Sight:
-    """
-    A bag before it is read.
+    """A bag before it is read."""
 
-    Attributes
-    ----------
-    choice : BagChoice
-        Bag, or part of one, as it was given.
-    checksum : str
-        SHA-256 over its storage files.
-    payload : float or None
-        Mass at the tip, as given or as its metadata say [kg].
-    fold : int
-        Which bags it is left out with.
-
-    """
-
-    choice: BagChoice
-    checksum: str
-    payload: float | None = None
-    fold: int = -1
+    choice: BagChoice  # bag, or part of one, as it was given
+    checksum: str  # SHA-256 over its storage files
+    payload: float | None = None  # mass at the tip, as given or as its metadata say [kg]
+    fold: int = -1  # which bags it is left out with
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """
-    What is asked of every bag.
+    """What is asked of every bag."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Arm that was recorded, its friction settled.
-    specs : tuple of PreprocessingSpec
-        Filters and rates; all of them are gone through in one reading.
-    outputs : tuple of str
-        Outputs that every bag must have.
-    settings : FitSettings
-        Settings with nothing left open.
-    base : Path
-        Directory that the names of bags are relative to.
-    folder : Path
-        Where sums are kept.
-    source : str
-        Version of the package, by its sources.
-    sent : mapping of str to Path
-        Bags, by the names they were given by, that stand elsewhere than these say.
-
-    """
-
-    arm: Arm
+    arm: Arm  # arm that was recorded, its friction settled
+    # Filters and rates; all of them are gone through in one reading.
     specs: tuple[PreprocessingSpec, ...]
-    outputs: tuple[str, ...]
-    settings: FitSettings
-    base: Path
-    folder: Path
+    outputs: tuple[str, ...]  # outputs that every bag must have
+    settings: FitSettings  # settings with nothing left open
+    base: Path  # directory that the names of bags are relative to
+    folder: Path  # where sums are kept
+    # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
+    # Bags, by the names they were given by, that stand elsewhere than these say.
     sent: Mapping[str, Path] = field(default_factory=dict)
 
     @property
@@ -101,45 +68,17 @@ class Task:
         return self.settings.payloads is not None
 
     def place(self, seen: Sight) -> Path:
-        """
-        Say where a bag stands.
-
-        Parameters
-        ----------
-        seen : Sight
-            Bag that was given.
-
-        """
+        """Say where a bag stands."""
         return self.sent.get(seen.choice.path, self.base / seen.choice.path)
 
     def read(self, seen: Sight) -> BagData:
-        """
-        Read a bag by the first filters, under the name that it was given by.
-
-        Parameters
-        ----------
-        seen : Sight
-            Bag to be read.
-
-        """
+        """Read a bag by the first filters, under the name that it was given by."""
         there = replace(seen.choice, path=str(self.place(seen)))
         bag = load(there, self.arm, self.specs[0], learn=True, payload=seen.payload)
         return replace(bag, choice=replace(bag.choice, path=seen.choice.path))
 
     def file(self, seen: Sight, suffix: str, depends: str = '') -> Path:
-        """
-        Name the file of what a bag comes to; other settings or sources are another file.
-
-        Parameters
-        ----------
-        seen : Sight
-            Bag that was, or is to be, gone through.
-        suffix : str
-            End of the name.
-        depends : str
-            What else the content depends on.
-
-        """
+        """Name the file of what a bag comes to; other settings or sources are another file."""
         choice = seen.choice
         own = json.dumps([choice.begin, choice.end, choice.seconds, choice.path, seen.payload,
                           self._digest, depends])
@@ -159,15 +98,7 @@ Models = Mapping[Place, AnalyticalModel]
 
 
 def digest_of(models: Models) -> str:
-    """
-    Give a digest of what models predict.
-
-    Parameters
-    ----------
-    models : mapping of (int, str) to AnalyticalModel
-        Fitted models, of which the coefficients count.
-
-    """
+    """Give a digest of what models predict."""
     digest = hashlib.sha256()
     for place, model in models.items():
         digest.update(repr(place).encode() + model.coefficients().tobytes())
@@ -176,35 +107,16 @@ def digest_of(models: Models) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """
-    Bags with the models that are judged by them.
+    """Bags with the models that are judged by them."""
 
-    Attributes
-    ----------
-    task : Task
-        What is asked of every bag.
-    bags : tuple of Sight
-        Bags to predict.
-    unseen, seen : mapping of (int, str) to AnalyticalModel
-        Models that have not seen these bags, and models that have; either may be none.
-
-    """
-
-    task: Task
-    bags: tuple[Sight, ...]
+    task: Task  # what is asked of every bag
+    bags: tuple[Sight, ...]  # bags to predict
+    # Models that have not seen these bags, and models that have; either may be none.
     unseen: Models
     seen: Models
 
     def file(self, seen: Sight) -> Path:
-        """
-        Name the file of how the models did on a bag.
-
-        Parameters
-        ----------
-        seen : Sight
-            One of the bags.
-
-        """
+        """Name the file of how the models did on a bag."""
         return self.task.file(seen, '.json', self._digest)
 
     @cached_property

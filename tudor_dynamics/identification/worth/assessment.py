@@ -30,29 +30,13 @@ from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """
-    What a fit is worth.
+    """What a fit is worth."""
 
-    Attributes
-    ----------
-    uses : tuple of Use
-        Verdicts, model by model.
-    thresholds : dict of (str, str) to MethodThresholds
-        Method and kind to what was learned.
-    missing : tuple of str
-        Methods without thresholds, with the reason.
-    marks : tuple of str
-        What no arm can be.
-    steps : tuple of NextStep
-        What to do next, that with the largest gain first.
-
-    """
-
-    uses: tuple[Use, ...]
-    thresholds: dict[tuple[str, str], MethodThresholds]
-    missing: tuple[str, ...]
-    marks: tuple[str, ...]
-    steps: tuple[NextStep, ...]
+    uses: tuple[Use, ...]  # verdicts, model by model
+    thresholds: dict[tuple[str, str], MethodThresholds]  # method and kind to what was learned
+    missing: tuple[str, ...]  # methods without thresholds, with the reason
+    marks: tuple[str, ...]  # what no arm can be
+    steps: tuple[NextStep, ...]  # what to do next, that with the largest gain first
 
     @property
     def detects(self) -> Grade | None:
@@ -72,20 +56,7 @@ class Assessment:
 
 
 def assess(result: FitResult) -> Assessment:
-    """
-    Judge a fit by what it is to be used for.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation.
-
-    Returns
-    -------
-    Assessment
-        Verdicts, thresholds, and what to do next.
-
-    """
+    """Judge a fit by what it is to be used for."""
     # beside the robot filters are causal: thresholds are those of the models that run there
     beside = result if result.causal is None else result.causal
     learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in beside.fitted],

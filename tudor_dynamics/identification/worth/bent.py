@@ -40,16 +40,7 @@ def bent_links_of(result: FitResult) -> BentLinks | None:
     """
     Find how links bend, where that helps to tell loads.
 
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its bags.
-
-    Returns
-    -------
-    BentLinks or None
-        None where strain tells no kilograms, or links hardly bend.
-
+    Returns None where strain tells no kilograms, or links hardly bend.
     """
     model = next((item.model for item in result.fitted
                   if (item.output, item.kind) == ('strain', KIND)), None)
@@ -66,20 +57,7 @@ def bent_links_of(result: FitResult) -> BentLinks | None:
 
 
 def watched(bag: BagData) -> list[Watched]:
-    """
-    Give the stretches of a bag that move, as they were read, and what filters settle on.
-
-    Parameters
-    ----------
-    bag : BagData
-        Bag that was read.
-
-    Returns
-    -------
-    list of Watched
-        Empty where the bag has no strain.
-
-    """
+    """Give the stretches of a bag that move, as they were read, and what filters settle on."""
     recording = bag.recording
     if recording.strain is None:
         return []

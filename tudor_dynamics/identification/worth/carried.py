@@ -32,23 +32,7 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
     """
     Give the models of a bundle that can tell a load.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models with what is known of their errors.
-    kind : str, optional
-        Kind of model; analytical by default, elastic where that is not there.
-
-    Returns
-    -------
-    dict of str to Model
-        Output to model.
-
-    Raises
-    ------
-    UsageError
-        If there is none of the kind.
-
+    kind: analytical by default, elastic where that is not there.
     """
     have = sorted({name for kinds in bundle.models.values() for name in kinds})
     chosen = kind or ('elastic' if 'elastic' in have and 'analytical' not in have else
@@ -64,19 +48,7 @@ def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
 def payload_of(
     bundle: ModelBundle, bags: Sequence[BagData], kind: str | None = None,
 ) -> PayloadEstimate:
-    """
-    Estimate what the arm carries in bags that were read, the same in all of them.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models with what is known of their errors.
-    bags : sequence of BagData
-        Bags, filtered as the models need it.
-    kind : str, optional
-        Kind of model, see `telling`.
-
-    """
+    """Estimate what the arm carries in bags that were read, the same in all of them."""
     stretches = [stretch for bag in bags for stretch in bag.stretches]
     models = telling(bundle, kind)
     rigid = not any(model.has_memory for model in models.values())

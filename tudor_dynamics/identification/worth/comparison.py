@@ -41,33 +41,20 @@ LEAST = 0.1
 
 @dataclass(frozen=True)
 class Change:
-    """
-    Errors of one channel, then and now.
+    """Errors of one channel, then and now."""
 
-    Attributes
-    ----------
-    output, kind, channel : str
-        What is predicted, by which kind of model.
-    then, now : float
-        Root mean square error in the validation and on the bags, in the unit of the output.
-    relative_then, relative_now : float
-        Relative error in the validation and on the bags.
-    sigmas : float
-        Growth of the logarithm of the mean squared error over its standard error.
-    changed : bool
-        Whether the model is no longer what it was.
-
-    """
-
+    # What is predicted, by which kind of model.
     output: str
     kind: str
     channel: str
+    # Root mean square error in the validation and on the bags, in the unit of the output.
     then: float
     now: float
+    # Relative error in the validation and on the bags.
     relative_then: float
     relative_now: float
-    sigmas: float
-    changed: bool
+    sigmas: float  # growth of the logarithm of the mean squared error over its standard error
+    changed: bool  # whether the model is no longer what it was
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -83,20 +70,7 @@ class Change:
 
 
 def spread(validation: Validation) -> dict[str, float]:
-    """
-    Say how well the mean squared errors of a validation are known.
-
-    Parameters
-    ----------
-    validation : Validation
-        Figures with their traces.
-
-    Returns
-    -------
-    dict of str to float
-        Channel to the relative standard error, from means over blocks of some seconds.
-
-    """
+    """Say how well the mean squared errors of a validation are known."""
     means = []
     for trace in validation.traces:
         number = np.floor((trace.t - trace.t[0]) / BLOCK).astype(int)
@@ -114,23 +88,7 @@ def spread(validation: Validation) -> dict[str, float]:
 def changes(
     facts: Mapping[str, Any], found: Mapping[str, Mapping[str, Validation]],
 ) -> tuple[Change, ...]:
-    """
-    Compare errors on bags with those of the validation that a bundle tells of.
-
-    Parameters
-    ----------
-    facts : mapping
-        Facts of the bundle.
-    found : mapping of str to mapping of str to Validation
-        Output to kind to what it comes to on the bags.
-
-    Returns
-    -------
-    tuple of Change
-        One for each channel of which the bundle knows; a model has changed where its error has
-        grown by 30 %, its relative error by 15 %, and both by more than chance.
-
-    """
+    """Compare errors on bags with those of the validation that a bundle tells of."""
     said = []
     for output, kinds in found.items():
         for kind, validation in kinds.items():
@@ -153,27 +111,7 @@ def change_of(
     name: tuple[str, str, str], errors: tuple[float, float], relative: tuple[float, float],
     doubts: tuple[float, float],
 ) -> Change:
-    """
-    Compare errors of one channel, then and now.
-
-    Parameters
-    ----------
-    name : (str, str, str)
-        Output, kind of model and channel.
-    errors : (float, float)
-        Root mean square errors, in the unit of the output.
-    relative : (float, float)
-        Relative errors, in the same order.
-    doubts : (float, float)
-        Relative standard errors of the mean squared errors.
-
-    Returns
-    -------
-    Change
-        Changed where the error has grown by 30 %, its relative error by 15 %, and both by more
-        than chance.
-
-    """
+    """Compare errors of one channel, then and now: errors [unit of the output]."""
     growth = errors[1] / max(errors[0], 1e-300)
     sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(max(x, LEAST) for x in doubts))
     return Change(*name, *errors, *relative, sigmas,

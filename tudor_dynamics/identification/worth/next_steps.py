@@ -44,23 +44,11 @@ NAMED = 20
 
 @dataclass(frozen=True)
 class NextStep:
-    """
-    One thing to do.
+    """One thing to do."""
 
-    Attributes
-    ----------
-    gain : float
-        What it would bring, in points of fit or as much as those [%].
-    what : str
-        What to do, and why.
-    command : str
-        Command that does it; empty where there is none.
-
-    """
-
-    gain: float
-    what: str
-    command: str = ''
+    gain: float  # what it would bring, in points of fit or as much as those [%]
+    what: str  # what to do, and why
+    command: str = ''  # command that does it; empty where there is none
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -71,26 +59,7 @@ def next_steps(
     result: FitResult, uses: Sequence[Use],
     learned: Mapping[tuple[str, str], MethodThresholds], missing: Sequence[str],
 ) -> tuple[NextStep, ...]:
-    """
-    List what to do next.
-
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its validation and what the doctor found.
-    uses : sequence of Use
-        Verdicts by use.
-    learned : mapping of (str, str) to MethodThresholds
-        Method and kind to thresholds.
-    missing : sequence of str
-        Methods without thresholds, with the reason.
-
-    Returns
-    -------
-    tuple of NextStep
-        That with the largest gain first.
-
-    """
+    """List what to do next."""
     found = [NextStep(HARMLESS if item.kind in MILD else FINDING,
                       f'{item.title}: {item.what}; {item.remedy}') for item in result.findings]
     if missing:

@@ -44,20 +44,7 @@ def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str
     What their errors have beyond the standard deviations of their own residuals is the error of
     the models, a little more than that of a model of all the motion.
 
-    Parameters
-    ----------
-    result : FitResult
-        Fit with its bags.
-    bent : BentLinks, optional
-        How links bend, where strain tells loads by that: as found on all the motion, with a model
-        of a part of it.
-
-    Returns
-    -------
-    dict of str to float
-        Output to the standard deviation of a load by its model [kg], or as a part of the arm's
-        own moment where there is no scale; outputs for which it is not known are left out.
-
+    Returns output to the standard deviation of a load by its model [kg].
     """
     pieces = []
     for i in range(PARTS):

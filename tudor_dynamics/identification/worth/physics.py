@@ -36,24 +36,7 @@ SHOWS = 0.1
 
 
 def marks(model: Model, arm: Arm, data: Sequence[BagData]) -> tuple[str, ...]:
-    """
-    Look for what no arm can be in a model of efforts.
-
-    Parameters
-    ----------
-    model : Model
-        Model of the efforts, of the motion alone.
-    arm : Arm
-        Arm with its description.
-    data : sequence of BagData
-        Bags with the poses.
-
-    Returns
-    -------
-    tuple of str
-        One sentence each; none of a model that does not predict single samples.
-
-    """
+    """Look for what no arm can be in a model of efforts."""
     if model.has_memory or not data:
         return ()
     q = np.vstack([bag.recording.q for bag in data])

@@ -48,27 +48,14 @@ WEIGHTLESS = 1e-9
 
 @dataclass(frozen=True)
 class Use:
-    """
-    One use of one model.
+    """One use of one model."""
 
-    Attributes
-    ----------
-    output, kind : str
-        Model, by what it predicts and what it is.
-    name : str
-        ``prediction``, ``feed-forward``, ``collision detection (METHOD)`` or ``payload``.
-    level : Grade or None
-        May it be used; None where that cannot be said.
-    why : str
-        Figures behind it.
-
-    """
-
+    # Model, by what it predicts and what it is.
     output: str
     kind: str
-    name: str
-    level: Grade | None
-    why: str
+    name: str  # `prediction`, `feed-forward`, `collision detection (METHOD)` or `payload`
+    level: Grade | None  # may it be used; None where that cannot be said
+    why: str  # figures behind it
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -82,15 +69,7 @@ class Use:
 
 
 def short(value: float) -> str:
-    """
-    Write a number with two digits, and no power of ten where it is at least 1e-4.
-
-    Parameters
-    ----------
-    value : float
-        Number to be written.
-
-    """
+    """Write a number with two digits, and no power of ten where it is at least 1e-4."""
     return f'{float(f"{value:.2g}"):g}'
 
 
@@ -98,26 +77,7 @@ def uses_of(
     item: FittedOutput, arm: Arm, thresholds: Mapping[str, MethodThresholds],
     missing: Mapping[str, str],
 ) -> list[Use]:
-    """
-    Judge a model by each of its uses.
-
-    Parameters
-    ----------
-    item : FittedOutput
-        Model with its validation.
-    arm : Arm
-        Arm whose units are written.
-    thresholds : mapping of str to MethodThresholds
-        Method to what was learned for it, of this model.
-    missing : mapping of str to str
-        Method to why there are no thresholds.
-
-    Returns
-    -------
-    list of Use
-        Prediction first.
-
-    """
+    """Judge a model by each of its uses."""
     found = [Use(item.output, item.kind, 'prediction', item.verdict.level,
                  '; '.join(item.verdict.reasons))]
     if item.output == 'effort':
@@ -181,18 +141,7 @@ def weights(model: Model, data: Sequence[BagData]) -> FloatArray | None:
     """
     Give what weight makes of the outputs at the poses of bags.
 
-    Parameters
-    ----------
-    model : Model
-        Model of a motion alone.
-    data : sequence of BagData
-        Bags with the poses.
-
-    Returns
-    -------
-    ndarray of shape (n_poses, n_channels), or None
-        Outputs at rest, in their units; None of a model that does not predict single samples.
-
+    Returns (poses, channels) [its unit], None of a model that does not predict single samples.
     """
     if model.has_memory:
         return None

@@ -38,74 +38,28 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class DraftedChain:
-    """
-    Kinematics with the names of their joints.
+    """Kinematics with the names of their joints."""
 
-    Attributes
-    ----------
-    content : dict
-        As it stands in a description.
-    joints : tuple of str
-        All that can move, base first.
-    model : pinocchio.Model or None
-        None where nothing is known of the kinematics.
-    has_masses : bool
-        Whether the links have masses, as those of a URDF.
-    name : str
-        Of the robot, where the kinematics say.
-    note : str
-        What the user should know of them.
-    kinds : tuple of str
-        Type of each joint where a table says.
-
-    """
-
-    content: dict[str, Any]
-    joints: tuple[str, ...]
-    model: pin.Model | None = None
-    has_masses: bool = False
-    name: str = ''
-    note: str = ''
-    kinds: tuple[str, ...] = ()
+    content: dict[str, Any]  # as it stands in a description
+    joints: tuple[str, ...]  # all that can move, base first
+    model: pin.Model | None = None  # None where nothing is known of the kinematics
+    has_masses: bool = False  # whether the links have masses, as those of a URDF
+    name: str = ''  # of the robot, where the kinematics say
+    note: str = ''  # what the user should know of them
+    kinds: tuple[str, ...] = ()  # type of each joint where a table says
 
     def slides(self, joint: str) -> bool:
-        """
-        Say whether a joint moves along its axis.
-
-        Parameters
-        ----------
-        joint : str
-            Name of the joint.
-
-        """
+        """Say whether a joint moves along its axis."""
         return self.model is not None and is_prismatic(self.model, joint)
 
     def index(self, joints: Sequence[str]) -> list[int]:
-        """
-        Give the places of joints in the model's configuration.
-
-        Parameters
-        ----------
-        joints : sequence of str
-            Names of the joints.
-
-        """
+        """Give the places of joints in the model's configuration."""
         assert self.model is not None
         return [int(self.model.joints[self.model.getJointId(joint)].idx_q) for joint in joints]
 
 
 def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
-    """
-    Take the kinematics of a URDF.
-
-    Parameters
-    ----------
-    path : Path
-        URDF file of the arm.
-    out : Path
-        Where the description will stand, which names the URDF.
-
-    """
+    """Take the kinematics of a URDF."""
     snapped = Snapped()
     text = read_urdf(path)
     model = model_from_urdf(text, str(path), snapped)
@@ -144,19 +98,7 @@ def _from_table(path: Path, table: Table, names: Sequence[str]) -> DraftedChain:
 def chain_of(
     urdf: Path | None, dh: Path | None, names: Sequence[str], out: Path,
 ) -> DraftedChain:
-    """
-    Take the kinematics of a URDF or a table, or leave them open.
-
-    Parameters
-    ----------
-    urdf, dh : Path or None
-        One of them, or neither.
-    names : sequence of str
-        Joints of the bags, in the order of their messages.
-    out : Path
-        Where the description will stand.
-
-    """
+    """Take the kinematics of a URDF or a table, or leave them open."""
     if urdf is not None:
         return chain_of_urdf(urdf, out)
     if dh is not None:

@@ -39,41 +39,19 @@ EXPECTED = ('expected rows `a alpha d theta` [m, rad, m, rad], base first, with 
 
 @dataclass(frozen=True)
 class DhRow:
-    """
-    One row of a table.
+    """One row of a table."""
 
-    Attributes
-    ----------
-    values : tuple of float
-        a, alpha, d and theta [m, rad, m, rad].
-    joint : str
-        Name of its joint; empty where the table does not say.
-    kind : str
-        How it moves; empty where the table does not say.
-
-    """
-
-    values: tuple[float, float, float, float]
-    joint: str = ''
-    kind: str = ''
+    values: tuple[float, float, float, float]  # a, alpha, d and theta [m, rad, m, rad]
+    joint: str = ''  # name of its joint; empty where the table does not say
+    kind: str = ''  # how it moves; empty where the table does not say
 
 
 @dataclass(frozen=True)
 class Table:
-    """
-    A table of D-H rows.
+    """A table of D-H rows."""
 
-    Attributes
-    ----------
-    rows : tuple of DhRow
-        One a joint, base first.
-    convention : str
-        ``standard`` or ``modified``.
-
-    """
-
-    rows: tuple[DhRow, ...]
-    convention: str = 'standard'
+    rows: tuple[DhRow, ...]  # one a joint, base first
+    convention: str = 'standard'  # `standard` or `modified`
 
 
 def _number(word: str) -> float | None:
@@ -115,26 +93,7 @@ def _from_yaml(content: Any, path: str) -> Table:
 
 
 def read_table(path: Path) -> Table:
-    """
-    Read a table of D-H rows.
-
-    Parameters
-    ----------
-    path : Path
-        Text with a row a line (blanks or commas between numbers, ``#`` before remarks), or YAML: a
-        list of rows, or a mapping with ``dh`` and ``convention`` as in an arm description.
-
-    Returns
-    -------
-    Table
-        Rows, base first.
-
-    Raises
-    ------
-    ArmError
-        If it cannot be read, or holds anything else; the row is named.
-
-    """
+    """Read a table of D-H rows."""
     try:
         text = read_bounded(path, MAX_BYTES).decode()
     except (OSError, ValueError) as err:

@@ -44,25 +44,13 @@ from tudor_dynamics.library.drafting.survey import Carrier, Survey, survey
 
 @dataclass
 class Draft:
-    """
-    A description that may leave values open, with what is said of its parts.
+    """A description that may leave values open, with what is said of its parts."""
 
-    Attributes
-    ----------
-    content : dict
-        Description as plain values, ``?`` where a value is open.
-    remarks : dict of str to str
-        Key (``gravity``, ``joints.NAME``, ``gauges.NAME``, ...) to what the bags show of it.
-    bags : tuple of str
-        Bags that were looked at.
-    notes : list of str
-        What the user should know beside the file, one sentence each.
-
-    """
-
-    content: dict[str, Any]
+    content: dict[str, Any]  # description as plain values, `?` where a value is open
+    # Key (`gravity`, `joints.NAME`, `gauges.NAME`, ...) to what the bags show of it.
     remarks: dict[str, str] = field(default_factory=dict)
-    bags: tuple[str, ...] = ()
+    bags: tuple[str, ...] = ()  # bags that were looked at
+    # What the user should know beside the file, one sentence each.
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -287,48 +275,11 @@ class _Writer:
 def draft_of(
     bags: Sequence[str], *, urdf: Path | None = None, dh: Path | None = None, out: Path,
 ) -> Draft:
-    """
-    Write the first description of an arm.
-
-    Parameters
-    ----------
-    bags : sequence of str
-        Bags of it.
-    urdf, dh : Path, optional
-        Where its kinematics come from; without either they are left open.
-    out : Path
-        Where the description will stand: the URDF is named relative to it.
-
-    Returns
-    -------
-    Draft
-        What bags and kinematics tell; ``?`` for what they do not.
-
-    Raises
-    ------
-    TudorError
-        If a bag, the URDF or the table cannot be used, or they are not of one arm.
-
-    """
+    """Write the first description of an arm."""
     return _Writer(bags, urdf, dh, out).write()
 
 
 def check_draft(draft: Draft, out: Path) -> None:
-    """
-    Make sure that a description without open values can be used.
-
-    Parameters
-    ----------
-    draft : Draft
-        Description that was put together.
-    out : Path
-        Where it will stand.
-
-    Raises
-    ------
-    ArmError
-        If it has no open value and is refused nevertheless.
-
-    """
+    """Make sure that a description without open values can be used."""
     if not draft.unknown:
         arm_from_dict(draft.content, base=out.parent, source=str(out))

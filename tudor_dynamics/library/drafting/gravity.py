@@ -46,22 +46,11 @@ SIMPLER = 1.05
 
 @dataclass(frozen=True)
 class Down:
-    """
-    A direction of gravity, and why.
+    """A direction of gravity, and why."""
 
-    Attributes
-    ----------
-    gravity : tuple of float
-        In the base frame [m/s^2].
-    alike : tuple of tuple of float
-        All that explain the efforts as well [m/s^2].
-    reason : str
-        Evidence with its numbers; empty where nothing speaks against the usual direction.
-
-    """
-
-    gravity: tuple[float, float, float]
-    alike: tuple[tuple[float, float, float], ...]
+    gravity: tuple[float, float, float]  # in the base frame [m/s^2]
+    alike: tuple[tuple[float, float, float], ...]  # all that explain the efforts as well [m/s^2]
+    # Evidence with its numbers; empty where nothing speaks against the usual direction.
     reason: str
 
 
@@ -83,26 +72,7 @@ def down(
     model: pin.Model, recordings: Sequence[Recording], index: Sequence[int],
     moving: Sequence[bool],
 ) -> Down:
-    """
-    Judge the direction of gravity.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Kinematics of the arm; its masses do not matter, its gravity is left as it is.
-    recordings : sequence of Recording
-        Motions with efforts.
-    index : sequence of int
-        Place of each recorded joint in the model's configuration.
-    moving : sequence of bool
-        Which of them move: the efforts of the others are what stiction holds.
-
-    Returns
-    -------
-    Down
-        The usual direction, or one that explains the efforts much better.
-
-    """
+    """Judge the direction of gravity."""
     other = pin.Model(model)
     rows: dict[str, list[FloatArray]] = {name: [] for name in ('usual', *OTHERS)}
     speed, measured = [], []

@@ -52,20 +52,10 @@ UNTOLD = 0.3
 
 @dataclass(frozen=True)
 class Judgement:
-    """
-    A value, and why.
+    """A value, and why."""
 
-    Attributes
-    ----------
-    value : str
-        ``?`` where it could not be told.
-    reason : str
-        Evidence with its number.
-
-    """
-
-    value: str
-    reason: str
+    value: str  # `?` where it could not be told
+    reason: str  # evidence with its number
 
 
 def effort_over_gravity(
@@ -77,20 +67,7 @@ def effort_over_gravity(
     Friction (sign and size of the speed), an offset and the moment of inertia are taken out of
     both; a slope counts where gravity explains at least the share `FOLLOWS` of what is left.
 
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Arm with the masses of its URDF; joints that are not recorded stand at zero.
-    recordings : sequence of Recording
-        Motions with efforts.
-    index : sequence of int
-        Place of each recorded joint in the model's configuration.
-
-    Returns
-    -------
-    dict of int to float
-        Column of the joint to its slope.
-
+    model: joints that are not recorded stand at zero.
     """
     data, nothing = model.createData(), np.zeros(model.nv)
     gravity, inertial, speed, measured = [], [], [], []
@@ -123,28 +100,7 @@ def effort_unit(
     slopes: Mapping[int, float], peaks: Sequence[float], limits: Sequence[float], name: str,
     torque: str,
 ) -> Judgement:
-    """
-    Judge the unit of efforts.
-
-    Parameters
-    ----------
-    slopes : mapping of int to float
-        Effort over gravity moment by column, see `effort_over_gravity`.
-    peaks : sequence of float
-        Largest effort of each joint, in its unknown unit.
-    limits : sequence of float
-        Largest effort of each joint by the URDF; 0 or infinite where it says nothing [N m or N].
-    name : str
-        Topic, or interface, that they come from.
-    torque : str
-        Unit where they are no currents, ``N m`` or ``N``.
-
-    Returns
-    -------
-    Judgement
-        ``A``, ``N m``, ``N`` or ``?``.
-
-    """
+    """Judge the unit of efforts; limits [N m or N]: 0 or infinite where it says nothing."""
     if slopes:
         slope = float(np.median([abs(value) for value in slopes.values()]))
         text = f'{slope:.3g} times the gravity moments of the URDF'
@@ -170,20 +126,7 @@ def effort_unit(
 
 
 def strain_unit(low: float, high: float) -> Judgement:
-    """
-    Judge the unit of a gauge's readings by their size.
-
-    Parameters
-    ----------
-    low, high : float
-        Range of the readings, in the unknown unit.
-
-    Returns
-    -------
-    Judgement
-        ``um/m``, ``m/m`` or ``?``.
-
-    """
+    """Judge the unit of a gauge's readings by their size."""
     span = high - low
     if span > MICROSTRAIN:
         return Judgement('um/m', f'readings span {span:.3g}')
@@ -203,27 +146,6 @@ def joint_before(
     Those of the joints before it can follow the same reading with what they have more; so the
     outermost joint counts that leaves hardly more than the best. A joint behind that one which
     never moved would carry the same, so that the two cannot be told apart.
-
-    Parameters
-    ----------
-    model : pinocchio.Model
-        Kinematics of the arm and its gravity; masses do not matter.
-    recordings : sequence of Recording
-        Motions with strains.
-    index : sequence of int
-        Place of each recorded joint in the model's configuration.
-    gauge : int
-        Column of the gauge.
-    names : sequence of str
-        Names of the recorded joints, base first.
-    moving : collection of str
-        Those that moved.
-
-    Returns
-    -------
-    Judgement
-        Name of the joint, or ``?``.
-
     """
     data = model.createData()
     rows: list[FloatArray] = []

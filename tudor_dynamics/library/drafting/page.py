@@ -82,20 +82,7 @@ def _kinematics(content: dict[str, Any]) -> list[str]:
 
 
 def text_of(draft: Draft) -> str:
-    """
-    Write a description.
-
-    Parameters
-    ----------
-    draft : Draft
-        Content and remarks.
-
-    Returns
-    -------
-    str
-        YAML, which reads as the content.
-
-    """
+    """Write a description."""
     content, remarks = draft.content, draft.remarks
     lines = _remark(f'Arm description of {content["name"]}, written by tudor init from '
                     f'{", ".join(draft.bags)}.')

@@ -28,23 +28,7 @@ Question = tuple[str, Callable[[str], Any]]
 
 
 def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
-    """
-    Give what to ask for an open value.
-
-    Parameters
-    ----------
-    draft : Draft
-        Description with open values.
-    path : tuple of str and int
-        Where the value stands.
-
-    Returns
-    -------
-    (str, callable) or None
-        Question, and what makes a value of the answer (ValueError if it is none); None for what
-        cannot be said in a word.
-
-    """
+    """Give what to ask for an open value; returns None for what cannot be said in a word."""
     entry: Any = draft.content
     for step in path[:-1]:
         entry = entry[step]
@@ -79,19 +63,7 @@ def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
 
 
 def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
-    """
-    Put a value in the place of an open one.
-
-    Parameters
-    ----------
-    draft : Draft
-        Description, which is changed.
-    path : tuple of str and int
-        Where the open value stands.
-    value : object
-        What takes its place.
-
-    """
+    """Put a value in the place of an open one."""
     entry: Any = draft.content
     for step in path[:-1]:
         entry = entry[step]

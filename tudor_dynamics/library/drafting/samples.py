@@ -35,39 +35,18 @@ SLOW = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """
-    Evenly spread samples of a recording.
+    """Evenly spread samples of a recording."""
 
-    Attributes
-    ----------
-    rows : ndarray of int, shape (n,)
-        Which rows of the recording they are.
-    q, dq, ddq : ndarray of shape (n, n_model)
-        Motion of all joints of a model, of those that were not recorded zero [rad or m, and per s
-        and s^2].
-
-    """
-
-    rows: IndexArray
+    rows: IndexArray  # which rows of the recording they are, (n,)
+    # Motion of all joints of a model, of those that were not recorded zero, (n, model)
+    # [rad or m, and per s and s^2].
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
 
 
 def spread(recording: Recording, size: int, index: Sequence[int]) -> Samples:
-    """
-    Take samples, with speeds and accelerations of joints that are smooth over `WINDOW`.
-
-    Parameters
-    ----------
-    recording : Recording
-        Motion of some joints.
-    size : int
-        Number of joints of the model.
-    index : sequence of int
-        Place of each recorded joint in the model's configuration.
-
-    """
+    """Take samples, with speeds and accelerations of joints that are smooth over `WINDOW`."""
     keep = max(1, len(recording.q) // MAX_SAMPLES)
     parts = []
     for segment in recording.segments:

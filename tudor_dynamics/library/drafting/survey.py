@@ -32,97 +32,40 @@ EFFORT_WORDS = ('effort', 'torque', 'current', 'tau')
 
 @dataclass(frozen=True)
 class Carrier:
-    """
-    One field of a topic, over all bags.
+    """One field of a topic, over all bags."""
 
-    Attributes
-    ----------
-    topic, msgtype : str
-        Topic and type of its messages.
-    field : str
-        Such as ``effort``, ``data``, or an interface.
-    ranges : dict of str to (float, float)
-        Name to the smallest and the largest finite value; only names that have one.
-    rate : float
-        Messages a second [Hz].
-
-    """
-
+    # Topic and type of its messages.
     topic: str
     msgtype: str
-    field: str
+    field: str  # such as `effort`, `data`, or an interface
+    # Name to the smallest and the largest finite value; only names that have one.
     ranges: dict[str, tuple[float, float]]
-    rate: float
+    rate: float  # messages a second [Hz]
 
     def changes(self, name: str) -> bool:
-        """
-        Say whether the value of a name ever changes.
-
-        Parameters
-        ----------
-        name : str
-            Joint, gauge or place.
-
-        """
+        """Say whether the value of a name ever changes."""
         low, high = self.ranges.get(name, (0.0, 0.0))
         return high > low
 
     def speaks_of(self, words: Collection[str]) -> bool:
-        """
-        Say whether topic or interface have one of some words in their names.
-
-        Parameters
-        ----------
-        words : collection of str
-            In lower case.
-
-        """
+        """Say whether topic or interface have one of some words in their names."""
         text = self.topic if self.msgtype != DYNAMIC_JOINT_STATE else self.field
         return any(word in text.lower() for word in words)
 
 
 @dataclass(frozen=True)
 class Survey:
-    """
-    What bags show.
+    """What bags show."""
 
-    Attributes
-    ----------
-    positions : Carrier
-        Of the joints.
-    efforts : tuple of Carrier
-        What may be efforts, the likeliest first.
-    strains : tuple of Carrier
-        What may be strains.
-    seconds : float
-        Length of all bags [s].
-    payloads : tuple of float
-        Masses at the tip that the bags tell of themselves [kg].
-
-    """
-
-    positions: Carrier
-    efforts: tuple[Carrier, ...]
-    strains: tuple[Carrier, ...]
-    seconds: float
-    payloads: tuple[float, ...]
+    positions: Carrier  # of the joints
+    efforts: tuple[Carrier, ...]  # what may be efforts, the likeliest first
+    strains: tuple[Carrier, ...]  # what may be strains
+    seconds: float  # length of all bags [s]
+    payloads: tuple[float, ...]  # masses at the tip that the bags tell of themselves [kg]
 
 
 def carriers(reports: Sequence[BagReport]) -> list[Carrier]:
-    """
-    Put the fields of all topics of all bags together.
-
-    Parameters
-    ----------
-    reports : sequence of BagReport
-        Of the bags.
-
-    Returns
-    -------
-    list of Carrier
-        In the order of the topics' names.
-
-    """
+    """Put the fields of all topics of all bags together."""
     found: dict[tuple[str, str, str], dict[str, tuple[float, float]]] = {}
     rates: dict[str, float] = {}
     for topic in (topic for report in reports for topic in report.topics):
@@ -137,27 +80,7 @@ def carriers(reports: Sequence[BagReport]) -> list[Carrier]:
 
 
 def survey(reports: Sequence[BagReport], known: Collection[str] = ()) -> Survey:
-    """
-    Say what bags show.
-
-    Parameters
-    ----------
-    reports : sequence of BagReport
-        Of the bags.
-    known : collection of str
-        Names of joints, where there is a URDF.
-
-    Returns
-    -------
-    Survey
-        Joints and what may belong to them.
-
-    Raises
-    ------
-    BagError
-        If no topic has positions.
-
-    """
+    """Say what bags show."""
     found = carriers(reports)
     strains = tuple(item for item in found if item.speaks_of(STRAIN_WORDS) and (
         item.msgtype != JOINT_STATE or item.field == 'position'))

@@ -29,17 +29,7 @@ from tudor_dynamics.library.fleet.outcome import Named, Seen
 
 
 def parted(sights: Sequence[Sight], least: int) -> list[Sight]:
-    """
-    Divide few bags, so that there are enough parts for standard errors.
-
-    Parameters
-    ----------
-    sights : sequence of Sight
-        Bags of one arm and date.
-    least : int
-        Number of parts, at least.
-
-    """
+    """Divide few bags, so that there are enough parts for standard errors."""
     count = -(-least // len(sights))
     found = []
     for sight in sights:
@@ -52,20 +42,7 @@ def parted(sights: Sequence[Sight], least: int) -> list[Sight]:
 
 
 def named_beside(seen: Sequence[Seen]) -> list[Named]:
-    """
-    Compare each quantity of all arms.
-
-    Parameters
-    ----------
-    seen : sequence of Seen
-        Numbers of all arms at all dates.
-
-    Returns
-    -------
-    list of Named
-        Arms that are unlike the others, and arms that drift.
-
-    """
+    """Compare each quantity of all arms."""
     start = min((item.date for item in seen), default=datetime.date.min)
     groups: dict[tuple[str, str, str, str], dict[str, list[Seen]]] = {}
     for item in seen:
@@ -86,20 +63,7 @@ def named_beside(seen: Sequence[Seen]) -> list[Named]:
 
 
 def named_aged(changes: Mapping[str, Sequence[Change]]) -> list[Named]:
-    """
-    Say whose model has aged: a motion that no model knows lets the errors of all arms grow.
-
-    Parameters
-    ----------
-    changes : mapping of str to sequence of Change
-        Arm to its errors on the last date beside those on the first, the same channels of all.
-
-    Returns
-    -------
-    list of Named
-        Arms whose errors have grown by more than chance, and unlike those of the others.
-
-    """
+    """Say whose model has aged: a motion that no model knows lets the errors of all arms grow."""
     found = []
     for same in zip(*changes.values(), strict=True):
         growth = [np.log(max(item.now / item.then, 1e-12)) for item in same]

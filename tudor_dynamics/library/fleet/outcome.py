@@ -29,27 +29,14 @@ WORDS = {'unlike': 'unlike the others', 'drift': 'drifts', 'aged': 'its model ha
 
 @dataclass(frozen=True)
 class Seen:
-    """
-    A number of an arm at a date.
+    """A number of an arm at a date."""
 
-    Attributes
-    ----------
-    arm : str
-        Name of the arm.
-    date : date
-        When it was recorded.
-    output : str
-        What it was found in: ``effort``, ``strain``, ``ring`` of the strain at rest, or the
-        ``elastic`` model.
-    quantity : Quantity
-        What it is, with its standard error.
-
-    """
-
-    arm: str
-    date: datetime.date
+    arm: str  # name of the arm
+    date: datetime.date  # when it was recorded
+    # What it was found in: `effort`, `strain`, `ring` of the strain at rest, or the `elastic`
+    # model.
     output: str
-    quantity: Quantity
+    quantity: Quantity  # what it is, with its standard error
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -61,29 +48,18 @@ class Seen:
 
 @dataclass(frozen=True)
 class Named:
-    """
-    Something that an arm is named for.
+    """Something that an arm is named for."""
 
-    Attributes
-    ----------
-    arm, kind : str
-        Which arm; one of `WORDS`.
-    what, unit : str
-        Quantity and channel; unit of the values.
-    value, expected : float
-        Its value; that of the other arms, of its first date, or of its validation.
-    sigmas : float
-        Their difference over its standard error.
-
-    """
-
+    # Which arm; one of `WORDS`.
     arm: str
     kind: str
+    # Quantity and channel; unit of the values.
     what: str
     unit: str
+    # Its value; that of the other arms, of its first date, or of its validation.
     value: float
     expected: float
-    sigmas: float
+    sigmas: float  # their difference over its standard error
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -98,35 +74,15 @@ class Named:
 
 @dataclass(frozen=True, eq=False)
 class Fleet:
-    """
-    A fleet that was fitted and compared.
+    """A fleet that was fitted and compared."""
 
-    Attributes
-    ----------
-    name : str
-        What it is called.
-    arms : tuple of str
-        Names of the arms.
-    seen : tuple of Seen
-        All numbers, of each arm at each of its dates.
-    named : tuple of Named
-        Arms that are named, and what for.
-    choices : tuple of str
-        What was chosen for all arms, in words.
-    models : dict of str to str
-        Arm to the folder of its model, below that of the fleet.
-    unused : tuple of Unused
-        Bags, dates and models that were left out.
-
-    """
-
-    name: str
-    arms: tuple[str, ...]
-    seen: tuple[Seen, ...]
-    named: tuple[Named, ...]
-    choices: tuple[str, ...]
-    models: dict[str, str]
-    unused: tuple[Unused, ...]
+    name: str  # what it is called
+    arms: tuple[str, ...]  # names of the arms
+    seen: tuple[Seen, ...]  # all numbers, of each arm at each of its dates
+    named: tuple[Named, ...]  # arms that are named, and what for
+    choices: tuple[str, ...]  # what was chosen for all arms, in words
+    models: dict[str, str]  # arm to the folder of its model, below that of the fleet
+    unused: tuple[Unused, ...]  # bags, dates and models that were left out
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""

@@ -37,40 +37,15 @@ MOST = 200
 
 @dataclass(frozen=True)
 class Drawn:
-    """
-    A quantity over time.
+    """A quantity over time."""
 
-    Attributes
-    ----------
-    title : str
-        Quantity and channel.
-    figure : str
-        All arms over time, as data URI.
-    named : tuple of str
-        Arms that are named for it.
-
-    """
-
-    title: str
-    figure: str
-    named: tuple[str, ...]
+    title: str  # quantity and channel
+    figure: str  # all arms over time, as data URI
+    named: tuple[str, ...]  # arms that are named for it
 
 
 def page_of(fleet: Fleet) -> str:
-    """
-    Render the page.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        Fleet that was compared.
-
-    Returns
-    -------
-    str
-        HTML that needs nothing else.
-
-    """
+    """Render the page."""
     groups: dict[str, list[Seen]] = {}
     for item in fleet.seen:
         quantity = item.quantity

@@ -44,59 +44,20 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """
-    A model to be made.
+    """A model to be made."""
 
-    Attributes
-    ----------
-    arm : Arm
-        Arm with its friction.
-    spec : PreprocessingSpec
-        Filters and rate.
-    settings : FitSettings
-        Settings with nothing left open.
-    base : Path
-        Directory that the names of bags are relative to.
-    bags : tuple of BagChoice
-        Bags to learn from.
-    checksums : tuple of str
-        SHA-256 of each.
-    out : Path
-        Folder of the fleet.
-    name : str
-        Name of the arm.
-
-    """
-
-    arm: Arm
-    spec: PreprocessingSpec
-    settings: FitSettings
-    base: Path
-    bags: tuple[BagChoice, ...]
-    checksums: tuple[str, ...]
-    out: Path
-    name: str
+    arm: Arm  # arm with its friction
+    spec: PreprocessingSpec  # filters and rate
+    settings: FitSettings  # settings with nothing left open
+    base: Path  # directory that the names of bags are relative to
+    bags: tuple[BagChoice, ...]  # bags to learn from
+    checksums: tuple[str, ...]  # SHA-256 of each
+    out: Path  # folder of the fleet
+    name: str  # name of the arm
 
 
 def ring_pieces(asked: Sequence[RingPiece], jobs: int, progress: Progress) -> list[Rings]:
-    """
-    Find the ring-downs of each arm and date.
-
-    Parameters
-    ----------
-    asked : sequence of (Arm, PreprocessingSpec, Path, tuple of BagChoice)
-        Arm, filters, directory that names are relative to, and bags of each.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Told how many are done.
-
-    Returns
-    -------
-    list of list of (str, float, float)
-        Gauge, frequency [Hz] and damping ratio of all that was found, for each piece.
-
-    """
+    """Find the ring-downs of each arm and date; returns gauge, frequency [Hz]."""
     if not any(arm.gauges for arm, *_ in asked):
         return [[] for _ in asked]
     return in_processes(_rings, asked, jobs, progress)
@@ -119,24 +80,7 @@ def _rings(piece: RingPiece, count: Count) -> Rings:
 def model_pieces(
     asked: Sequence[Model], jobs: int, progress: Progress,
 ) -> list[Path | Unused]:
-    """
-    Make the models of arms, those that are not there yet.
-
-    Parameters
-    ----------
-    asked : sequence of Model
-        Models to be made.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Told how many are done.
-
-    Returns
-    -------
-    list of Path or Unused
-        Where each stands, or why there is none.
-
-    """
+    """Make the models of arms, those that are not there yet."""
     return in_processes(_model, asked, jobs, progress)
 
 

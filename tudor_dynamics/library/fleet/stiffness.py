@@ -59,26 +59,7 @@ def stiffnesses(
     tasks: Mapping[str, Task], bags: Mapping[tuple[str, datetime.date], Sequence[Sight]],
     jobs: int, progress: Callable[[int], None],
 ) -> tuple[list[Seen], list[Unused]]:
-    """
-    Search for the stiffnesses of arms over time; what was found before is taken up.
-
-    Parameters
-    ----------
-    tasks : mapping of str to Task
-        Arms by name, with their filters, and where it is kept what their bags came to.
-    bags : mapping of (str, date) to sequence of Sight
-        What was recorded of an arm at a date.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Told how many searches are done.
-
-    Returns
-    -------
-    list of Seen, list of Unused
-        Stiffnesses that the recordings have told; dates of which none were found.
-
-    """
+    """Search for the stiffnesses of arms over time; what was found before is taken up."""
     whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
     found = in_processes(_over_time, [
         _Piece(task, tuple(bags[when] for when in mine))

@@ -59,29 +59,13 @@ PARTS = 6
 
 @dataclass(frozen=True)
 class Run:
-    """
-    How a fleet is gone through.
+    """How a fleet is gone through."""
 
-    Attributes
-    ----------
-    base : Path
-        Directory that the names in the plan are relative to.
-    out : Path
-        Where models and sums go.
-    jobs : int
-        Number of processes.
-    models : bool
-        Whether each arm gets a model of its last date.
-    elastic : bool
-        Whether stiffnesses are compared, by a search for each date.
-
-    """
-
-    base: Path
-    out: Path
-    jobs: int = 1
-    models: bool = True
-    elastic: bool = False
+    base: Path  # directory that the names in the plan are relative to
+    out: Path  # where models and sums go
+    jobs: int = 1  # number of processes
+    models: bool = True  # whether each arm gets a model of its last date
+    elastic: bool = False  # whether stiffnesses are compared, by a search for each date
 
 
 @dataclass(eq=False)
@@ -107,29 +91,7 @@ class _Date:
 
 
 def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
-    """
-    Fit all arms of a fleet at all dates, and compare them.
-
-    Parameters
-    ----------
-    plan : FleetPlan
-        Arms, and their bags by date.
-    run : Run
-        How it is gone through.
-    progress : callable
-        Told what is done next.
-
-    Returns
-    -------
-    Fleet
-        Numbers of each arm over time, and which arms are named.
-
-    Raises
-    ------
-    TudorError
-        If no bag can be used, or arms are of several kinds.
-
-    """
+    """Fit all arms of a fleet at all dates, and compare them."""
     return _Study(plan, run, progress).done()
 
 

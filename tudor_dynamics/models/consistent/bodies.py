@@ -47,40 +47,15 @@ WIDTH_SHAPE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """
-    What a description says of the bodies.
+    """What a description says of the bodies."""
 
-    Attributes
-    ----------
-    center : ndarray of shape (n_bodies, 10)
-        Log-Cholesky parameters.
-    width : ndarray of shape (n_bodies, 10)
-        Their standard deviations.
-    described : bool
-        Whether masses stand in the description; otherwise bodies are rods.
-
-    """
-
-    center: FloatArray
-    width: FloatArray
-    described: bool
+    center: FloatArray  # Log-Cholesky parameters, (bodies, 10)
+    width: FloatArray  # their standard deviations, (bodies, 10)
+    described: bool  # whether masses stand in the description; otherwise bodies are rods
 
 
 def prior_of(arm: Arm) -> Prior:
-    """
-    Collect what a description says of the bodies of its active joints.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm, with a URDF that may say masses, or without.
-
-    Returns
-    -------
-    Prior
-        Parameters of each body about the frame of its joint, with their widths.
-
-    """
+    """Collect what a description says of the bodies of its active joints."""
     inertias = list(arm.model.inertias)[1:]
     described = sum(float(inertia.mass) for inertia in inertias) > 0.0
     bodies = _described(inertias) if described else _rods(arm.model)
@@ -100,30 +75,14 @@ def parameters_of(log: FloatArray) -> FloatArray:
     """
     Give the dynamic parameters of a body.
 
-    Parameters
-    ----------
-    log : ndarray of shape (10,)
-        Log-Cholesky parameters.
-
-    Returns
-    -------
-    ndarray of shape (10,)
-        Mass [kg], first moments [kg m], inertia about the joint [kg m^2], in Pinocchio's order.
-
+    log (10,); returns (10,): mass [kg], first moments [kg m], inertia about the joint [kg m^2], in
+    Pinocchio's order.
     """
     return np.asarray(pin.LogCholeskyParameters(log).toDynamicParameters())
 
 
 def slopes_of(log: FloatArray) -> FloatArray:
-    """
-    Differentiate `parameters_of`, shape (10, 10).
-
-    Parameters
-    ----------
-    log : ndarray of shape (10,)
-        Log-Cholesky parameters.
-
-    """
+    """Differentiate `parameters_of`, shape (10, 10): log (10,)."""
     return np.asarray(pin.LogCholeskyParameters(log).calculateJacobian())
 
 
@@ -131,21 +90,8 @@ def log_cholesky(parameters: FloatArray) -> FloatArray:
     """
     Give the log-Cholesky parameters of a body that can exist.
 
-    Parameters
-    ----------
-    parameters : ndarray of shape (10,)
-        Mass [kg], first moments [kg m], inertia about the joint [kg m^2], in Pinocchio's order.
-
-    Returns
-    -------
-    ndarray of shape (10,)
-        ``a, d1, d2, d3, s12, s23, s13, t1, t2, t3``.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If there can be no such body.
-
+    parameters (10,): mass [kg], first moments [kg m], inertia about the joint [kg m^2], in
+    Pinocchio's order; returns (10,).
     """
     pseudo = pseudo_inertia(parameters)
     # upper triangular factor: that of the reversed matrix, reversed
@@ -175,20 +121,7 @@ def pseudo_inertia(parameters: FloatArray) -> FloatArray:
 
 
 def parameters_from(pseudo: FloatArray) -> FloatArray:
-    """
-    Give the dynamic parameters of a pseudo-inertia.
-
-    Parameters
-    ----------
-    pseudo : ndarray of shape (4, 4)
-        As from `pseudo_inertia`.
-
-    Returns
-    -------
-    ndarray of shape (10,)
-        Parameters in Pinocchio's order.
-
-    """
+    """Give the dynamic parameters of a pseudo-inertia: pseudo (4, 4); returns (10,)."""
     return np.asarray(pin.PseudoInertia.FromMatrix(pseudo).toDynamicParameters())
 
 

@@ -38,75 +38,29 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """
-    One of two that are compared.
+    """One of two that are compared."""
 
-    Attributes
-    ----------
-    name : str
-        As it was asked for.
-    arm : Arm
-        Arm that it describes.
-    bodies : dict of str to ndarray of shape (10,)
-        Mass, first moments, inertia about the joint, by joint [kg, kg m, kg m^2].
-    full : FullParameters or None
-        What was identified; None for a description.
-    bundle : ModelBundle or None
-        The model; None for a description.
-
-    """
-
-    name: str
-    arm: Arm
+    name: str  # as it was asked for
+    arm: Arm  # arm that it describes
+    # Mass, first moments, inertia about the joint, by joint, (10,) [kg, kg m, kg m^2].
     bodies: dict[str, FloatArray]
-    full: FullParameters | None = None
-    bundle: ModelBundle | None = None
+    full: FullParameters | None = None  # what was identified; None for a description
+    bundle: ModelBundle | None = None  # the model; None for a description
 
 
 @dataclass(frozen=True)
 class BodyRow:
-    """
-    A body as both sides have it.
+    """A body as both sides have it."""
 
-    Attributes
-    ----------
-    joint : str
-        Joint that moves it.
-    mass : (float, float)
-        Of each side [kg].
-    apart : float
-        Distance of the centres of mass [m].
-    inertia : (float, float)
-        Moment of inertia about the joint's axis, bodies beyond it left out [kg m^2].
-
-    """
-
-    joint: str
-    mass: tuple[float, float]
-    apart: float
+    joint: str  # joint that moves it
+    mass: tuple[float, float]  # of each side [kg]
+    apart: float  # distance of the centres of mass [m]
+    # Moment of inertia about the joint's axis, bodies beyond it left out [kg m^2].
     inertia: tuple[float, float]
 
 
 def side_of(path: str | Path) -> Side:
-    """
-    Read a model bundle, or an arm description with its URDF's own numbers.
-
-    Parameters
-    ----------
-    path : str or Path
-        Directory of a bundle, or arm YAML.
-
-    Returns
-    -------
-    Side
-        Bodies with where they came from.
-
-    Raises
-    ------
-    TudorError
-        If it can be read as neither.
-
-    """
+    """Read a model bundle, or an arm description with its URDF's own numbers."""
     path = Path(path)
     if path.is_dir():
         bundle = load_bundle(path, with_data=True)
@@ -121,25 +75,7 @@ def side_of(path: str | Path) -> Side:
 
 
 def compare_bodies(one: Side, other: Side) -> list[BodyRow]:
-    """
-    Put bodies side by side.
-
-    Parameters
-    ----------
-    one, other : Side
-        Sides with the same active joints.
-
-    Returns
-    -------
-    list of BodyRow
-        One for each joint.
-
-    Raises
-    ------
-    UsageError
-        If the sides have other joints.
-
-    """
+    """Put bodies side by side."""
     if one.arm.active_joints != other.arm.active_joints:
         raise UsageError(
             f'{one.name} has the joints {", ".join(one.arm.active_joints)}, {other.name} '
@@ -149,15 +85,7 @@ def compare_bodies(one: Side, other: Side) -> list[BodyRow]:
 
 
 def described_bodies(arm: Arm) -> dict[str, FloatArray]:
-    """
-    Give the bodies as they are described, by the joint that moves each, as `Side` has them.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm, with masses or without.
-
-    """
+    """Give the bodies as they are described, by the joint that moves each, as `Side` has them."""
     model = arm.model
     return {str(model.names[i]): np.asarray(model.inertias[i].toDynamicParameters())
             for i in range(1, model.njoints)}
@@ -166,19 +94,7 @@ def described_bodies(arm: Arm) -> dict[str, FloatArray]:
 def body_row(
     joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray],
 ) -> BodyRow:
-    """
-    Put a body beside another.
-
-    Parameters
-    ----------
-    joint : str
-        Joint that moves it.
-    arms : (Arm, Arm)
-        Arms that both belong to.
-    bodies : (ndarray, ndarray) of shape (10,)
-        As `Side` has them.
-
-    """
+    """Put a body beside another: bodies (10,)."""
     (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
     turns = []
     for arm, body in zip(arms, (one, other), strict=True):
@@ -190,25 +106,7 @@ def body_row(
 
 
 def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatArray:
-    """
-    Judge the bodies of a side on recorded motion.
-
-    Parameters
-    ----------
-    side : Side
-        Side to be judged. A description has no drives: those that suit its bodies best on the
-        recordings of ``measure`` count.
-    measure : Side
-        Side with a model, which gives filters, friction terms and recordings.
-    stretches : sequence of Stretch
-        Motion with efforts, filtered as the model of ``measure`` was.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        Relative error of each joint's effort.
-
-    """
+    """Judge the bodies of a side on recorded motion; returns (joints,)."""
     full = side.full
     if full is None:
         assert measure.full is not None and measure.bundle is not None
@@ -218,22 +116,7 @@ def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatA
 
 
 def relative_errors(model: AnalyticalModel, stretches: Sequence[Stretch]) -> FloatArray:
-    """
-    Judge a model of efforts on recorded motion.
-
-    Parameters
-    ----------
-    model : AnalyticalModel
-        Base parameters, or full ones.
-    stretches : sequence of Stretch
-        Motion with efforts, filtered as the data of the model were.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        Relative error of each joint's effort.
-
-    """
+    """Judge a model of efforts on recorded motion; returns (joints,)."""
     parameters = model.coefficients()
     judged = [stretch for stretch in stretches if stretch.effort is not None]
     y = np.vstack([stretch.decimation(np.asarray(stretch.effort)) for stretch in judged])

@@ -41,18 +41,7 @@ def speed_grid(largest: float, sharp: float) -> FloatArray:
     """
     Give the speeds over which the friction of a joint is looked at, both ways.
 
-    Parameters
-    ----------
-    largest : float
-        Largest speed [rad/s or m/s].
-    sharp : float
-        Speed over which the sign of the velocity is smoothed [rad/s or m/s].
-
-    Returns
-    -------
-    ndarray of shape (2 GRID,)
-        Backward speeds, then forward ones, denser where they are small and friction bends.
-
+    largest, sharp [rad/s or m/s]; returns (2 GRID,).
     """
     forward = np.geomspace(sharp, max(largest, 2.0 * sharp), GRID)
     return np.concatenate([-forward, forward])
@@ -65,20 +54,7 @@ def energy_rows(arm: Arm, columns: Sequence[str], speeds: FloatArray) -> FloatAr
     Rotor inertias, and the friction of each joint against the motion at each of its speeds: the
     sum of all its terms, for friction that falls with the speed has terms that give.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its friction terms.
-    columns : sequence of str
-        Names of the parameters, such as ``coulomb-(joint2)``.
-    speeds : ndarray of shape (n_joints,)
-        Largest speed of each active joint [rad/s or m/s].
-
-    Returns
-    -------
-    ndarray of shape (n_rows, n_columns)
-        In the unit of the efforts, but for rotors, which are a row of ones and zeros.
-
+    speeds (joints,) [rad/s or m/s]; returns (rows, columns).
     """
     place = {name: i for i, name in enumerate(columns)}
     rows = [np.eye(len(columns))[[i for name, i in place.items() if name.startswith('Ia(')]]]
@@ -97,20 +73,7 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
     """
     Take away the little by which parameters fall short of ``energy_rows``.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n_columns,)
-        Parameters of drives.
-    columns : sequence of str
-        Names of the parameters, such as ``Ia(joint2)``.
-    rows : ndarray of shape (n_rows, n_columns)
-        As from `energy_rows`.
-
-    Returns
-    -------
-    ndarray of shape (n_columns,)
-        Rotor inertias of zero or more, Coulomb (without such a term viscous) friction raised.
-
+    values (columns,), rows (rows, columns); returns (columns,).
     """
     values = np.array(values)
     places = [i for kind in ('Ia', 'coulomb', 'viscous') for i, name in enumerate(columns)

@@ -43,26 +43,12 @@ both."""
 
 @dataclass(frozen=True, eq=False)
 class FullParameters:
-    """
-    Parameters of every body and drive of an arm.
-
-    Attributes
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    solution : Solution
-        Parameters, in the order of ``model``'s columns, with their errors.
-    columns : tuple of str
-        Names of all parameters, bodies first.
-    model : AnalyticalModel
-        The model of efforts that they make.
-
-    """
+    """Parameters of every body and drive of an arm."""
 
     arm: Arm
-    solution: Solution
-    columns: tuple[str, ...]
-    model: AnalyticalModel
+    solution: Solution  # parameters, in the order of `model`'s columns, with their errors
+    columns: tuple[str, ...]  # names of all parameters, bodies first
+    model: AnalyticalModel  # the model of efforts that they make
 
     @property
     def bodies(self) -> dict[str, FloatArray]:
@@ -112,47 +98,13 @@ def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullPara
     """
     Find full parameters that can exist behind the effort model of a bundle.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Bundle that was read with its data.
-    prior : Prior, optional
-        What is known of the bodies; from the description by default.
-
-    Returns
-    -------
-    FullParameters
-        Parameters of every body and drive.
-
-    Raises
-    ------
-    ModelError
-        If the bundle has no analytical model of efforts, or has not kept its data.
-
+    prior: from the description by default.
     """
     return full_parameters_of(bundle.arm, effort_model(bundle), prior)
 
 
 def effort_model(bundle: ModelBundle) -> AnalyticalModel:
-    """
-    Find the model of efforts behind which there are full parameters.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Bundle that was read with its data.
-
-    Returns
-    -------
-    AnalyticalModel
-        With what its bags came to.
-
-    Raises
-    ------
-    ModelError
-        If the bundle has no analytical model of efforts, or has not kept its data.
-
-    """
+    """Find the model of efforts behind which there are full parameters."""
     model = bundle.models.get('effort', {}).get('analytical')
     if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
         raise ModelError(
@@ -170,20 +122,7 @@ def full_parameters_of(
     """
     Find full parameters that can exist behind a model of efforts.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    model : AnalyticalModel
-        Fitted model, with its data.
-    prior : Prior, optional
-        What is known of the bodies; from the description by default.
-
-    Returns
-    -------
-    FullParameters
-        Parameters of every body and drive.
-
+    prior: from the description by default.
     """
     return _full(arm, model, solve_consistent(arm, model, summed(model.data_.values()), prior))
 
@@ -194,20 +133,7 @@ def described_parameters_of(
     """
     Take bodies as they are described, with the drives that suit them best.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    model : AnalyticalModel
-        Fitted model, with its data.
-    prior : Prior, optional
-        The bodies; those of the description by default.
-
-    Returns
-    -------
-    FullParameters
-        Parameters of every body and drive.
-
+    prior: those of the description by default.
     """
     return _full(arm, model, solve_drives(
         arm, model, summed(model.data_.values()), prior or prior_of(arm)))
@@ -223,18 +149,7 @@ def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
     """
     Say which parameters unknown torque constants divide, where there are such.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    columns : sequence of str
-        Names of the parameters.
-
-    Returns
-    -------
-    ndarray of bool, shape (n_columns,)
-        Those of bodies and rotors; none where all constants are known.
-
+    Returns (columns,).
     """
     together = EffortRegressor(arm, shared=True)
     return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)

@@ -41,45 +41,28 @@ WIDTH_CONSTANT = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """
-    Full parameters.
+    """Full parameters."""
 
-    Attributes
-    ----------
-    bodies : ndarray of shape (n_bodies, 10)
-        Mass, first moments, inertia about the joint of each body [kg, kg m, kg m^2].
-    drives : ndarray of shape (n_drive_columns,)
-        Rotor inertias and friction, in the units of the regressor's columns.
-    constants : ndarray of shape (n_channels,)
-        Torque per unit of each channel beyond what is described; 1 where that is known.
-    body_errors, drive_errors, constant_errors : ndarray
-        Standard errors of the same shapes; of the constants relative ones.
-    body_widths : ndarray of shape (n_bodies, 10)
-        Standard deviations before any data.
-    described : bool
-        Whether masses stood in the description.
-    speeds : ndarray of shape (n_channels,)
-        Largest speed of each joint over which its friction is known to take energy [rad/s or
-        m/s].
-    loads : ndarray of shape (n_channels,)
-        Root mean square of what each joint carries, where friction grows with it; else 0 [N m or
-        N].
-    relative_errors, free_errors : ndarray of shape (n_channels,)
-        Relative error of each channel on the training data: of these parameters, and of base
-        parameters that need not belong to any bodies.
-
-    """
-
+    # Mass, first moments, inertia about the joint of each body, (bodies, 10) [kg, kg m, kg m^2].
     bodies: FloatArray
+    # (drive_columns,): rotor inertias and friction, in the units of the regressor's columns.
     drives: FloatArray
+    # (channels,): torque per unit of each channel beyond what is described; 1 where that is known.
     constants: FloatArray
+    # Standard errors of the same shapes; of the constants relative ones.
     body_errors: FloatArray
     drive_errors: FloatArray
     constant_errors: FloatArray
-    body_widths: FloatArray
-    described: bool
+    body_widths: FloatArray  # standard deviations before any data, (bodies, 10)
+    described: bool  # whether masses stood in the description
+    # Largest speed of each joint over which its friction is known to take energy, (channels,)
+    # [rad/s or m/s].
     speeds: FloatArray
+    # Root mean square of what each joint carries, where friction grows with it; else 0,
+    # (channels,) [N m or N].
     loads: FloatArray
+    # (channels,): relative error of each channel on the training data: of these parameters, and of
+    # base parameters that need not belong to any bodies.
     relative_errors: FloatArray
     free_errors: FloatArray
 
@@ -91,19 +74,6 @@ class Problem:
     Unknowns are log-Cholesky parameters of all bodies, in units of their widths from their
     centres; parameters of drives in units of their sizes; logarithms of unknown torque constants.
     What drives must not do (``energy_rows``) counts as an error where they do it.
-
-    Parameters
-    ----------
-    arm, model, products, prior
-        As for `solve_consistent`.
-
-    Attributes
-    ----------
-    trusted : float
-        Part of their weight that the data have.
-    strict : float
-        Weight of what drives must not do, in units of an output's noise by its size.
-
     """
 
     def __init__(
@@ -197,11 +167,7 @@ class Problem:
         """
         Give errors of the data in their noise, distances from the prior, energy of drives.
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_unknowns,)
-            Unknowns, see `Problem`.
-
+        x (unknowns,).
         """
         full, constants, _ = self._split(x)
         found = []
@@ -220,15 +186,7 @@ class Problem:
             mean / WIDTH_CONSTANT])
 
     def jacobian(self, x: FloatArray) -> FloatArray:
-        """
-        Differentiate `residual`, shape (n_residuals, n_unknowns).
-
-        Parameters
-        ----------
-        x : ndarray of shape (n_unknowns,)
-            Unknowns, see `Problem`.
-
-        """
+        """Differentiate `residual`, shape (n_residuals, n_unknowns): x (unknowns,)."""
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)
         inner = np.zeros((len(full), end))
@@ -260,11 +218,7 @@ class Problem:
         """
         Take the noise of each channel from what bodies that can exist leave over of it.
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_unknowns,)
-            Unknowns of such bodies.
-
+        x (unknowns,).
         """
         ratios = self.free / np.maximum(self._errors(x), 1e-300)
         self.parts = [(channel, ratios[channel] * matrix, ratios[channel] * target)
@@ -284,11 +238,7 @@ class Problem:
         """
         Give the parameters with their errors; several samples of data count as one.
 
-        Parameters
-        ----------
-        x : ndarray of shape (n_unknowns,)
-            Where the search ended.
-
+        x (unknowns,).
         """
         full, constants, logs = self._split(x)
         end = self.first + len(self.sizes)

@@ -54,27 +54,7 @@ def solve_consistent(
     """
     Find the bodies and drives behind the base parameters of an effort model.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that was recorded.
-    model : AnalyticalModel
-        Fitted model of its efforts.
-    products : sequence of sequence of Products
-        Data of each group and channel, as ``AnalyticalModel.products`` gives them.
-    prior : Prior, optional
-        What is known of the bodies; from the description by default.
-
-    Returns
-    -------
-    Solution
-        Parameters with standard errors.
-
-    Raises
-    ------
-    FitError
-        If nothing is found that explains the data.
-
+    prior: from the description by default.
     """
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
@@ -94,22 +74,7 @@ def solve_consistent(
 def solve_drives(
     arm: Arm, model: AnalyticalModel, products: Sequence[Sequence[Products]], prior: Prior,
 ) -> Solution:
-    """
-    Find the drives and torque constants that suit bodies as they are described.
-
-    Parameters
-    ----------
-    arm, model, products
-        As for `solve_consistent`.
-    prior : Prior
-        The bodies, at its centre.
-
-    Returns
-    -------
-    Solution
-        These bodies, with drives.
-
-    """
+    """Find the drives and torque constants that suit bodies as they are described."""
     problem = Problem(arm, model, products, prior)
     problem.trusted, problem.strict = SEARCHES[-1]
     x = problem.start()
@@ -129,18 +94,7 @@ def full_of(solution: Solution, scaled: NDArray[np.bool_]) -> FloatArray:
     """
     Give the full parameters of each channel, as a model's regressor takes them.
 
-    Parameters
-    ----------
-    solution : Solution
-        Bodies, drives and constants.
-    scaled : ndarray of bool, shape (n_columns,)
-        Columns whose parameters a torque constant divides.
-
-    Returns
-    -------
-    ndarray of shape (n_channels, n_columns)
-        Parameters.
-
+    scaled (columns,); returns (channels, columns).
     """
     full = np.concatenate([solution.bodies.ravel(), solution.drives])
     return np.array([full * np.where(scaled, 1.0 / constant, 1.0)

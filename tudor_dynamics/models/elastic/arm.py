@@ -56,52 +56,16 @@ NO_GAINS = np.zeros((1, 3, 0, 0))
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """
-    What gauges and gears of a driven arm feel.
+    """What gauges and gears of a driven arm feel."""
 
-    Attributes
-    ----------
-    moment : ndarray of shape (n_samples, n_gauges)
-        Moment that bends each gauge, positive for the load that the joint holds [N m].
-    torque : ndarray of shape (n_samples, n_joints)
-        Torque (or force) of each gear on the links [N m or N].
-
-    """
-
+    # Moment that bends each gauge, positive for the load that the joint holds, (samples, gauges)
+    # [N m].
     moment: FloatArray
-    torque: FloatArray
+    torque: FloatArray  # torque (or force) of each gear on the links, (samples, joints) [N m or N]
 
 
 class DrivenArm:
-    """
-    An arm driven by the measured positions of its active joints.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description with ``links``; gears as in ``motors``, or ``joint_stiffness`` of the links.
-    inner : float
-        Longest inner step [s].
-
-    Attributes
-    ----------
-    parameters : dict of str to float
-        Physical parameters by name, such as ``gear(joint2)``, see ``parameters.PHYSICAL``.
-    tables : Driven
-        Arrays of the arm, for compiled functions that advance or look at it.
-    gauges : GaugePlaces
-        Its gauges on their bodies.
-    arrays : tuple of ndarray
-        Those of the tables, in their order, for functions that take them apart again.
-    loaded : bool
-        Whether wrenches of its chain act on it.
-
-    Raises
-    ------
-    SimulationError
-        If the description lacks links, no link is flexible, or a gauge sits on a rigid link.
-
-    """
+    """An arm driven by the measured positions of its active joints: inner [s]."""
 
     def __init__(self, arm: Arm, *, inner: float = INNER_STEP) -> None:
         self.arm, self.inner = arm, inner
@@ -134,20 +98,7 @@ class DrivenArm:
         return int(self.tables.equations.free.size)
 
     def set_parameters(self, changes: Mapping[str, float]) -> None:
-        """
-        Change physical parameters.
-
-        Parameters
-        ----------
-        changes : mapping of str to float
-            Name to new value, see ``parameters``.
-
-        Raises
-        ------
-        SimulationError
-            If a name is unknown or a value not finite or out of its bounds.
-
-        """
+        """Change physical parameters."""
         change(self.parameters, changes, self.arm.name)
         apply(self._physics, self.parameters)
         mechanism, matrices = self.mechanism, self.tables.equations.matrices
@@ -160,23 +111,7 @@ class DrivenArm:
         """
         Follow motion; the state goes on from call to call.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_samples, n_joints)
-            Measured positions of the active joints [rad or m].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s]; 0 to begin anew, at rest.
-
-        Returns
-        -------
-        Response
-            At the samples.
-
-        Raises
-        ------
-        SimulationError
-            If no equilibrium is found where it begins, or the state grows without bounds.
-
+        q (samples, joints) [rad or m]; dt (samples,) [s]: 0 to begin anew, at rest.
         """
         found = self.prompt(q, dt, np.zeros((len(q), 0)), NO_GAINS)
         return Response(self.late(found.moment, dt), found.torque)
@@ -184,20 +119,7 @@ class DrivenArm:
     def prompt(
         self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
     ) -> Response:
-        """
-        Follow motion with readings that do not lag, drawn towards measured moments.
-
-        Parameters
-        ----------
-        q, dt, measured, gains
-            As in ``kernel.follow``.
-
-        Raises
-        ------
-        SimulationError
-            As in ``follow``.
-
-        """
+        """Follow motion with readings that do not lag, drawn towards measured moments."""
         n = len(q)
         moment = np.zeros((n, len(self.gauges.body)))
         torque = np.zeros((n, len(self.arm.active_joints)))
@@ -216,13 +138,7 @@ class DrivenArm:
         """
         Let readings lag, as behind the low-pass of an amplifier; goes on from call to call.
 
-        Parameters
-        ----------
-        moment : ndarray of shape (n_samples, n_gauges)
-            What the gauges feel [N m].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s].
-
+        moment (samples, gauges) [N m], dt (samples,) [s].
         """
         lag = self._physics.lag
         if lag <= 0.0 or not len(moment):
@@ -244,21 +160,7 @@ class DrivenArm:
         """
         Rest with the drives held at a pose, and linearise there; ``follow`` goes on from it.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_joints,)
-            Positions of the active joints [rad or m].
-
-        Returns
-        -------
-        Linearised
-            Mass, damping and stiffness of the coordinates that move.
-
-        Raises
-        ------
-        SimulationError
-            If there is no equilibrium.
-
+        q (joints,) [rad or m].
         """
         self.follow(np.asarray(q, dtype=float)[None], np.zeros(1))
         result = np.zeros((3, self.size, self.size))
@@ -270,18 +172,7 @@ class DrivenArm:
         """
         Let measured moments correct the state from now on, see ``correct``.
 
-        Parameters
-        ----------
-        deviation : ndarray of shape (n_gauges,)
-            Standard deviation of what a sample of 0.01 s measures [N m].
-        bandwidth : float
-            Rate at which an error of the first vibration dies out [1/s].
-
-        Raises
-        ------
-        SimulationError
-            If the arm has no equilibrium where it starts.
-
+        deviation (gauges,) [N m], bandwidth [1/s].
         """
         m, lag = self.size, self._physics.lag
         self._deviation = np.maximum(np.asarray(deviation, dtype=float), 1e-12)
@@ -304,18 +195,8 @@ class DrivenArm:
         """
         Correct the state behind the newest sample.
 
-        Parameters
-        ----------
-        innovation : ndarray of shape (n_gauges,)
-            Measured less predicted reading of each gauge; NaN for one that does not count [N m].
-        dt : float
-            Time since the correction before [s].
-
-        Returns
-        -------
-        bool
-            False where the arm as it stands cannot be linearised.
-
+        dt [s]; innovation (gauges,) [N m]: NaN for one that does not count; returns False where
+        the arm as it stands cannot be linearised.
         """
         self._linearise()
         mass, damping, stiffness = self._small

@@ -41,31 +41,9 @@ class CorrectedArm(DrivenArm):
         """
         Observe a motion, and keep the gains of the observer.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_samples, n_joints)
-            Measured positions of the active joints [rad or m].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s]; 0 to begin anew, at rest.
-        measured : ndarray of shape (n_samples, n_gauges)
-            Moments that the gauges show [N m].
-        deviation : ndarray of shape (n_gauges,)
-            Of what a sample measures [N m].
-        bandwidth : float
-            Rate at which an error dies out [1/s].
-        before : ndarray of shape (n_earlier, 1 + n_joints), optional
-            ``[dt, q]`` of the motion just before, which nothing corrects.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, 3, n_moving, n_gauges)
-            For ``follow_towards``.
-
-        Raises
-        ------
-        SimulationError
-            If it diverges.
-
+        q (samples, joints) [rad or m], measured (samples, gauges) [N m], deviation (gauges,)
+        [N m], bandwidth [1/s], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of the
+        motion just before, which nothing corrects; returns (samples, 3, moving, gauges).
         """
         measured, lag, self._physics.lag = self.ahead(dt, measured), self._physics.lag, 0.0
         try:
@@ -104,27 +82,8 @@ class CorrectedArm(DrivenArm):
         """
         Follow motion, drawn towards measured moments.
 
-        Parameters
-        ----------
-        q : ndarray of shape (n_samples, n_joints)
-            Measured positions of the active joints [rad or m].
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s]; 0 to begin anew, at rest.
-        measured : ndarray of shape (n_samples, n_gauges)
-            Moments that the gauges show [N m].
-        gains : ndarray of shape (n_samples, 3, n_moving, n_gauges)
-            Gains that ``gains_along`` gave.
-
-        Returns
-        -------
-        Response
-            As predicted at each sample from what was before it.
-
-        Raises
-        ------
-        SimulationError
-            If it diverges.
-
+        q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
+        (samples, 3, moving, gauges); dt (samples,) [s]: 0 to begin anew, at rest.
         """
         found = self.prompt(q, dt, self.ahead(dt, measured), gains)
         return Response(self.late(found.moment, dt), found.torque)
@@ -133,13 +92,7 @@ class CorrectedArm(DrivenArm):
         """
         Give what will be read a lag later: what draws the arm was there before it is read.
 
-        Parameters
-        ----------
-        dt : ndarray of shape (n_samples,)
-            Time since the sample before [s].
-        measured : ndarray of shape (n_samples, n_gauges)
-            Moments that the gauges show [N m].
-
+        dt (samples,) [s], measured (samples, gauges) [N m].
         """
         lag = self._physics.lag
         if lag <= 0.0:

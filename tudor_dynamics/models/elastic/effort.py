@@ -44,20 +44,8 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
     """
     Give what makes up the effort of each joint.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its friction terms.
-    response : Response
-        What gears feel.
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-    Returns
-    -------
-    list of ndarray of shape (n_samples, n_columns)
-        For each joint, in the order of ``effort_columns``.
-
+    motion (samples, 3 joints): ``[q, dq, ddq]`` of the same samples
+    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, columns).
     """
     n = len(arm.joints)
     rows = []
@@ -74,18 +62,7 @@ def friction_jumps(arm: Arm, coefficients: Sequence[FloatArray]) -> FloatArray:
     """
     Give half of what each effort jumps by where its joint begins to slide, either way.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its friction terms.
-    coefficients : sequence of ndarray
-        Of each joint, in the order of ``effort_columns``.
-
-    Returns
-    -------
-    ndarray of shape (n_joints,)
-        In the unit of each joint's effort.
-
+    Returns (joints,).
     """
     jumps = []
     for joint, values in zip(arm.joints, coefficients, strict=True):

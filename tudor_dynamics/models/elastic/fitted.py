@@ -38,29 +38,14 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True)
 class PhysicalParameter:
-    """
-    One physical parameter of an elastic arm.
+    """One physical parameter of an elastic arm."""
 
-    Attributes
-    ----------
-    name : str
-        Name, see ``DrivenArm.parameters``.
-    value : float
-        Value in the unit below.
-    unit : str
-        Unit of the value.
-    standard_error : float
-        Standard deviation of the value; NaN where it was not identified [unit].
-    shown : bool
-        Whether the recordings say more about it than the description did.
-
-    """
-
-    name: str
-    value: float
-    unit: str
+    name: str  # name, see `DrivenArm.parameters`
+    value: float  # value in the unit below
+    unit: str  # unit of the value
+    # Standard deviation of the value; NaN where it was not identified [unit].
     standard_error: float = float('nan')
-    shown: bool = False
+    shown: bool = False  # whether the recordings say more about it than the description did
 
 
 class FittedElastic:
@@ -198,22 +183,8 @@ def follow_motion(
     """
     Follow a gapless motion from rest.
 
-    Parameters
-    ----------
-    driven : DrivenArm
-        Arm with its parameters.
-    q : ndarray of shape (n_samples, n_joints)
-        Measured positions of the active joints [rad or m].
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    before : ndarray of shape (n_earlier, 1 + n_joints), optional
-        ``[dt, q]`` of the motion just before.
-
-    Returns
-    -------
-    Response
-        At the samples.
-
+    q (samples, joints) [rad or m], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of
+    the motion just before.
     """
     q, dt = np.asarray(q, dtype=float), np.array(dt, dtype=float)
     if before is not None and len(before):
@@ -226,27 +197,7 @@ def follow_motion(
 
 
 def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
-    """
-    Build the driven arm of a model.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-    values : mapping of str to float
-        Physical parameters that differ from the description.
-
-    Returns
-    -------
-    DrivenArm
-        Arm with these parameters.
-
-    Raises
-    ------
-    ModelError
-        If the description cannot be used, or has no such parameter.
-
-    """
+    """Build the driven arm of a model."""
     try:
         driven = DrivenArm(arm)
         driven.set_parameters(values)

@@ -34,31 +34,8 @@ def observe(
     """
     Follow a stretch of samples, corrected by what gauges show, and write the gains down.
 
-    Parameters
-    ----------
-    q, dt, inner, loaded, *arrays
-        As in ``kernel.follow``.
-    measured : ndarray of shape (n_samples, n_gauges)
-        Moments that the gauges show, without lag [N m].
-    variance : ndarray of shape (n_gauges,)
-        Of each moment, times the time it stands for [N^2 m^2 s].
-    noise : float
-        Power density of the white force at the tip [N^2 s].
-    stands : float
-        What a sample that begins anew stands for [s].
-    tip : int
-        Row of the tip in the wrenches of the chain.
-    seen : ndarray of shape (n_gauges, 2 m)
-        What each gauge shows of coordinates and rates [N m].
-    gains : ndarray of shape (n_samples, 3, m, n_gauges)
-        Result: what a moment that was not predicted changes in coordinates, rates and
-        accelerations.
-
-    Returns
-    -------
-    int
-        Samples done; fewer than given where the arm cannot be linearised, or diverges.
-
+    measured (samples, gauges) [N m], variance (gauges,) [N^2 m^2 s], noise [N^2 s], stands [s],
+    seen (gauges, 2 m) [N m]; writes gains (samples, 3, m, gauges).
     """
     driven = driven_of(arrays)
     equations, gears = driven.equations, driven.gears

@@ -32,22 +32,11 @@ SPRING_FLOATS = 5
 
 
 class Gears(NamedTuple):
-    """
-    Gears of the driven joints.
+    """Gears of the driven joints."""
 
-    Attributes
-    ----------
-    springs : ndarray of shape (n_springs, SPRING_FLOATS)
-        Stiffness, play and damping of each.
-    place : ndarray of int, shape (n_springs,)
-        Coordinate of each.
-    aim, aim_rate : ndarray of shape (n_springs,)
-        Position and speed of the drives.
-
-    """
-
-    springs: NDArray
-    place: NDArray
+    springs: NDArray  # stiffness, play and damping of each, (springs, SPRING_FLOATS)
+    place: NDArray  # coordinate of each, (springs,)
+    # Position and speed of the drives, (springs,).
     aim: NDArray
     aim_rate: NDArray
 

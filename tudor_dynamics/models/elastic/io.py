@@ -33,25 +33,7 @@ Elastic = TypeVar('Elastic', bound=FittedElastic)
 
 
 def elastic_to_dict(model: FittedElastic) -> dict[str, Any]:
-    """
-    Turn a fitted elastic model into plain values.
-
-    Parameters
-    ----------
-    model : FittedElastic
-        Model that was fitted.
-
-    Returns
-    -------
-    dict
-        Physical parameters, and the coefficients of each channel.
-
-    Raises
-    ------
-    NotFittedError
-        If it has learned nothing yet.
-
-    """
+    """Turn a fitted elastic model into plain values."""
     if (model.coefficients_ is None or model.standard_errors_ is None
             or model.noise_ is None):
         msg = 'the elastic model has no coefficients yet: fit it before saving it'
@@ -78,31 +60,7 @@ def elastic_to_dict(model: FittedElastic) -> dict[str, Any]:
 def elastic_from_dict(
     made: type[Elastic], content: dict[str, Any], arm: Arm, output: str,
 ) -> Elastic:
-    """
-    Build an elastic model from plain values.
-
-    Parameters
-    ----------
-    made : type
-        Class of the model.
-    content : dict
-        As from `elastic_to_dict`.
-    arm : Arm
-        Arm it was fitted for.
-    output : {'effort', 'strain'}
-        What the model predicts.
-
-    Returns
-    -------
-    FittedElastic
-        Model that can predict.
-
-    Raises
-    ------
-    ModelError
-        If a parameter, channel or column is not one of the arm, or a number is not finite.
-
-    """
+    """Build an elastic model from plain values."""
     part = read(ElasticPart, content)
     physical = tuple(PhysicalParameter(
         item.name, item.value, item.unit,

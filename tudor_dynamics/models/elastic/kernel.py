@@ -46,70 +46,36 @@ RHO = 0.8  # of the integrator: waves that no sample shows die out
 
 
 class Drives(NamedTuple):
-    """
-    How the drives move, as far as samples tell.
+    """How the drives move, as far as samples tell."""
 
-    Attributes
-    ----------
-    past : ndarray of shape (3, n_springs)
-        Positions of the two samples before, and the time between them.
-    path : ndarray of shape (n_springs, 3)
-        Position of each drive as a polynomial of the time since the last sample, constant first.
-
-    """
-
-    past: NDArray
+    past: NDArray  # (3, springs): positions of the two samples before, and the time between them
+    # (springs, 3): position of each drive as a polynomial of the time since the last sample,
+    # constant first.
     path: NDArray
 
 
 class Gauges(NamedTuple):
-    """
-    Gauges on the links.
+    """Gauges on the links."""
 
-    Attributes
-    ----------
-    body, place, axis : ndarray of shape (n_gauges,)
-        Body, distance along its beam [m], and component of the moment that bends the gauge.
-    gain : ndarray of shape (n_gauges, 2)
-        Factors of the moment, and of the rate of curvature, which takes its damping off again.
-    loads : ndarray of shape (n_gauges, LOADS)
-        Working memory for the loads at the gauges.
-
-    """
-
+    # (gauges,): body, distance along its beam [m], and component of the moment that bends the
+    # gauge.
     body: NDArray
     place: NDArray
     axis: NDArray
+    # (gauges, 2): factors of the moment, and of the rate of curvature, which takes its damping off
+    # again.
     gain: NDArray
-    loads: NDArray
+    loads: NDArray  # working memory for the loads at the gauges, (gauges, LOADS)
 
 
 class Driven(NamedTuple):
-    """
-    An arm that follows positions.
+    """An arm that follows positions."""
 
-    Attributes
-    ----------
-    equations : Equations
-        State, matrices and working memory.
-    gears : Gears
-        Gears of the driven joints.
-    drives : Drives
-        How the other ends of the gears move.
-    chain : Chain
-        Tables of the mechanism.
-    composite : Composite
-        Working memory of the mass matrix.
-    gauges : Gauges
-        Gauges that are read.
-
-    """
-
-    equations: Equations
-    gears: Gears
-    drives: Drives
-    chain: Chain
-    composite: Composite
+    equations: Equations  # state, matrices and working memory
+    gears: Gears  # gears of the driven joints
+    drives: Drives  # how the other ends of the gears move
+    chain: Chain  # tables of the mechanism
+    composite: Composite  # working memory of the mass matrix
     gauges: Gauges
 
 
@@ -131,22 +97,7 @@ def advance(driven: Driven, dt: float, steps: int, loaded: bool) -> bool:
     """
     Advance from one sample to the next.
 
-    Parameters
-    ----------
-    driven : Driven
-        Arm with the path of its drives; its state is overwritten.
-    dt : float
-        Time between the samples [s].
-    steps : int
-        Steps to take.
-    loaded : bool
-        Whether a force acts from outside.
-
-    Returns
-    -------
-    bool
-        False where the state is no longer finite.
-
+    dt [s]; returns False where the state is no longer finite.
     """
     equations, gears, chain = driven.equations, driven.gears, driven.chain
     vectors, free, delta = equations.vectors, equations.free, equations.delta
@@ -195,17 +146,7 @@ def sense(driven: Driven, loaded: bool, moment: NDArray, torque: NDArray) -> Non
     """
     Read the gauges and the gears.
 
-    Parameters
-    ----------
-    driven : Driven
-        Arm in its present state.
-    loaded : bool
-        Whether a force acts from outside.
-    moment : ndarray of shape (n_gauges,)
-        Result: moment that bends each gauge [N m].
-    torque : ndarray of shape (n_springs,)
-        Result: torque through each gear on the links [N m or N].
-
+    Writes moment (gauges,) [N m], torque (springs,) [N m or N].
     """
     vectors, gears, gauges = driven.equations.vectors, driven.gears, driven.gauges
     residual(vectors, gears, driven.chain, loaded)
@@ -286,32 +227,9 @@ def follow(
     """
     Follow a stretch of samples, corrected behind each by given gains.
 
-    Parameters
-    ----------
-    q : ndarray of shape (n_samples, n_springs)
-        Position of the drives.
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s]; 0 begins anew, from rest.
-    inner : float
-        Longest step [s].
-    loaded : bool
-        Whether a force acts from outside.
-    measured : ndarray of shape (n_samples, n_gauges) or (n_samples, 0)
-        Moments that the gauges show [N m]; none to follow positions alone.
-    gains : ndarray of shape (n_samples, 3, m, n_gauges)
-        What a moment that was not predicted changes in coordinates, rates and accelerations.
-    moment : ndarray of shape (n_samples, n_gauges)
-        Result as in ``sense``.
-    torque : ndarray of shape (n_samples, n_springs)
-        Result as in ``sense``.
-    *arrays : ndarray
-        Arm, see ``driven_of``; its state goes on from call to call.
-
-    Returns
-    -------
-    int
-        Samples done; fewer than given where the state is no longer finite.
-
+    q (samples, springs), inner [s], gains (samples, 3, m, gauges), dt (samples,) [s], measured
+    (samples, gauges) or (samples, 0) [N m]; writes moment (samples, gauges), torque
+    (samples, springs).
     """
     driven = driven_of(arrays)
     for k in range(q.shape[0]):

@@ -40,20 +40,7 @@ class LiveElastic:
     of a model that only follows the joints. The observer takes it over from measured strain: an
     extended Kalman filter, slow enough that a collision shows in the innovation first.
 
-    Parameters
-    ----------
-    models : mapping of str to FittedElastic
-        Output to model.
-    observer : {'off', 'ringing'}, default='off'
-        Whether measured strain corrects the state.
-    bandwidth : float, default=8.0
-        Of the observer [1/s].
-
-    Raises
-    ------
-    ModelError
-        If an observer is asked for and there is no model of the strain.
-
+    bandwidth [1/s].
     """
 
     def __init__(
@@ -97,11 +84,7 @@ class LiveElastic:
         """
         Give the strain that was measured at the newest sample; it counts with the next step.
 
-        Parameters
-        ----------
-        strain : ndarray of shape (n_gauges,)
-            Readings in their units; NaN for a gauge that does not count.
-
+        strain (gauges,) [its unit]: NaN for a gauge that does not count.
         """
         self._strain = strain
 

@@ -100,18 +100,7 @@ def elastic_of(bundle: ModelBundle, output: str) -> ElasticModel | None:
     """
     Find the elastic model of an output.
 
-    Parameters
-    ----------
-    bundle : ModelBundle
-        Models of an arm.
-    output : {'effort', 'strain'}
-        What it predicts.
-
-    Returns
-    -------
-    ElasticModel or None
-        None where there is no such model in the bundle.
-
+    Returns None where there is no such model in the bundle.
     """
     model = bundle.models.get(output, {}).get('elastic')
     return model if isinstance(model, ElasticModel) else None

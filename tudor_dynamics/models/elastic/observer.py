@@ -107,29 +107,8 @@ def propagate(
     """
     Carry the covariance over one sample.
 
-    Parameters
-    ----------
-    covariance : ndarray of shape (n, n)
-        Of coordinates and rates, 2 m of them, then of the readings of gauges that lag;
-        overwritten.
-    mass, damping, stiffness : ndarray of shape (m, m)
-        Of the free coordinates.
-    pushed : ndarray of shape (m, FORCES)
-        Generalised forces of a unit force at the tip.
-    shown : ndarray of shape (n_gauges, m)
-        Moment at each gauge by coordinate [N m].
-    dt : float
-        Time between the samples [s].
-    noise : float
-        Power density of the white force [N^2 s].
-    lag : float
-        Of the readings behind the moments, where they are part of the state [s].
-
-    Returns
-    -------
-    bool
-        False where a matrix is singular.
-
+    mass, damping, stiffness (m, m), pushed (m, FORCES), shown (gauges, m) [N m], dt, lag [s],
+    noise [N^2 s]; writes covariance (n, n); returns False where a matrix is singular.
     """
     m = mass.shape[0]
     n = covariance.shape[0]
@@ -183,26 +162,8 @@ def correct(
     """
     Correct the state by what the gauges say.
 
-    Parameters
-    ----------
-    covariance : ndarray of shape (n, n)
-        Covariance of the state, overwritten.
-    shown : ndarray of shape (n_gauges, n)
-        What each gauge shows of the state [N m].
-    variance : ndarray of shape (n_gauges,)
-        Of the measured moments [N^2 m^2].
-    innovation : ndarray of shape (n_gauges,)
-        Measured less predicted readings; NaN for a gauge that does not count [N m].
-    mass, damping, stiffness, vectors, free
-        As above; the state in ``vectors`` is changed.
-    reading : ndarray of shape (n_gauges,)
-        Readings that lag, changed where they are part of the state [N m].
-
-    Returns
-    -------
-    bool
-        False where a matrix is singular.
-
+    shown (gauges, n) [N m], variance (gauges,) [N^2 m^2], reading, innovation (gauges,) [N m];
+    writes covariance (n, n); returns False where a matrix is singular.
     """
     m = mass.shape[0]
     n = covariance.shape[0]
@@ -252,18 +213,7 @@ def seen_rows(shown: FloatArray, *, lags: bool) -> FloatArray:
     """
     Give what each gauge shows of the observer's state.
 
-    Parameters
-    ----------
-    shown : ndarray of shape (n_gauges, m)
-        Moment at each gauge by coordinate [N m].
-    lags : bool
-        Whether readings lag behind the moments, and are part of the state.
-
-    Returns
-    -------
-    ndarray of shape (n_gauges, n)
-        By coordinates and rates, then by the readings, if they are there.
-
+    shown (gauges, m) [N m]; returns (gauges, n).
     """
     gauges, m = shown.shape
     still = np.zeros((gauges, m))
@@ -279,24 +229,8 @@ def white_force(
     An oscillator that a white force of density q drives and white noise of density r hides has a
     filter with the decay sqrt(q / r) lever w / 2 (spectral factorisation).
 
-    Parameters
-    ----------
-    small : Linearised
-        Arm where it starts.
-    pushed : ndarray of shape (m, 3)
-        Generalised forces of a unit force at the tip.
-    shown : ndarray of shape (n_gauges, m)
-        Reading of each gauge by coordinate, in standard deviations of its noise.
-    bandwidth : float
-        Rate at which an error of the slowest vibration dies out [1/s].
-    lag : float, default=0.0
-        Of the readings, which show less of a vibration for it [s].
-
-    Returns
-    -------
-    float
-        Density of the force over that of the noise [N^2].
-
+    pushed (m, 3), shown (gauges, m), bandwidth [1/s], lag [s]; returns density of the force over
+    that of the noise [N^2].
     """
     lever = float(np.linalg.norm(shown @ np.linalg.solve(small.stiffness, pushed), 2))
     slowest = float(np.sqrt(np.linalg.eigvals(

@@ -31,25 +31,7 @@ LiveOutput = Callable[[Response, FloatArray], FloatArray]
 
 
 def live_output(model: FittedElastic) -> LiveOutput:
-    """
-    Prepare the outputs of a model, the same numbers as ``FittedElastic.outputs`` gives.
-
-    Parameters
-    ----------
-    model : FittedElastic
-        Model that was fitted.
-
-    Returns
-    -------
-    callable
-        From the response at one sample, and its motion, to the outputs in their units.
-
-    Raises
-    ------
-    NotFittedError
-        If the model has no coefficients yet.
-
-    """
+    """Prepare the outputs of a model, the same numbers as ``FittedElastic.outputs`` gives."""
     if model.coefficients_ is None:
         msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
         raise NotFittedError(msg)

@@ -42,49 +42,25 @@ RIGID_GEAR = 30.0
 
 @dataclass(frozen=True)
 class ParameterKind:
-    """
-    A kind of physical parameter.
+    """A kind of physical parameter."""
 
-    Attributes
-    ----------
-    of : {'link', 'part', 'tip', 'joint', 'arm'}
-        What has one of its own, see ``Physics.owners``.
-    unit : str
-        Unit of the value.
-    words : str
-        What the report calls it, with {} for the joint.
-    described : callable
-        Value that the description gives, by owner.
-    act : callable
-        Writes the value of an owner into the tables; kinds act in the order of the table.
-    width : float or None
-        How well one knows it from drawings and data sheets: standard deviation of its logarithm.
-        None where it is not searched.
-    least : float
-        Starting value where the description says nothing or zero; at 0 it is not searched then.
-    adds : {1, -1, 0}
-        Where strain shows a sum sharply and its shares weakly: the values add up (masses), their
-        inverses do (stiffnesses), or neither.
-    early : bool
-        Whether it is searched already where starts are compared.
-    unit_along : str
-        Unit for a prismatic joint; '' where it is the same.
-    bounds : (float, float)
-        Smallest and largest possible value.
-
-    """
-
-    of: Owner
-    unit: str
-    words: str
-    described: Callable[[Physics, str], float]
+    of: Owner  # what has one of its own, see `Physics.owners`
+    unit: str  # unit of the value
+    words: str  # what the report calls it, with {} for the joint
+    described: Callable[[Physics, str], float]  # value that the description gives, by owner
+    # Writes the value of an owner into the tables; kinds act in the order of the table.
     act: Callable[[Physics, str, float], None]
+    # How well one knows it from drawings and data sheets: standard deviation of its logarithm.
+    # None where it is not searched.
     width: float | None = None
+    # Starting value where the description says nothing or zero; at 0 it is not searched then.
     least: float = 0.0
+    # Where strain shows a sum sharply and its shares weakly: the values add up (masses), their
+    # inverses do (stiffnesses), or neither.
     adds: Literal[1, -1, 0] = 0
-    early: bool = False
-    unit_along: str = ''
-    bounds: tuple[float, float] = (0.0, math.inf)
+    early: bool = False  # whether it is searched already where starts are compared
+    unit_along: str = ''  # unit for a prismatic joint; '' where it is the same
+    bounds: tuple[float, float] = (0.0, math.inf)  # smallest and largest possible value
 
 
 class Spring(NamedTuple):
@@ -201,60 +177,20 @@ def _owner(name: str) -> str:
 
 
 def described(physics: Physics) -> dict[str, float]:
-    """
-    Give the parameters as far as the description knows them.
-
-    Parameters
-    ----------
-    physics : Physics
-        The arm as it was built.
-
-    Returns
-    -------
-    dict of str to float
-        Name to value, in SI units.
-
-    """
+    """Give the parameters as far as the description knows them."""
     return {f'{name}({owner})' if owner else name: kind.described(physics, owner)
             for of, owners in physics.owners.items() for owner in owners
             for name, kind in PHYSICAL.items() if kind.of == of}
 
 
 def apply(physics: Physics, values: Mapping[str, float]) -> None:
-    """
-    Write parameters into the tables of the arm.
-
-    Parameters
-    ----------
-    physics : Physics
-        Tables of the arm.
-    values : mapping of str to float
-        All parameters, in the order of ``described``, in SI units.
-
-    """
+    """Write parameters into the tables of the arm."""
     for name, value in values.items():
         kind_of(name).act(physics, _owner(name), value)
 
 
 def change(values: dict[str, float], changes: Mapping[str, float], name_of_arm: str) -> None:
-    """
-    Change physical parameters; none that does not exist, to nothing that cannot be.
-
-    Parameters
-    ----------
-    values : dict of str to float
-        All parameters, overwritten.
-    changes : mapping of str to float
-        Name to new value.
-    name_of_arm : str
-        For the messages.
-
-    Raises
-    ------
-    SimulationError
-        If a name is unknown or a value not finite or out of its bounds.
-
-    """
+    """Change physical parameters; none that does not exist, to nothing that cannot be."""
     for name, value in changes.items():
         if name not in values:
             msg = f'{name_of_arm} has no parameter {name!r}; it has {", ".join(values)}'
@@ -268,32 +204,14 @@ def change(values: dict[str, float], changes: Mapping[str, float], name_of_arm: 
 
 
 def physical_unit(arm: Arm, name: str) -> str:
-    """
-    Give the unit of a physical parameter; gears of prismatic joints count in N/m and m.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its joints.
-    name : str
-        Name of the parameter, such as ``gear(joint2)``.
-
-    """
+    """Give the unit of a physical parameter; gears of prismatic joints count in N/m and m."""
     kind = kind_of(name)
     along = kind.unit_along and arm.is_prismatic(_owner(name))
     return kind.unit_along if along else kind.unit
 
 
 def in_words(name: str) -> str:
-    """
-    Name a physical parameter for a reader.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter, such as ``lumped(joint2,1)``.
-
-    """
+    """Name a physical parameter for a reader."""
     kind, joint, number = kind_of(name), _owner(name), '1'
     if kind.of == 'part':
         joint, _, number = joint.rpartition(',')

@@ -30,47 +30,18 @@ Owner = Literal['link', 'part', 'tip', 'joint', 'arm']
 
 @dataclass(frozen=True, eq=False)
 class LumpedMass:
-    """
-    A lumped mass as it was described.
+    """A lumped mass as it was described."""
 
-    Attributes
-    ----------
-    body : int
-        Body of the mechanism.
-    mass : float
-        Mass of the part [kg].
-    inertia : ndarray of shape (6,)
-        Inertia about its centre [kg m^2].
-
-    """
-
-    body: int
-    mass: float
-    inertia: FloatArray
+    body: int  # body of the mechanism
+    mass: float  # mass of the part [kg]
+    inertia: FloatArray  # inertia about its centre, (6,) [kg m^2]
 
 
 class Physics:
     """
     An arm as it was described, and the tables that its physical parameters change.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm as described.
-    mechanism : Mechanism
-        Mechanism of the reduced arm, as it was built; its beams keep their length from now on.
-    springs : ndarray of shape (n_joints, SPRING_FLOATS)
-        Table of the gears, see ``gear``.
-
-    Attributes
-    ----------
-    parts : dict of str to LumpedMass
-        Lumped masses by ``link,number``, and the payload as ''.
-    owners : dict of str to tuple of str
-        What there is of each kind of owner: joints, names of parts, '' where there is one.
-    lag : float
-        Of the gauges behind the encoders: time constant of a first-order low-pass [s].
-
+    springs (joints, SPRING_FLOATS), lag [s].
     """
 
     def __init__(self, arm: Arm, mechanism: Mechanism, springs: FloatArray) -> None:
@@ -109,33 +80,11 @@ class Physics:
         return self.mechanism.body_float[self.mechanism.body_of[joint]]
 
     def scale_beam(self, joint: str, columns: list[int], factor: float) -> None:
-        """
-        Set properties of a beam by what they were as it was built.
-
-        Parameters
-        ----------
-        joint : str
-            Joint before the beam.
-        columns : list of int
-            Properties, see ``layout``.
-        factor : float
-            New value over that of the description.
-
-        """
+        """Set properties of a beam by what they were as it was built."""
         self.beam(joint)[columns] = factor * self._built[joint][columns]
 
     def weigh(self, name: str, mass: float) -> None:
-        """
-        Set the mass of a part, its inertia in proportion.
-
-        Parameters
-        ----------
-        name : str
-            Part, see ``parts``.
-        mass : float
-            New mass [kg].
-
-        """
+        """Set the mass of a part, its inertia in proportion: mass [kg]."""
         part = self.parts[name]
         floats = self.mechanism.body_float[part.body]
         floats[at.MASS] = mass

@@ -32,25 +32,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def reduced_mechanism(arm: Arm) -> Mechanism:
-    """
-    Build the arm with one linear element a link; what lies within a link goes to its end.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with ``links``.
-
-    Returns
-    -------
-    Mechanism
-        With a payload, which may have no mass.
-
-    Raises
-    ------
-    SimulationError
-        If the description lacks links, or no link is flexible.
-
-    """
+    """Build the arm with one linear element a link; what lies within a link goes to its end."""
     links = []
     for link in arm.spec.links:
         beam = link.flexible
@@ -73,69 +55,23 @@ def reduced_mechanism(arm: Arm) -> Mechanism:
 
 @dataclass(frozen=True, eq=False)
 class GaugePlaces:
-    """
-    Gauges on the bodies of a mechanism.
+    """Gauges on the bodies of a mechanism."""
 
-    Attributes
-    ----------
-    body : ndarray of int, shape (n_gauges,)
-        Body that each sits on.
-    place : ndarray of shape (n_gauges,)
-        Distance from the beam's start [m].
-    axis : ndarray of int, shape (n_gauges,)
-        Component of the moment that bends it: 1 or 2.
-    sign : ndarray of shape (n_gauges,)
-        Makes the moment positive for the load that the joint holds.
-    share : tuple of float
-        Bending stiffness about that axis over that about the beam's z axis.
-    joint : tuple of str
-        Joint of the link.
-
-    """
-
-    body: NDArray[np.int64]
-    place: FloatArray
-    axis: NDArray[np.int64]
-    sign: FloatArray
-    share: tuple[float, ...]
-    joint: tuple[str, ...]
+    body: NDArray[np.int64]  # body that each sits on, (gauges,)
+    place: FloatArray  # distance from the beam's start, (gauges,) [m]
+    axis: NDArray[np.int64]  # (gauges,): component of the moment that bends it: 1 or 2
+    sign: FloatArray  # (gauges,): makes the moment positive for the load that the joint holds
+    share: tuple[float, ...]  # bending stiffness about that axis over that about the beam's z axis
+    joint: tuple[str, ...]  # joint of the link
 
     def damping(self, values: Mapping[str, float]) -> FloatArray:
-        """
-        Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s].
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            Parameters by name, in SI units.
-
-        """
+        """Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s]."""
         return np.array([share * (values['beta'] * values[f'bending({joint})'])
                          for share, joint in zip(self.share, self.joint, strict=True)])
 
 
 def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
-    """
-    Find the gauges' places on a mechanism.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism of the reduced arm.
-    arm : Arm
-        Arm whose gauges are placed.
-
-    Returns
-    -------
-    GaugePlaces
-        In the order of the description.
-
-    Raises
-    ------
-    SimulationError
-        If a gauge sits on a rigid link.
-
-    """
+    """Find the gauges' places on a mechanism."""
     places = [place_gauge(mechanism, arm, gauge) for gauge in arm.gauges]
     joints = tuple(gauge.joint for gauge in arm.gauges)
     beams = [mechanism.beams[joint] for joint in joints]
@@ -160,20 +96,7 @@ def moving_coordinates(
     """
     Give the coordinates that move: gears, and bending in the planes that gauges see.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism of the reduced arm.
-    gauges : GaugePlaces
-        A link without gauges bends in all planes that any gauge sees; without any, in both.
-    springs : ndarray of int, shape (n_joints,)
-        Coordinates of the gears.
-
-    Returns
-    -------
-    ndarray of int, shape (n_moving,)
-        In rising order.
-
+    springs (joints,); returns (moving,).
     """
     axes = gauges.axis.tolist()
     seen = set(axes) or {1, 2}
@@ -192,20 +115,7 @@ def moment_rows(
     """
     Give the moment at each gauge by coordinate: stiffness times curvature of the cubic.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism with its present stiffness.
-    gauges : GaugePlaces
-        Places of the gauges.
-    free : ndarray of int, shape (n_moving,)
-        Coordinates that move.
-
-    Returns
-    -------
-    ndarray of shape (n_gauges, n_moving)
-        [N m per coordinate]
-
+    free (moving,); returns (gauges, moving).
     """
     rows = np.zeros((len(gauges.body), free.size))
     floats = mechanism.body_float

@@ -41,18 +41,7 @@ def follow_several(
     """
     Follow a stretch of samples with several arms side by side, which have begun before it.
 
-    Parameters
-    ----------
-    q, dt, inner, loaded, gains
-        As in ``follow``, the same for all; no time is 0.
-    measured, moment, torque, *arrays
-        As in ``follow``, their last axis the arms.
-
-    Returns
-    -------
-    int
-        Samples done; fewer than given where the state of one is no longer finite.
-
+    q, dt, inner, loaded, gains: no time is 0.
     """
     shown, read, passed = in_lanes((measured, moment, torque))
     driven = tables_of(in_lanes(arrays))
@@ -70,25 +59,9 @@ def follow_together(
     """
     Follow one motion with several arms at once, in hardly more time than with one.
 
-    Parameters
-    ----------
-    arms : sequence of CorrectedArm
-        At most ``LANES`` arms of one description and inner step, each with its parameters. Where
-        there are more than one, their states do not go on behind the first sample.
-    q : ndarray of shape (n_samples, n_joints)
-        Measured positions of the active joints [rad or m].
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s]; 0 at the first to begin there, at rest.
-    measured : sequence of ndarray of shape (n_samples, n_gauges), optional
-        Moments that draw each arm, as in ``CorrectedArm.follow_towards`` [N m].
-    gains : ndarray of shape (n_samples, 3, n_moving, n_gauges), optional
-        Gains of ``CorrectedArm.gains_along``.
-
-    Returns
-    -------
-    list of ndarray of shape (n_samples, n_gauges), or of None
-        Moments of each arm [N m]; None for one that finds no equilibrium, or diverges.
-
+    q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
+    (samples, 3, moving, gauges), dt (samples,) [s]; returns (samples, gauges) [N m], None for one
+    that finds no equilibrium, or diverges.
     """
     towards = [np.zeros((len(q), 0))] * len(arms) if measured is None else [
         arm.ahead(dt, one) for arm, one in zip(arms, measured, strict=True)]
@@ -136,20 +109,7 @@ def follow_paths(
     """
     Follow several motions with one arm each, side by side, which have begun before them.
 
-    Parameters
-    ----------
-    q : ndarray of shape (n_samples, n_springs, LANES)
-        Positions of the drives.
-    dt : float
-        Time between samples [s].
-    inner, loaded, moment, torque, *arrays
-        As in ``follow_several``.
-
-    Returns
-    -------
-    int
-        Samples done; fewer than given where the state of one is no longer finite.
-
+    q (samples, springs, LANES), dt [s].
     """
     paths, read, passed = in_lanes((q, moment, torque))
     driven = tables_of(in_lanes(arrays))
@@ -164,25 +124,8 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
     """
     Follow several motions from one pose, eight of them in hardly more time than one.
 
-    Parameters
-    ----------
-    arm : DrivenArm
-        Arm that rests at the first sample; its state does not go on behind it.
-    motions : ndarray of shape (n_motions, n_samples, n_joints)
-        Positions of the active joints, the first the same in all [rad or m].
-    dt : float
-        Time between samples [s].
-
-    Returns
-    -------
-    ndarray of shape (n_motions, n_samples, n_gauges)
-        Moments, without the lag of the gauges [N m].
-
-    Raises
-    ------
-    SimulationError
-        If there is no equilibrium where they begin, or one of them diverges.
-
+    motions (motions, samples, joints) [rad or m], dt [s]; returns (motions, samples, gauges)
+    [N m].
     """
     rest = arm.prompt(motions[0, :1], np.zeros(1), np.zeros((1, 0)), NO_GAINS).moment
     found = []

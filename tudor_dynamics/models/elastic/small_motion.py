@@ -32,16 +32,9 @@ NUDGE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """
-    Small motion about an equilibrium, drives held.
+    """Small motion about an equilibrium, drives held."""
 
-    Attributes
-    ----------
-    mass, damping, stiffness : ndarray of shape (m, m)
-        Of the coordinates that move; with weight, and with the gears as they stand there.
-
-    """
-
+    # (m, m): of the coordinates that move; with weight, and with the gears as they stand there.
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
@@ -54,19 +47,7 @@ def tangents(
     """
     Differentiate the missing forces by coordinates, rates and accelerations, from rest.
 
-    Parameters
-    ----------
-    equations : Equations
-        State at rest; the same afterwards.
-    gears : Gears
-        Gears with drives that stand still.
-    chain : Chain
-        Tables of the mechanism.
-    loaded : bool
-        Whether a force acts from outside.
-    result : ndarray of shape (3, m, m)
-        Result: stiffness, damping, mass.
-
+    Writes result (3, m, m).
     """
     vectors, free = equations.vectors, equations.free
     force = vectors[FORCE]

@@ -35,27 +35,14 @@ MATRICES = 3
 
 
 class Equations(NamedTuple):
-    """
-    State of a driven arm, and what its equations are solved with.
+    """State of a driven arm, and what its equations are solved with."""
 
-    Attributes
-    ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State of all coordinates.
-    matrices : ndarray of shape (MATRICES, n, n)
-        Stiffness and damping, and room for the mass matrix.
-    factor, delta : ndarray of shape (m, m) and (m,)
-        Working memory of the factorisation.
-    free : ndarray of int, shape (m,)
-        Coordinates that move.
-
-    """
-
-    vectors: NDArray
-    matrices: NDArray
+    vectors: NDArray  # state of all coordinates, (VECTORS, n)
+    matrices: NDArray  # stiffness and damping, and room for the mass matrix, (MATRICES, n, n)
+    # Working memory of the factorisation, (m, m).
     factor: NDArray
     delta: NDArray
-    free: NDArray
+    free: NDArray  # coordinates that move, (m,)
 
 
 @compiled
@@ -99,22 +86,7 @@ def settle(equations: Equations, gears: Gears, chain: Chain, loaded: bool) -> bo
     """
     Bend gears and links as they rest where the drives stand.
 
-    Parameters
-    ----------
-    equations : Equations
-        State, overwritten, and working memory, with the stiffness.
-    gears : Gears
-        Gears, with drives that stand still.
-    chain : Chain
-        Tables of the mechanism.
-    loaded : bool
-        Whether a force acts from outside.
-
-    Returns
-    -------
-    bool
-        False where no equilibrium was found.
-
+    Returns False where no equilibrium was found.
     """
     vectors, factor, delta, free = (
         equations.vectors, equations.factor, equations.delta, equations.free)

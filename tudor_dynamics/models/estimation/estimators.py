@@ -36,30 +36,16 @@ NEGLIGIBLE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """
-    Parameters of one group of channels.
+    """Parameters of one group of channels."""
 
-    Attributes
-    ----------
-    parameters : ndarray of shape (n_parameters,)
-        Least-squares solution, in the units of its columns.
-    standard_errors : ndarray of shape (n_parameters,)
-        Standard deviations of the parameters, from the residual variance; infinite for those that
-        the motion does not show.
-    condition : float
-        Condition number of the weighted rows, columns scaled to unit length.
-    unexcited : tuple of int
-        Parameters that the motion does not show: columns that stay zero or depend on others.
-    variances : ndarray of shape (n_channels,)
-        Residual variance of each channel.
-
-    """
-
-    parameters: FloatArray
+    parameters: FloatArray  # least-squares solution, in the units of its columns, (parameters,)
+    # (parameters,): standard deviations of the parameters, from the residual variance; infinite
+    # for those that the motion does not show.
     standard_errors: FloatArray
-    condition: float
+    condition: float  # condition number of the weighted rows, columns scaled to unit length
+    # Parameters that the motion does not show: columns that stay zero or depend on others.
     unexcited: tuple[int, ...]
-    variances: FloatArray = field(repr=False)
+    variances: FloatArray = field(repr=False)  # residual variance of each channel, (channels,)
 
 
 def _factor(products: list[Products], weights: FloatArray) -> FloatArray:
@@ -137,28 +123,7 @@ def _variance_floors(products: list[Products]) -> FloatArray:
 
 
 def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
-    """
-    Estimate the parameters that a group of channels shares.
-
-    Parameters
-    ----------
-    products : list of Products
-        One for each channel of the group.
-    weighted : bool, default=True
-        Weight each channel by the inverse of its residual variance (IDIM-WLS; Gautier, 1997),
-        found in a first pass with equal weights.
-
-    Returns
-    -------
-    Estimate
-        Parameters with their standard errors.
-
-    Raises
-    ------
-    FitError
-        If there are fewer rows than parameters.
-
-    """
+    """Estimate the parameters that a group of channels shares."""
     p = products[0].gram.shape[0] - 1
     rows = sum(product.n for product in products)
     floors = _variance_floors(products)
@@ -199,18 +164,7 @@ def expected(products: list[Products], variances: FloatArray) -> Estimate:
     """
     Say how well data will show parameters, whatever their outputs will be.
 
-    Parameters
-    ----------
-    products : list of Products
-        One for each channel of the group; what they hold of the output does not matter.
-    variances : ndarray of shape (n_channels,)
-        Residual variance of each channel that is expected.
-
-    Returns
-    -------
-    Estimate
-        Standard errors of weighted least squares; the parameters themselves are not known, NaN.
-
+    variances (channels,).
     """
     _, covariance, condition, unexcited = _solve(products, 1.0 / variances)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -222,16 +176,7 @@ def huber_weights(residuals: FloatArray) -> FloatArray:
     """
     Weigh residuals for iteratively re-weighted least squares.
 
-    Parameters
-    ----------
-    residuals : ndarray of shape (n_samples,)
-        Residuals of one channel.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        1 within 1.345 robust standard deviations, falling with the residual beyond.
-
+    residuals (samples,); returns (samples,).
     """
     sigma = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
     if sigma == 0.0:

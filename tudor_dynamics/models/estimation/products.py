@@ -37,70 +37,28 @@ def triangle(matrix: FloatArray) -> FloatArray:
     """
     Reduce rows to a triangular factor with the same Gram matrix.
 
-    Parameters
-    ----------
-    matrix : ndarray of shape (n_rows, n_columns)
-        Rows of output and regressor.
-
-    Returns
-    -------
-    ndarray of shape (min(n_rows, n_columns), n_columns)
-        Upper triangular factor.
-
+    matrix (rows, columns); returns (min(rows, columns), columns).
     """
     return np.asarray(linalg.qr(matrix, mode='r', check_finite=False)[0][:matrix.shape[1]])
 
 
 @dataclass(eq=False)
 class Products:
-    """
-    Accumulated products of one channel.
+    """Accumulated products of one channel."""
 
-    Attributes
-    ----------
-    gram : ndarray of shape (n_parameters + 1, n_parameters + 1)
-        Gram matrix of ``[rows, output]``.
-    n : int
-        Number of rows.
-    triangle : ndarray or None
-        Upper triangular factor of ``[rows, output]`` where it is accumulated too.
-
-    """
-
-    gram: FloatArray
-    n: int = 0
+    gram: FloatArray  # gram matrix of `[rows, output]`, (parameters + 1, parameters + 1)
+    n: int = 0  # number of rows
+    # Upper triangular factor of `[rows, output]` where it is accumulated too.
     triangle: FloatArray | None = None
 
     @classmethod
     def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
-        """
-        Start with nothing for ``n_parameters`` columns.
-
-        Parameters
-        ----------
-        n_parameters : int
-            Number of columns of the regressor.
-        triangular : bool
-            Keep a triangular factor in place of the Gram matrix.
-
-        """
+        """Start with nothing for ``n_parameters`` columns."""
         size = n_parameters + 1
         return cls(np.zeros((size, size)), 0, np.zeros((0, size)) if triangular else None)
 
     def add(self, rows: FloatArray, output: FloatArray, weight: FloatArray | None = None) -> None:
-        """
-        Add rows.
-
-        Parameters
-        ----------
-        rows : ndarray of shape (n_rows, n_parameters)
-            Rows of the regressor.
-        output : ndarray of shape (n_rows,)
-            Measured output of these rows.
-        weight : ndarray of shape (n_rows,), optional
-            Weight of each squared residual.
-
-        """
+        """Add rows: rows (rows, parameters), output, weight (rows,)."""
         both = np.column_stack([rows, output])
         if weight is not None:
             both *= np.sqrt(weight)[:, None]
@@ -113,18 +71,7 @@ class Products:
         """
         Give the products on more parameters, which these rows do not depend on.
 
-        Parameters
-        ----------
-        places : ndarray of int, shape (n_own,)
-            Where the own parameters stand among all.
-        n_parameters : int
-            Number of all parameters.
-
-        Returns
-        -------
-        Products
-            The same data, with zero columns.
-
+        places (own,).
         """
         index = np.append(places, n_parameters)
         wide = Products.empty(n_parameters)
@@ -153,20 +100,7 @@ class Products:
 
 
 def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]]:
-    """
-    Join the data of several parts.
-
-    Parameters
-    ----------
-    parts : iterable of sequence of sequence of Products
-        Products of each part, by group and channel; one part at least.
-
-    Returns
-    -------
-    list of list of Products
-        The same for all of them together.
-
-    """
+    """Join the data of several parts."""
     first, *others = parts
     total = [list(group) for group in first]
     for part in others:
@@ -176,15 +110,7 @@ def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]
 
 
 def triangular(parts: Iterable[Sequence[Sequence[Products]]]) -> bool:
-    """
-    Say whether parts were accumulated as triangular factors.
-
-    Parameters
-    ----------
-    parts : iterable of sequence of sequence of Products
-        Products of each part, by group and channel.
-
-    """
+    """Say whether parts were accumulated as triangular factors."""
     return any(product.triangle is not None for part in parts for group in part
                for product in group)
 
@@ -193,18 +119,7 @@ def squared_residuals(product: Products, parameters: FloatArray) -> float:
     """
     Give the residual sum of squares of a channel from its products.
 
-    Parameters
-    ----------
-    product : Products
-        Products over all samples.
-    parameters : ndarray of shape (n_parameters,)
-        Parameters to be judged.
-
-    Returns
-    -------
-    float
-        Sum of squares, never negative.
-
+    parameters (parameters,).
     """
     vector = np.append(-parameters, 1.0)
     if product.triangle is not None:

@@ -48,20 +48,13 @@ STEP = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Constants:
-    """
-    Torque constants of the channels of a group.
+    """Torque constants of the channels of a group."""
 
-    Attributes
-    ----------
-    values : ndarray of shape (n_channels,)
-        Torque per unit of each channel: in N m or N where a channel of known unit is among them,
-        else in that of the channel that the data determine best, which has 1.
-    relative_errors : ndarray of shape (n_channels,)
-        Standard deviations of their logarithms; 0 for those that are known or the measure.
-
-    """
-
+    # (channels,): torque per unit of each channel: in N m or N where a channel of known unit is
+    # among them, else in that of the channel that the data determine best, which has 1.
     values: FloatArray
+    # (channels,): standard deviations of their logarithms; 0 for those that are known or the
+    # measure.
     relative_errors: FloatArray
 
 
@@ -69,20 +62,7 @@ def rescaled(products: Products, scaled: NDArray[np.bool_], constant: float) -> 
     """
     Give the products of a channel whose torque constant is another.
 
-    Parameters
-    ----------
-    products : Products
-        Products at a constant of 1.
-    scaled : ndarray of bool, shape (n_parameters,)
-        Columns that count in torque; the others, friction, count in the unit of the channel.
-    constant : float
-        Torque per unit of the channel.
-
-    Returns
-    -------
-    Products
-        The same data.
-
+    scaled (parameters,) [unit of the channel].
     """
     factor = np.append(np.where(scaled, 1.0 / constant, 1.0), 1.0)
     triangle = None if products.triangle is None else products.triangle * factor
@@ -95,20 +75,7 @@ def find_constants(
     """
     Find the torque constants of some of the channels that share their parameters.
 
-    Parameters
-    ----------
-    products : sequence of Products
-        One for each channel, at constants of 1.
-    scaled : ndarray of bool, shape (n_parameters,)
-        Columns that count in torque.
-    unknown : sequence of int
-        Channels whose constants are not known.
-
-    Returns
-    -------
-    Constants
-        Of all channels; 1 for those that are known.
-
+    scaled (parameters,).
     """
     problem = _Problem(products, scaled, list(unknown))
     logs = np.zeros(len(unknown))

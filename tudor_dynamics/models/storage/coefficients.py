@@ -35,43 +35,16 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """
-    Base parameters of a group of channels with their estimate.
+    """Base parameters of a group of channels with their estimate."""
 
-    Attributes
-    ----------
-    base : BaseSet
-        Base parameters of the channels.
-    estimate : Estimate
-        Their values with standard errors.
-    constants : Constants or None
-        Torque constants that were found with them, where the channels share parameters up to
-        these.
-
-    """
-
-    base: BaseSet
-    estimate: Estimate
+    base: BaseSet  # base parameters of the channels
+    estimate: Estimate  # their values with standard errors
+    # Torque constants that were found with them, where the channels share parameters up to these.
     constants: Constants | None = None
 
 
 def on_all_columns(groups: Sequence[Group], regressor: Regressor) -> FloatArray:
-    """
-    Spread base parameters over the columns of a regressor.
-
-    Parameters
-    ----------
-    groups : sequence of Group
-        Parameters of channels.
-    regressor : Regressor
-        What they belong to.
-
-    Returns
-    -------
-    ndarray of shape (n_channels, n_columns)
-        Parameters of each channel, 0 where a column is none of its own.
-
-    """
+    """Spread base parameters over the columns of a regressor; returns (channels, columns)."""
     full = np.zeros((len(regressor.channels), len(regressor.columns)))
     for group in groups:
         for i, channel in enumerate(group.base.channels):
@@ -84,26 +57,7 @@ def on_all_columns(groups: Sequence[Group], regressor: Regressor) -> FloatArray:
 def groups_to_list(
     groups: tuple[Group, ...], regressor: Regressor, arm: Arm, output: str,
 ) -> list[dict[str, Any]]:
-    """
-    Turn base parameters into plain values.
-
-    Parameters
-    ----------
-    groups : tuple of Group
-        Estimates of each group of channels.
-    regressor : Regressor
-        Rows that they belong to.
-    arm : Arm
-        Arm, for the units.
-    output : {'effort', 'strain'}
-        What they predict.
-
-    Returns
-    -------
-    list of dict
-        For each group its channels and coefficients.
-
-    """
+    """Turn base parameters into plain values."""
     found = []
     for group in groups:
         names = tuple(regressor.channels[i] for i in group.base.channels)
@@ -129,31 +83,7 @@ def groups_to_list(
 def groups_of(
     parts: tuple[GroupPart, ...], regressor: Regressor, arm: Arm, output: str,
 ) -> tuple[Group, ...]:
-    """
-    Make base parameters of what was read.
-
-    Parameters
-    ----------
-    parts : tuple of GroupPart
-        Groups of a bundle.
-    regressor : Regressor
-        Rows that they belong to.
-    arm : Arm
-        Arm that they were estimated for.
-    output : {'effort', 'strain'}
-        What they predict.
-
-    Returns
-    -------
-    tuple of Group
-        Estimates of each group of channels.
-
-    Raises
-    ------
-    ModelError
-        If columns or channels are not those of the arm.
-
-    """
+    """Make base parameters of what was read."""
     index = {name: i for i, name in enumerate(regressor.columns)}
     channels = {name: i for i, name in enumerate(regressor.channels)}
     listed = [name for part in parts for name in part.channels]

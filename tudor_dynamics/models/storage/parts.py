@@ -209,29 +209,7 @@ class HeadPart(ModelsPart):
 
 
 def read(part: type[Found], content: Any, context: dict[str, Any] | None = None) -> Found:
-    """
-    Read a part from plain values.
-
-    Parameters
-    ----------
-    part : type
-        Class of the part.
-    content : object
-        Plain values, as the YAML gave them.
-    context : dict, optional
-        What the part has to fit, where its class asks for that.
-
-    Returns
-    -------
-    BundlePart
-        Values that a fit can have written.
-
-    Raises
-    ------
-    ModelError
-        If anything is missing, of another kind, or impossible.
-
-    """
+    """Read a part from plain values."""
     try:
         return part.model_validate(content, context=context)
     except ValidationError as err:

@@ -41,22 +41,7 @@ Models = Mapping[str, Mapping[str, Model]]
 
 
 def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
-    """
-    Collect the data of all models that keep some.
-
-    Parameters
-    ----------
-    sets : mapping of str to mapping
-        Prefix of the arrays' names to output to kind to model.
-
-    Returns
-    -------
-    names : dict of str to list of str
-        Name of each set of arrays to its parts.
-    arrays : dict of str to ndarray
-        Products.
-
-    """
+    """Collect the data of all models that keep some."""
     kept = list(_kept(sets))
     size = sum(product.gram.nbytes for _, model in kept for part in model.data_.values()
                for group in part for product in group)
@@ -78,26 +63,7 @@ def pack(sets: Mapping[str, Models]) -> tuple[dict[str, list[str]], dict[str, Fl
 def unpack(
     sets: Mapping[str, Models], names: Mapping[str, Sequence[str]], content: bytes, file: Path,
 ) -> None:
-    """
-    Give models their data back.
-
-    Parameters
-    ----------
-    sets : mapping of str to mapping
-        As for `pack`.
-    names : mapping of str to sequence of str
-        What the head of the bundle says of them.
-    content : bytes
-        Bytes of the file.
-    file : Path
-        Where they came from, for messages.
-
-    Raises
-    ------
-    ModelError
-        If they do not belong to the models.
-
-    """
+    """Give models their data back."""
     arrays = load_npz(content, file)
     try:
         for name, model in _kept(sets, empty=True):

@@ -195,19 +195,7 @@ def _node(tuned: TunedArm, wish: Wish, small: SmallMotion, found: Vibrations) ->
 
 
 class Judge:
-    """
-    Judges factors of the described gains at one node.
-
-    Parameters
-    ----------
-    tuned : TunedArm
-        Arm with its elastic model.
-    small : SmallMotion
-        About the pose.
-    first, second : float
-        Frequencies of the links [Hz].
-
-    """
+    """Judges factors of the described gains at one node: first, second [Hz]."""
 
     def __init__(self, tuned: TunedArm, small: SmallMotion, first: float, second: float) -> None:
         damper = tuned.arm.spec.damper
@@ -249,22 +237,7 @@ class Judge:
 
 
 def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
-    """
-    Choose the factor of the described gains at one node.
-
-    Parameters
-    ----------
-    judge : Judge
-        Of the node.
-    wish : Wish
-        What is asked for.
-
-    Returns
-    -------
-    tuple of float, float
-        Factor, and the damping ratio that it gives.
-
-    """
+    """Choose the factor of the described gains at one node."""
     best, reached, before = 0.0, judge(0.0, wish.delay).first, 0.0
     for factor in FACTORS:
         if not judge.holds(float(factor), wish.delay):

@@ -43,68 +43,25 @@ SLOW = 0.3
 
 @dataclass(frozen=True)
 class DriveLoop:
-    """
-    What stands between a command and the links.
+    """What stands between a command and the links."""
 
-    Attributes
-    ----------
-    bandwidth : float
-        Of the velocity loop [rad/s].
-    delay : float
-        From readings to commands in effect [s].
-    rotor : tuple of float
-        Inertia of each drive; 0 for one that nothing holds up [kg m^2].
-
-    """
-
-    bandwidth: float
-    delay: float
-    rotor: tuple[float, ...]
+    bandwidth: float  # of the velocity loop [rad/s]
+    delay: float  # from readings to commands in effect [s]
+    rotor: tuple[float, ...]  # inertia of each drive; 0 for one that nothing holds up [kg m^2]
 
 
 @dataclass(frozen=True, eq=False)
 class LoopGainsAt:
-    """
-    Gains to be judged.
+    """Gains to be judged."""
 
-    Attributes
-    ----------
-    strain : ndarray of shape (n_damped,)
-        Of the dampers [rad/s per m/m].
-    position : float
-        Speed per position error [1/s].
-    mean : float
-        Corner of the DC blocker [rad/s].
-    joints : ndarray of int, shape (n_damped,)
-        Drive that each damper commands.
-
-    """
-
-    strain: FloatArray
-    position: float
-    mean: float
-    joints: NDArray[np.intp]
+    strain: FloatArray  # of the dampers, (damped,) [rad/s per m/m]
+    position: float  # speed per position error [1/s]
+    mean: float  # corner of the DC blocker [rad/s]
+    joints: NDArray[np.intp]  # drive that each damper commands, (damped,)
 
 
 def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> FloatArray:
-    """
-    Give the matrix of the closed loop.
-
-    Parameters
-    ----------
-    small : SmallMotion
-        Links about rest at one pose.
-    drive : DriveLoop
-        Drives and the delay before them.
-    gains : LoopGainsAt
-        Gains of damper and position loop.
-
-    Returns
-    -------
-    ndarray of shape (2 m + 5 n_joints + n_damped,) twice
-        Of coordinates, rates, drives' positions, speeds and integrators, means, delays.
-
-    """
+    """Give the matrix of the closed loop; returns (2 m + 5 joints + damped,)."""
     m, n, d = len(small.mass), small.rest.shape[1], len(gains.strain)
     parts = np.cumsum([0, m, m, n, n, n, d, n, n])
     z, dz, th, w, held, mean, old, older = (
@@ -143,45 +100,17 @@ def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> Flo
 
 @dataclass(frozen=True, eq=False)
 class LoopDamping:
-    """
-    How a loop swings.
+    """How a loop swings."""
 
-    Attributes
-    ----------
-    frequency : float
-        Of the worst damped oscillation of the first mode [Hz]; NaN where nothing swings there.
-    first : float
-        Its damping ratio, 1 where nothing swings there.
-    others : float
-        Least damping ratio of what swings faster, up to 40 Hz.
-    decay : float
-        Of what dies out slowest [1/s]; negative where it grows.
-
-    """
-
+    # Of the worst damped oscillation of the first mode [Hz]; NaN where nothing swings there.
     frequency: float
-    first: float
-    others: float
-    decay: float
+    first: float  # its damping ratio, 1 where nothing swings there
+    others: float  # least damping ratio of what swings faster, up to 40 Hz
+    decay: float  # of what dies out slowest [1/s]; negative where it grows
 
 
 def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping:
-    """
-    Judge a loop by its poles.
-
-    Parameters
-    ----------
-    matrix : ndarray of shape (n, n)
-        Rates of all states by the states, as ``loop_matrix`` gives them.
-    first, second : float
-        First two frequencies of the links, drives held [Hz].
-
-    Returns
-    -------
-    LoopDamping
-        Damping by mode.
-
-    """
+    """Judge a loop by its poles: matrix (n, n), first, second [Hz]."""
     poles = np.linalg.eigvals(matrix)
     size = np.abs(poles) / (2.0 * math.pi)
     swings = poles.imag > 1e-6 * np.abs(poles)

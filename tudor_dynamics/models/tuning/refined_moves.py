@@ -62,31 +62,7 @@ class MoveRefiner:
     def __call__(
         self, profile: Profile, limits: MotionLimits, payload: float, period: float,
     ) -> Profile:
-        """
-        Refine a move.
-
-        Parameters
-        ----------
-        profile : Profile
-            Move from rest to rest.
-        limits : MotionLimits
-            Of speed and acceleration.
-        payload : float
-            Mass at the tip [kg].
-        period : float
-            Of the slowest mode at its end: for so long behind it nothing is to swing [s].
-
-        Returns
-        -------
-        Profile
-            As long, with the same ends.
-
-        Raises
-        ------
-        SimulationError
-            If the model finds no rest where it begins, or diverges.
-
-        """
+        """Refine a move: payload [kg], period [s]."""
         t = np.arange(0.0, profile.duration + BEHIND + period, SAMPLE)
         behind = np.flatnonzero(t > profile.duration + BEHIND)[::EVERY]
 
@@ -97,22 +73,7 @@ class MoveRefiner:
 
 
 def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
-    """
-    Give what refines moves by the elastic model of a bundle.
-
-    Parameters
-    ----------
-    arm : Arm
-        Description with a damper.
-    bundle : ModelBundle
-        Models of that arm.
-
-    Raises
-    ------
-    ModelError
-        If there is no elastic model of strain, or the arm has no damper.
-
-    """
+    """Give what refines moves by the elastic model of a bundle."""
     model = elastic_of(bundle, 'strain')
     if model is None:
         raise ModelError('moves are refined by an elastic model of strain, and there is none',

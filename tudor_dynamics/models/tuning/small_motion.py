@@ -45,33 +45,18 @@ NUDGE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class SmallMotion:
-    """
-    An arm about rest at one pose; strains are those of the damped joints' gauges, in m/m.
+    """An arm about rest at one pose; strains are those of the damped joints' gauges, in m/m."""
 
-    Attributes
-    ----------
-    mass, damping, stiffness : ndarray of shape (m, m)
-        Of gears and links, with weight.
-    rest : ndarray of shape (m, n_joints)
-        Where they rest by the positions of the drives.
-    strain : ndarray of shape (n_damped, m)
-        Strain by coordinate [1/coordinate].
-    load : ndarray of shape (n_damped,)
-        Strain at rest.
-    slope : ndarray of shape (n_damped, n_joints)
-        The same by the positions of the drives [1/rad].
-    reaction : ndarray of shape (n_joints, m + n_joints)
-        Torque of the links on each drive by coordinates and positions of the drives [N m/rad].
-
-    """
-
+    # Of gears and links, with weight, (m, m).
     mass: FloatArray
     damping: FloatArray
     stiffness: FloatArray
-    rest: FloatArray
-    strain: FloatArray
-    load: FloatArray
-    slope: FloatArray
+    rest: FloatArray  # where they rest by the positions of the drives, (m, joints)
+    strain: FloatArray  # strain by coordinate, (damped, m) [1/coordinate]
+    load: FloatArray  # strain at rest, (damped,)
+    slope: FloatArray  # the same by the positions of the drives, (damped, joints) [1/rad]
+    # Torque of the links on each drive by coordinates and positions of the drives,
+    # (joints, m + joints) [N m/rad].
     reaction: FloatArray
 
     @property
@@ -80,22 +65,7 @@ class SmallMotion:
         return np.asarray(-self.strain @ np.linalg.solve(self.stiffness, self.mass @ self.rest))
 
     def modes(self, count: int, signs: FloatArray | None = None) -> Vibrations:
-        """
-        Solve for the slowest modes, drives held.
-
-        Parameters
-        ----------
-        count : int
-            Most modes wanted.
-        signs : ndarray of shape (n_modes, m), optional
-            Shapes of a pose nearby, whose signs these get.
-
-        Returns
-        -------
-        Vibrations
-            Ascending.
-
-        """
+        """Solve for the slowest modes, drives held: signs (modes, m)."""
         symmetric = 0.5 * (self.stiffness + self.stiffness.T)
         values, vectors = eigh(symmetric, 0.5 * (self.mass + self.mass.T))
         shape = vectors[:, :count].T
@@ -112,27 +82,15 @@ class SmallMotion:
 
 @dataclass(frozen=True, eq=False)
 class Vibrations:
-    """
-    Modes of small motion, drives held.
+    """Modes of small motion, drives held."""
 
-    Attributes
-    ----------
-    frequency, damping : ndarray of shape (n_modes,)
-        Undamped frequencies [Hz] and damping ratios.
-    shape : ndarray of shape (n_modes, m)
-        Coordinates of each mode, mass-normalised.
-    drive : ndarray of shape (n_modes, n_joints)
-        Right side of each mode's equation by accelerations of the drives.
-    strain : ndarray of shape (n_modes, n_damped)
-        Strain of each [m/m].
-
-    """
-
+    # (modes,): undamped frequencies [Hz] and damping ratios.
     frequency: FloatArray
     damping: FloatArray
-    shape: FloatArray
+    shape: FloatArray  # coordinates of each mode, mass-normalised, (modes, m)
+    # (modes, joints): right side of each mode's equation by accelerations of the drives.
     drive: FloatArray
-    strain: FloatArray
+    strain: FloatArray  # strain of each, (modes, damped) [m/m]
 
 
 class TunedArm:

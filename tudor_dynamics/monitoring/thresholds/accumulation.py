@@ -50,18 +50,7 @@ def advance(
     """
     Add one sample to the sums.
 
-    Parameters
-    ----------
-    dt : float
-        Time since the sample before [s].
-    z : ndarray of shape (n_channels,)
-        Change of the residual by the onset's profile, with its sign.
-    threshold : ndarray of shape (n_channels,)
-        Sum that is told; what goes the other way behind it is the force that goes, and begins
-        below zero [s].
-    sums : ndarray of shape (2, n_channels)
-        Sums of both directions, changed in place [s].
-
+    dt [s], z (channels,), threshold (channels,) [s]; writes sums (2, channels) [s].
     """
     step = min(dt, LONGEST)
     for i in range(len(z)):
@@ -92,18 +81,7 @@ def accumulate(dt: FloatArray, z: FloatArray) -> FloatArray:
     """
     Sum a gapless record up.
 
-    Parameters
-    ----------
-    dt : ndarray of shape (n_samples,)
-        Time since the sample before [s].
-    z : ndarray of shape (n_samples, n_channels)
-        Changes of the residual by the onset's profile, with their signs.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        The larger sum of both directions, without an end [s].
-
+    dt (samples,) [s], z (samples, channels); returns (samples, channels) [s].
     """
     out = np.empty_like(z)
     _record(dt, z, out)

@@ -32,20 +32,7 @@ THINNED = 100
 
 
 class Calibration:
-    """
-    Collects free motion for a while.
-
-    Parameters
-    ----------
-    channels : dict of str to tuple of str
-        Method to its channels.
-    seconds : float
-        Motion to collect, by the stamps [s].
-    stiction : callable, optional
-        Gives for a method and positions the friction that may hold each joint while it stands;
-        none by default.
-
-    """
+    """Collects free motion for a while: seconds [s]."""
 
     def __init__(
         self, channels: dict[str, tuple[str, ...]], seconds: float,
@@ -59,17 +46,7 @@ class Calibration:
         self._count = 0
 
     def add(self, method: str, residual: Residual) -> None:
-        """
-        Collect one residual.
-
-        Parameters
-        ----------
-        method : str
-            Method that the residual is of.
-        residual : Residual
-            Residual of a sample of free motion.
-
-        """
+        """Collect one residual."""
         parts = self._parts[method]
         motion = residual.motion
         last = parts[-1][-1].motion.stamp if parts else 0
@@ -88,20 +65,7 @@ class Calibration:
                 or min(self._collected.values(), default=0.0) >= self.seconds)
 
     def learn(self) -> dict[str, MethodThresholds]:
-        """
-        Learn the thresholds.
-
-        Returns
-        -------
-        dict of str to MethodThresholds
-            Method to thresholds.
-
-        Raises
-        ------
-        FitError
-            If there is too little motion, or a residual never changes.
-
-        """
+        """Learn the thresholds."""
         found = {}
         for method, parts in self._parts.items():
             records = [FreeMotion(np.array([r.motion.stamp for r in part], dtype=np.int64),

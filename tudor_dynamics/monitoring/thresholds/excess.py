@@ -37,63 +37,30 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True)
 class Rates:
-    """
-    False alarms that the user allows, per hour of free motion.
+    """False alarms that the user allows, per hour of free motion."""
 
-    Attributes
-    ----------
-    collision : float
-        Of the level that acts [1/h].
-    contact : float
-        Of the level that only tells [1/h].
-
-    """
-
-    collision: float = 1.0
-    contact: float = 60.0
+    collision: float = 1.0  # of the level that acts [1/h]
+    contact: float = 60.0  # of the level that only tells [1/h]
 
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Excess:
-    """
-    One sample of one method against its thresholds.
+    """One sample of one method against its thresholds."""
 
-    Attributes
-    ----------
-    residual : Residual
-        Residual of the sample.
-    onset : ndarray of shape (n_channels,)
-        Onset statistic, in the unit of the residual.
-    contact, collision : ndarray of shape (n_channels,)
-        Ratio to the threshold of each level, the largest of residual, onset and accumulated
-        onset; above 1 exceeds.
-    sudden : ndarray of shape (n_channels,)
-        Ratio of the onset to its collision threshold; negative where it takes from the residual.
-    threshold : ndarray of shape (n_channels,)
-        Collision threshold of the residual in force, in its unit.
-
-    """
-
-    residual: Residual
-    onset: FloatArray
+    residual: Residual  # residual of the sample
+    onset: FloatArray  # onset statistic, in the unit of the residual, (channels,)
+    # (channels,): ratio to the threshold of each level, the largest of residual, onset and
+    # accumulated onset; above 1 exceeds.
     contact: FloatArray
     collision: FloatArray
+    # (channels,): ratio of the onset to its collision threshold; negative where it takes from the
+    # residual.
     sudden: FloatArray
-    threshold: FloatArray
+    threshold: FloatArray  # collision threshold of the residual in force, in its unit, (channels,)
 
 
 class ExcessStage:
-    """
-    Compares residuals with thresholds.
-
-    Parameters
-    ----------
-    thresholds : MethodThresholds
-        Thresholds that were learned.
-    rates : Rates
-        False alarms allowed for this method.
-
-    """
+    """Compares residuals with thresholds."""
 
     def __init__(self, thresholds: MethodThresholds, rates: Rates) -> None:
         self.thresholds = thresholds
@@ -136,22 +103,7 @@ class ExcessStage:
         self._places = places_of(self._tables)
 
     def step(self, residual: Residual, first: bool = False) -> Excess:
-        """
-        Compare one sample.
-
-        Parameters
-        ----------
-        residual : Residual
-            Sample, later than those before it.
-        first : bool, default=False
-            Whether the past does not count.
-
-        Returns
-        -------
-        Excess
-            Ratios to the thresholds.
-
-        """
+        """Compare one sample."""
         stamp = residual.motion.stamp
         first = first or self._last is None or stamp <= self._last
         dt = 0.0 if first or self._last is None else (stamp - self._last) * 1e-9

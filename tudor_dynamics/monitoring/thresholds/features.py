@@ -40,17 +40,8 @@ class MotionFeatures:
     """
     Columns of a threshold: constant, speeds, accelerations now and lately, recent reversals.
 
-    Parameters
-    ----------
-    n_joints : int
-        Number of active joints.
-
-    Attributes
-    ----------
-    direction, reversed_at, lately : ndarray of shape (n_joints,)
-        What is remembered: signs of the speeds, stamps of the last reversals [ns], decaying maxima
-        of the accelerations [rad/s^2 or m/s^2].
-
+    direction, reversed_at, lately (joints,): what is remembered: signs of the speeds, stamps of
+    the last reversals [ns], decaying maxima of the accelerations [rad/s^2 or m/s^2].
     """
 
     def __init__(self, n_joints: int) -> None:
@@ -73,19 +64,8 @@ class MotionFeatures:
         """
         Evaluate the columns at one sample, later than those before it.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        row : ndarray of shape (3 n_joints,)
-            ``[q, dq, ddq]`` of one sample [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-
-        Returns
-        -------
-        ndarray of shape (size,)
-            1, ``|dq|``, ``|ddq|``, the decaying maximum of ``|ddq|``, and 1 for each joint that
-            has just reversed.
-
+        stamp [ns]; row (3 joints,): ``[q, dq, ddq]`` of one sample
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (size,).
         """
         columns = np.empty(self.size)
         evaluate_features(stamp, self._last, row, self.direction, self.reversed_at, self.lately,

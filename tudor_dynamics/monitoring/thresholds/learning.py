@@ -59,22 +59,13 @@ DOUBT = 2.0
 
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
-    """
-    A gapless stretch of residuals while nothing touched the arm.
+    """A gapless stretch of residuals while nothing touched the arm."""
 
-    Attributes
-    ----------
-    stamp : ndarray of int64, shape (n_samples,)
-        Header stamps [ns].
-    motion : ndarray of shape (n_samples, 3 n_joints)
-        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
-    residual : ndarray of shape (n_samples, n_channels)
-        Residuals of a model that was not fitted to these samples.
-
-    """
-
-    stamp: NDArray[np.int64]
+    stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
+    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
     motion: FloatArray
+    # Residuals of a model that was not fitted to these samples, (samples, channels).
     residual: FloatArray
 
     @property
@@ -87,30 +78,7 @@ def learn_thresholds(
     records: Sequence[FreeMotion], channels: tuple[str, ...],
     stiction: FloatArray | None = None,
 ) -> MethodThresholds:
-    """
-    Learn the thresholds of one method.
-
-    Parameters
-    ----------
-    records : sequence of FreeMotion
-        Residuals of unseen free motion.
-    channels : tuple of str
-        Gauges or joints.
-    stiction : ndarray of shape (n_channels,), optional
-        Friction that may hold each joint while it stands, in the unit of the residual; none by
-        default.
-
-    Returns
-    -------
-    MethodThresholds
-        Thresholds for any false-alarm rate.
-
-    Raises
-    ------
-    FitError
-        If there is too little free motion.
-
-    """
+    """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
     if not records:
         msg = 'no free motion to learn thresholds from'
         raise FitError(msg)

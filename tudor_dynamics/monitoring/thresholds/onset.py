@@ -49,18 +49,7 @@ def learn_taps(
     """
     Learn the autoregression and fold it with the window into one filter.
 
-    Parameters
-    ----------
-    records : sequence of (t (n_samples,), residual (n_samples, n_channels))
-        Gapless stretches of free motion.
-    step : float
-        Time between the taps [s].
-
-    Returns
-    -------
-    ndarray of shape (LAGS + WINDOW, n_channels, n_channels)
-        Weights of the residual now and at each step of the past.
-
+    step [s]; returns (LAGS + WINDOW, channels, channels).
     """
     n = records[0][1].shape[1]
     gram, moment = np.zeros((LAGS * n, LAGS * n)), np.zeros((LAGS * n, n))
@@ -97,23 +86,8 @@ class OnsetFilter:
     """
     Evaluates the statistic.
 
-    Parameters
-    ----------
-    taps : ndarray of shape (n_taps, n_channels, n_channels)
-        Weights, as from `learn_taps`.
-    step : float
-        Time between the taps [s].
-
-    Attributes
-    ----------
-    t, x : ndarray of shape (n_places,) and (n_places, n_channels)
-        Times [s] and residuals that were seen; ``count`` of them, of which those from ``begin`` on
-        are looked at.
-    ages : ndarray of shape (n_taps,)
-        How old what is weighed is, the oldest first [s].
-    weights : ndarray of shape (n_taps n_channels, n_channels)
-        Weights in that order.
-
+    taps (taps, channels, channels), step [s], t, x (places,) [s], ages (taps,) [s], weights
+    (taps channels, channels).
     """
 
     def __init__(self, taps: FloatArray, step: float) -> None:
@@ -136,18 +110,7 @@ class OnsetFilter:
         """
         Evaluate a gapless record at once.
 
-        Parameters
-        ----------
-        t : ndarray of shape (n_samples,)
-            Times of the samples [s].
-        residual : ndarray of shape (n_samples, n_channels)
-            Residuals of a gapless stretch, in their units.
-
-        Returns
-        -------
-        ndarray of shape (n_samples, n_channels)
-            Statistic, zero while the past is too short.
-
+        t (samples,) [s], residual (samples, channels) [its unit]; returns (samples, channels).
         """
         lagged = _lagged(t, residual, self.step_time, len(self.taps))
         out = np.einsum('tkc,kcd->td', lagged, self.taps)
@@ -158,20 +121,7 @@ class OnsetFilter:
         """
         Evaluate one sample.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        residual : ndarray of shape (n_channels,)
-            Residual of one sample, in its unit.
-        first : bool
-            Whether the past does not count.
-
-        Returns
-        -------
-        ndarray of shape (n_channels,)
-            Statistic, zero while the past is too short.
-
+        stamp [ns], residual (channels,) [its unit]; returns (channels,).
         """
         known = self.take_place(stamp, first)
         self.x[self.count - 1] = residual
@@ -185,18 +135,7 @@ class OnsetFilter:
         """
         Make a place for the residual of a sample, the last in use; whoever asks fills it.
 
-        Parameters
-        ----------
-        stamp : int
-            Header stamp [ns].
-        first : bool
-            Whether the past does not count.
-
-        Returns
-        -------
-        bool
-            Whether the past is long enough for the statistic.
-
+        stamp [ns].
         """
         if first or self.count == 0:
             self.count = self.begin = 0

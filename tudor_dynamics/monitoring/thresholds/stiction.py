@@ -39,18 +39,7 @@ def held_friction(stiction: AnyFloat, speed: AnyFloat) -> AnyFloat:
     """
     Give the friction that may hold a joint at a speed.
 
-    Parameters
-    ----------
-    stiction : float or ndarray
-        Largest friction of a joint that stands, in the unit of its effort.
-    speed : float or ndarray
-        Size of the joint's speed [rad/s or m/s].
-
-    Returns
-    -------
-    float or ndarray
-        Friction of which the motion does not tell, in the same unit.
-
+    stiction [unit of its effort], speed [rad/s or m/s].
     """
     return stiction * np.maximum(0.0, 1.0 - speed / STANDING)
 
@@ -62,19 +51,8 @@ def advance_held(
     """
     Follow the friction that holds each joint, and give what is left of the residual.
 
-    Parameters
-    ----------
-    dt : float
-        Time since the sample before; 0 to begin anew [s].
-    value : ndarray of shape (n_channels,)
-        Residual, in its unit.
-    held : ndarray of shape (n_channels,)
-        Friction that may hold each joint now, in the same unit.
-    friction : ndarray of shape (n_channels,)
-        What is taken for it, changed in place.
-    out : ndarray of shape (n_channels,)
-        Residual less that.
-
+    value (channels,) [its unit], held, out (channels,); dt [s]: 0 to begin anew; writes friction
+    (channels,).
     """
     share = 1.0 if dt <= 0.0 else dt / (SETTLES + dt)
     for i in range(len(value)):
@@ -95,18 +73,7 @@ def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
     """
     Take the friction that holds off a gapless record.
 
-    Parameters
-    ----------
-    t : ndarray of shape (n_samples,)
-        Times of the samples [s].
-    value, held : ndarray of shape (n_samples, n_channels)
-        Residuals, and the friction that may hold each joint, in their units.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_channels)
-        Residuals less what is taken for friction.
-
+    t (samples,) [s], value, held (samples, channels) [its unit]; returns (samples, channels).
     """
     out = np.empty_like(value)
     _record(np.diff(t, prepend=t[0]), value, held, out)

@@ -45,30 +45,14 @@ class Tail:
     A generalised Pareto distribution, exponential or with a bound: residuals of free motion are
     bounded by physics. Seconds at rest and in motion are mixed, and only the upper part of that
     mixture follows one law.
-
-    Attributes
-    ----------
-    location : float
-        Ratio that a share of the seconds exceeds.
-    scale : float
-        Scale of their excess.
-    shape : float
-        0 for an exponential tail; otherwise the excess is below scale / shape.
-    share : float
-        Share of the samples above that value.
-    largest : float
-        Largest ratio that was seen.
-    count : float
-        Peaks that the distribution was fitted to.
-
     """
 
-    location: float
-    scale: float
-    shape: float
-    share: float
-    largest: float
-    count: float
+    location: float  # ratio that a share of the seconds exceeds
+    scale: float  # scale of their excess
+    shape: float  # 0 for an exponential tail; otherwise the excess is below scale / shape
+    share: float  # share of the samples above that value
+    largest: float  # largest ratio that was seen
+    count: float  # peaks that the distribution was fitted to
 
     def ratio(self, per_hour: float) -> float:
         """
@@ -77,17 +61,6 @@ class Tail:
         The scale is known as well as its peaks are many. What is left of the doubt is counted
         in: the ratio is that of the predictive distribution, which for an exponential tail is
         (1 + x / (n scale))^-n, and larger than that of the tail itself.
-
-        Parameters
-        ----------
-        per_hour : float
-            Seconds per hour in which it is exceeded, > 0.
-
-        Returns
-        -------
-        float
-            Ratio of statistic to profile.
-
         """
         certain = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
         relative = -self.count * math.expm1(-certain / self.count)
@@ -98,43 +71,24 @@ class Tail:
 
 @dataclass(frozen=True, eq=False)
 class MethodThresholds:
-    """
-    All that is learned for one method: strain, effort or momentum observer.
+    """All that is learned for one method: strain, effort or momentum observer."""
 
-    Attributes
-    ----------
-    channels : tuple of str
-        Gauges or joints.
-    step : float
-        Step of the onset statistic [s].
-    taps : ndarray of shape (n_taps, n_channels, n_channels)
-        Weights of the onset statistic.
-    profile : ndarray of shape (2 n_channels, 1 + 4 n_joints)
-        Typical size of the residuals, then of the onset statistics, in the unit of the output per
-        column of `MotionFeatures`.
-    tails : tuple of Tail
-        One for each row of ``profile``, then of the accumulated onset of each channel, if there
-        are so many; bundles that are older have none.
-    seconds : float
-        Duration of free motion that this was learned from [s].
-    usual : ndarray of shape (n_channels,)
-        Usual level of the onset statistics there, see `Familiarity`; infinite where unknown.
-    reach : ndarray of shape (n_joints,)
-        Largest speeds there [rad/s or m/s]; infinite where unknown.
-    stiction : ndarray of shape (n_channels,)
-        Friction that may hold each joint while it stands, in the unit of its effort: added to the
-        threshold of the residual there. Zeros for gauges.
-
-    """
-
-    channels: tuple[str, ...]
-    step: float
-    taps: FloatArray
+    channels: tuple[str, ...]  # gauges or joints
+    step: float  # step of the onset statistic [s]
+    taps: FloatArray  # weights of the onset statistic, (taps, channels, channels)
+    # (2 channels, 1 + 4 joints): typical size of the residuals, then of the onset statistics, in
+    # the unit of the output per column of `MotionFeatures`.
     profile: FloatArray
+    # One for each row of `profile`, then of the accumulated onset of each channel, if there are so
+    # many; bundles that are older have none.
     tails: tuple[Tail, ...]
-    seconds: float
+    seconds: float  # duration of free motion that this was learned from [s]
+    # (channels,): usual level of the onset statistics there, see `Familiarity`; infinite where
+    # unknown.
     usual: FloatArray
-    reach: FloatArray
+    reach: FloatArray  # (joints,): largest speeds there [rad/s or m/s]; infinite where unknown
+    # (channels,): friction that may hold each joint while it stands, in the unit of its effort:
+    # added to the threshold of the residual there. Zeros for gauges.
     stiction: FloatArray
 
     @property
@@ -143,20 +97,7 @@ class MethodThresholds:
         return (self.profile.shape[1] - 1) // 4
 
     def doubt(self, per_hour: float) -> float:
-        """
-        Say how much wider thresholds are than those of as much motion as one could wish for.
-
-        Parameters
-        ----------
-        per_hour : float
-            False alarms per hour of free motion, all channels together.
-
-        Returns
-        -------
-        float
-            Largest factor among the residuals; near 1 where minutes were learned from.
-
-        """
+        """Say how much wider thresholds are than those of as much motion as one could wish for."""
         sure = replace(self, tails=tuple(replace(tail, count=1e9) for tail in self.tails))
         n = len(self.channels)
         return float(np.max(self.ratios(per_hour)[:n] / sure.ratios(per_hour)[:n]))
@@ -165,17 +106,7 @@ class MethodThresholds:
         """
         Share a false-alarm rate out among all statistics.
 
-        Parameters
-        ----------
-        per_hour : float
-            False alarms per hour of free motion, all channels together.
-
-        Returns
-        -------
-        ndarray of shape (3 n_channels,)
-            Ratios to the profile, for residual and onset, and sums of the accumulated onset [s];
-            infinite where they have no tail.
-
+        Returns (3 channels,) [s], infinite where they have no tail.
         """
         n = len(self.channels)
         weights = np.repeat(WEIGHTS, n)[:len(self.tails)]

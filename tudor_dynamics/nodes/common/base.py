@@ -109,31 +109,11 @@ class TudorNode(Node):
     """
     Base of the nodes.
 
-    Parameters
-    ----------
-    name : str
-        Name of the node, which is also its key in the table of parameters.
-    steady : callable, default=time.monotonic
-        Clock by which the node tells ages, never that of ROS, which stops with a simulator [s].
-    **kwargs
-        Of rclpy's Node: context, namespace, parameter_overrides, ...
-
-    Attributes
-    ----------
-    meter : Meter
-        Rate and latency.
-    drops : collections.Counter
-        Messages that the node itself left out, by cause.
-    fault : str
-        What keeps the node from its work; empty for nothing.
-    ended : str
-        Why a managed node will not work any more, see `end`; empty while it may.
-    depth : int
-        Of its queues.
-
+    steady: clock by which the node tells ages, never that of ROS, which stops with a simulator
+    [s]; fault: empty for nothing; ended: empty while it may.
     """
 
-    depth = DEPTH
+    depth = DEPTH  # of its queues
 
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
@@ -158,22 +138,7 @@ class TudorNode(Node):
         self._start = self.every(0.0, self._announce)  # once the node is made
 
     def every(self, period: float, callback: Callable[[], None]) -> Timer:
-        """
-        Call something again and again, whatever the clock of ROS does.
-
-        Parameters
-        ----------
-        period : float
-            Time between two calls on the steady clock [s].
-        callback : callable
-            What to call.
-
-        Returns
-        -------
-        rclpy.timer.Timer
-            Timer.
-
-        """
+        """Call something again and again, whatever the clock of ROS does: period [s]."""
         return self.create_timer(period, callback, clock=self._steady_clock)
 
     def value(self, name: str) -> Any:
@@ -257,17 +222,7 @@ class TudorNode(Node):
         return sorted(names)
 
     def serve(self, name: str, action: Callable[[], str]) -> None:
-        """
-        Offer a Trigger service.
-
-        Parameters
-        ----------
-        name : str
-            Name of the service.
-        action : callable
-            Does it and says what was done; a TudorError is the answer of a failure.
-
-        """
+        """Offer a Trigger service."""
         def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message = action()

@@ -26,15 +26,7 @@ from tudor_dynamics.nodes.common.messages import time_message
 
 
 class CollisionTold:
-    """
-    Publishes levels as they change, and collisions as they come.
-
-    Parameters
-    ----------
-    node : TudorNode
-        Node that publishes; the arm counts as free at first.
-
-    """
+    """Publishes levels as they change, and collisions as they come."""
 
     def __init__(self, node: TudorNode) -> None:
         self._node = node
@@ -46,15 +38,7 @@ class CollisionTold:
         self.level(Level.FREE)
 
     def level(self, level: Level) -> None:
-        """
-        Tell how strongly the arm is touched.
-
-        Parameters
-        ----------
-        level : Level
-            As the detector has it.
-
-        """
+        """Tell how strongly the arm is touched."""
         for of, publisher in self._flags.items():
             state = level >= of
             if self._told.get(of) is not state:
@@ -62,15 +46,7 @@ class CollisionTold:
                 publisher.publish(Bool(data=state))
 
     def event(self, event: CollisionEvent) -> None:
-        """
-        Tell of a collision.
-
-        Parameters
-        ----------
-        event : CollisionEvent
-            As the detector found it.
-
-        """
+        """Tell of a collision."""
         self._last = event
         header = Header(frame_id=event.link)
         header.stamp = time_message(event.onset)

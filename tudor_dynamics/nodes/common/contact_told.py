@@ -29,15 +29,7 @@ from tudor_dynamics.nodes.common.messages import time_message
 
 
 class ContactTold:
-    """
-    Publishes what touches an arm.
-
-    Parameters
-    ----------
-    node : TudorNode
-        Node that publishes.
-
-    """
+    """Publishes what touches an arm."""
 
     def __init__(self, node: TudorNode) -> None:
         self._wrench = node.publish_on(WrenchStamped, CONTACT_WRENCH)
@@ -47,17 +39,7 @@ class ContactTold:
         self._summary: dict[str, Any] = {}
 
     def tell(self, watch: Watch, estimate: ContactEstimate) -> None:
-        """
-        Publish an estimate: a wrench at each sample, the point while it is known.
-
-        Parameters
-        ----------
-        watch : Watch
-            What estimated it.
-        estimate : ContactEstimate
-            What touches the arm.
-
-        """
+        """Publish an estimate: a wrench at each sample, the point while it is known."""
         self._last = estimate
         if estimate.felt:
             if self._record is None and watch.contact is not None:
@@ -79,15 +61,7 @@ class ContactTold:
             self._point.publish(point)
 
     def values(self, watch: Watch) -> dict[str, str]:
-        """
-        Give what the diagnostics say.
-
-        Parameters
-        ----------
-        watch : Watch
-            What estimates contacts, or says why it does not.
-
-        """
+        """Give what the diagnostics say."""
         if watch.no_contact:
             return {'contact': f'not estimated: {watch.no_contact}'}
         if watch.contact is None:

@@ -49,21 +49,7 @@ from tudor_dynamics.small_arrays import largest_size
 
 
 class DetectNode(ModelNode):
-    """
-    Base of the nodes that find collisions.
-
-    Attributes
-    ----------
-    watch : Watch or None
-        Residuals, thresholds and detector.
-    health : dict of str to SensorHealth
-        Output to the health of its sensors.
-    gathering : dict of str to Gathering
-        Output to what puts its topics together.
-    coverage : Coverage
-        Which share of the samples was judged.
-
-    """
+    """Base of the nodes that find collisions."""
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -104,23 +90,7 @@ class DetectNode(ModelNode):
         self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
         predictions: dict[str, str],
     ) -> None:
-        """
-        Put another model into use.
-
-        Parameters
-        ----------
-        bundle : ModelBundle
-            Fitted models with their thresholds.
-        watch : Watch
-            What works with it.
-        motion : str
-            Topic of the motion.
-        drops : sequence of collections.Counter
-            Motions left out, by cause.
-        predictions : dict of str to str
-            Output to the topic of its predictions, where they come on one.
-
-        """
+        """Put another model into use."""
         self.bundle, self.watch = bundle, watch
         names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
         topics = {output: of for output, of in self.sensor_topics(bundle).items()

@@ -32,24 +32,7 @@ AT_WORK = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class Gripper:
-    """
-    Listens to a gripper.
-
-    Parameters
-    ----------
-    node : TudorNode
-        Node that listens, with the parameters of the gripper.
-    announce : callable
-        Called when it closes or opens.
-    arm_joints : callable
-        Gives the joints of the arm, which are no fingers where all are on one topic.
-
-    Attributes
-    ----------
-    heard : int
-        Messages so far.
-
-    """
+    """Listens to a gripper."""
 
     def __init__(
         self, node: TudorNode, announce: Callable[[], None],

@@ -32,15 +32,9 @@ class GuardedNode(Node):
 
     An executor passes on what a callback raises, and so ends every node that it serves. Here the
     node alone falls silent, until whoever looks after it makes another one.
-
-    Attributes
-    ----------
-    failure : str
-        What a callback raised, with its traceback; empty while nothing has.
-
     """
 
-    failure = ''
+    failure = ''  # what a callback raised, with its traceback; empty while nothing has
 
     def _call(self, callback: Callable[..., Any], *args: Any) -> Any:
         if self.failure:

@@ -64,36 +64,17 @@ Value = bool | int | float | str | tuple[str, ...]
 
 @dataclass(frozen=True)
 class Param:
-    """
-    A parameter of a node.
+    """A parameter of a node."""
 
-    Attributes
-    ----------
-    name : str
-        Name, with dots where it belongs to a group.
-    default : bool, int, float, str or tuple of str
-        Default; its type is the type of the parameter.
-    text : str
-        What it does.
-    unit : str
-        Unit; empty for none.
-    low, high : float, optional
-        Bounds of a number.
-    dynamic : bool
-        Whether it may change while the node runs.
-    choices : collection of str
-        Values allowed, for strings.
-
-    """
-
-    name: str
-    default: Value
-    text: str
-    unit: str = ''
+    name: str  # name, with dots where it belongs to a group
+    default: Value  # default; its type is the type of the parameter
+    text: str  # what it does
+    unit: str = ''  # unit; empty for none
+    # Bounds of a number.
     low: float | None = None
     high: float | None = None
-    dynamic: bool = False
-    choices: Collection[str] = ()
+    dynamic: bool = False  # whether it may change while the node runs
+    choices: Collection[str] = ()  # values allowed, for strings
 
     def describe(self) -> str:
         """Say what it does, with unit and choices."""

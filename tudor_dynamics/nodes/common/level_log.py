@@ -33,13 +33,7 @@ class LevelLog:
     """
     Logs changes of the level, and from time to time another fault of the same level.
 
-    Parameters
-    ----------
-    logger : rclpy logger
-        Logger that is written to.
-    steady : callable
-        Clock that never stops [s].
-
+    steady: clock that never stops [s].
     """
 
     def __init__(self, logger: Any, steady: Callable[[], float]) -> None:

@@ -25,20 +25,7 @@ LOOK = 0.01
 
 
 class ListenedPublisher:
-    """
-    A publisher with the knowledge whether anybody listens.
-
-    Parameters
-    ----------
-    publisher : rclpy.publisher.Publisher
-        Publisher of the topic.
-
-    Attributes
-    ----------
-    wanted : bool
-        Whether somebody listened at the last look.
-
-    """
+    """A publisher with the knowledge whether anybody listens."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher

@@ -25,17 +25,7 @@ from tudor_dynamics.nodes.common.payload_port import PayloadPort
 
 
 class LoadNode(DetectNode):
-    """
-    Base of the nodes that find collisions and know of a load.
-
-    Attributes
-    ----------
-    port : PayloadPort
-        The load on topics.
-    gripper : Gripper
-        What announces it.
-
-    """
+    """Base of the nodes that find collisions and know of a load."""
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

@@ -49,17 +49,7 @@ def floats(x: FloatArray) -> array:
 
 
 class NamedReader:
-    """
-    Reads the values of certain names from JointStates.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names, in the order wanted.
-    drops : collections.Counter
-        Told what is left out, by cause.
-
-    """
+    """Reads the values of certain names from JointStates."""
 
     def __init__(self, names: Sequence[str], drops: Counter[str]) -> None:
         self.names = tuple(names)
@@ -71,24 +61,7 @@ class NamedReader:
     def read(
         self, message: JointState | JointSample, field: str, *, optional: bool = False,
     ) -> FloatArray | None:
-        """
-        Read one field.
-
-        Parameters
-        ----------
-        message : JointState or JointSample
-            Message with names.
-        field : {'position', 'velocity', 'effort'}
-            Field that carries the values.
-        optional : bool, default=False
-            Whether an empty field is nothing odd.
-
-        Returns
-        -------
-        ndarray of shape (n_names,) or None
-            Values; None where the message cannot be used.
-
-        """
+        """Read one field; returns (names,), None where the message cannot be used."""
         if message.name != self._seen:
             self._arrange(list(message.name))
         if self._index is None:
@@ -112,24 +85,7 @@ class NamedReader:
 
 
 def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointState:
-    """
-    Make a JointState.
-
-    Parameters
-    ----------
-    stamp : Time
-        Stamp of its header.
-    names : list of str
-        Joints or gauges.
-    **fields : ndarray of shape (n_names,)
-        ``position``, ``velocity``, ``effort``.
-
-    Returns
-    -------
-    JointState
-        Message.
-
-    """
+    """Make a JointState: ``**fields`` (names,)."""
     message = JointState()
     message.header.stamp = stamp
     message.name = names
@@ -139,17 +95,7 @@ def joint_state(stamp: Time, names: list[str], **fields: FloatArray) -> JointSta
 
 
 class MotionReader:
-    """
-    Reads motions from one-point trajectories.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Joints, in the order wanted.
-    drops : collections.Counter
-        Told what is left out, by cause.
-
-    """
+    """Reads motions from one-point trajectories."""
 
     def __init__(self, names: Sequence[str], drops: Counter[str]) -> None:
         self.names = tuple(names)

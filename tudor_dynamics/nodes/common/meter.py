@@ -30,11 +30,7 @@ class Meter:
     """
     Counts messages and takes their time; `report` gives the figures since the last one.
 
-    Parameters
-    ----------
-    steady : callable, default=time.monotonic
-        Clock of ages and rates, which never stops nor is set [s].
-
+    steady: clock of ages and rates, which never stops nor is set [s].
     """
 
     def __init__(self, steady: Callable[[], float] = time.monotonic) -> None:
@@ -61,20 +57,7 @@ class Meter:
                 or self._steady() - self.last_arrival > timeout)
 
     def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
-        """
-        Give rate, latency and drops as texts.
-
-        Parameters
-        ----------
-        drops : iterable of Counter
-            Drops by cause, to be added up.
-
-        Returns
-        -------
-        dict of str to str
-            For a DiagnosticStatus.
-
-        """
+        """Give rate, latency and drops as texts."""
         now = self._steady()
         seconds = max(now - self._since, 1e-9)
         values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',

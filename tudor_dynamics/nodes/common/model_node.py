@@ -41,15 +41,7 @@ class ModelNode(TudorNode):
     A model that cannot be loaded does not end the node: it says why in its diagnostics, gives no
     output, and tries again on ``~/reload``.
 
-    Attributes
-    ----------
-    bundle : ModelBundle or None
-        Model in use.
-    of_all : ModelBundle or None
-        The same before the payload was put in.
-    ros_time : callable
-        Stands for the stamps of messages that have none [ns].
-
+    ros_time: stands for the stamps of messages that have none [ns].
     """
 
     depth = DEEP
@@ -170,19 +162,7 @@ class ModelNode(TudorNode):
     def hear_sensors(
         self, arm: Arm, topic: str, callback: Callable[[JointSample], None],
     ) -> Subscription:
-        """
-        Subscribe to a topic of efforts or strains, of the type that the arm describes.
-
-        Parameters
-        ----------
-        arm : Arm
-            Arm whose sensors they are.
-        topic : str
-            Topic as it is described.
-        callback : callable
-            Told each sample.
-
-        """
+        """Subscribe to a topic of efforts or strains, of the type that the arm describes."""
         places = array_places(arm).get(topic)
         if places is None:
             return self.hear_joint_states(topic, callback)

@@ -34,22 +34,7 @@ CHANGED = 0.1
 
 
 class PayloadPort:
-    """
-    What a node has to do with the load.
-
-    Parameters
-    ----------
-    node : TudorNode
-        Node that follows a load.
-    source : {'parameter', 'estimate', 'topic'}
-        Where it knows the load from.
-
-    Attributes
-    ----------
-    load : CarriedLoad or None
-        In use; None where the load is a parameter.
-
-    """
+    """What a node has to do with the load; load: None where the load is a parameter."""
 
     def __init__(self, node: TudorNode, source: str) -> None:
         self._node, self.source = node, source
@@ -67,18 +52,7 @@ class PayloadPort:
         """
         Build what follows the load.
 
-        Parameters
-        ----------
-        bundle : ModelBundle
-            Models as they were loaded.
-        payload : float
-            Parameter of that name [kg].
-
-        Returns
-        -------
-        CarriedLoad or None
-            None where the load is a parameter.
-
+        payload [kg]; returns None where the load is a parameter.
         """
         if self.source == 'parameter':
             return None
@@ -88,31 +62,13 @@ class PayloadPort:
         return made(bundle, known)
 
     def use(self, load: CarriedLoad | None) -> None:
-        """
-        Put another one into use; a load that is known stays.
-
-        Parameters
-        ----------
-        load : CarriedLoad or None
-            As from `prepare`.
-
-        """
+        """Put another one into use; a load that is known stays."""
         if load is not None and self.load is not None and self.source == 'topic':
             load.carry(self.load.mass)
         self.load = load
 
     def tell(self, stamp: int, taken_back: int = 0) -> None:
-        """
-        Publish the load where it has changed.
-
-        Parameters
-        ----------
-        stamp : int
-            Stamp of the newest sample [ns].
-        taken_back : int, default=0
-            Collisions that have just turned out to be loads.
-
-        """
+        """Publish the load where it has changed: stamp [ns]."""
         load = self.load
         self._taken_back += taken_back
         if not isinstance(load, PayloadStage):

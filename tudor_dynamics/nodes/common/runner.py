@@ -36,24 +36,7 @@ LOOK = 0.2
 
 
 def new_executor(kind: str, context: Any = None) -> Any:
-    """
-    Make an executor.
-
-    Parameters
-    ----------
-    kind : {'events', 'single'}
-        ``events`` costs a third of the time per message; where this rclpy has none, ``single`` is
-        taken.
-    context : rclpy.Context, optional
-        Context of the nodes; the default one otherwise.
-
-    Returns
-    -------
-    rclpy.executors.Executor
-        Executor; to be driven by `spin_for` or ``spin_once(timeout_sec=...)``, because the
-        wheels' events executor never wakes up in ``spin()``.
-
-    """
+    """Make an executor; kind: where this rclpy has none, ``single`` is taken."""
     if kind not in EXECUTORS:
         msg = f'--executor {kind}: expected one of {", ".join(EXECUTORS)}'
         raise TudorError(msg)
@@ -73,15 +56,9 @@ class EndingNode(TudorNode):
 
     Shutting the context down in a callback would end it under the executor, and under whatever the
     callback publishes next. So the node says that it is done, and `run` looks.
-
-    Attributes
-    ----------
-    exit_code : int or None
-        Of the process, once the node is done; may be set by any thread.
-
     """
 
-    exit_code: int | None = None
+    exit_code: int | None = None  # of the process, once the node is done; may be set by any thread
 
 
 class Halt:
@@ -90,12 +67,6 @@ class Halt:
 
     A signal handler runs in the thread that it interrupts, and would wait for ever for a lock
     that this thread holds.
-
-    Attributes
-    ----------
-    asked : bool
-        Whether the executor is to return.
-
     """
 
     def __init__(self) -> None:
@@ -127,15 +98,7 @@ def spin_for(executor: Any, seconds: float, halt: Halt | None = None) -> None:
     back for each: it waits for a future. It looks at the clock only where nothing waits to be
     done, so that without that future a node with more to do than it can would never end.
 
-    Parameters
-    ----------
-    executor : rclpy.executors.Executor
-        Executor of `new_executor`.
-    seconds : float
-        How long; the single-threaded executor may return earlier [s].
-    halt : Halt, optional
-        To be asked from a signal handler or a callback to return at once.
-
+    seconds [s].
     """
     if isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=seconds)
@@ -159,23 +122,7 @@ def _take_executor(args: Sequence[str]) -> tuple[str, list[str]]:
 
 
 def run(factory: Callable[[], TudorNode], args: Sequence[str] | None = None) -> int:
-    """
-    Run a node until it is told to stop.
-
-    Parameters
-    ----------
-    factory : callable
-        Makes the node.
-    args : sequence of str, optional
-        Arguments with the program name first; those of the process by default.
-
-    Returns
-    -------
-    int
-        0 after SIGINT, SIGTERM or a shutdown of the context, 2 for wrong arguments or parameters;
-        that of an `EndingNode` that is done.
-
-    """
+    """Run a node until it is told to stop; args: those of the process by default."""
     node: TudorNode | None = None
     halt = Halt()
 

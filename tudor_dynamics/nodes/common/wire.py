@@ -46,22 +46,11 @@ SECOND = 1_000_000_000
 
 @dataclass(eq=False, slots=True)
 class JointSample:
-    """
-    A JointState.
+    """A JointState."""
 
-    Attributes
-    ----------
-    stamp : int
-        Header stamp [ns].
-    name : list of str
-        Joints or gauges; the same object as long as the names stay.
-    position, velocity, effort : ndarray
-        Values as they came, of any byte order; empty where the message has none.
-
-    """
-
-    stamp: int
-    name: list[str]
+    stamp: int  # header stamp [ns]
+    name: list[str]  # joints or gauges; the same object as long as the names stay
+    # Values as they came, of any byte order; empty where the message has none.
     position: FloatArray
     velocity: FloatArray
     effort: FloatArray
@@ -69,23 +58,13 @@ class JointSample:
 
 @dataclass(eq=False, slots=True)
 class PointSample:
-    """
-    A JointTrajectory of one point.
+    """A JointTrajectory of one point."""
 
-    Attributes
-    ----------
-    stamp, elapsed : int
-        Header stamp and ``time_from_start`` [ns].
-    name : list of str
-        Joints; the same object as long as the names stay.
-    positions, velocities, accelerations : ndarray
-        Values as they came.
-
-    """
-
+    # Header stamp and `time_from_start` [ns].
     stamp: int
     elapsed: int
-    name: list[str]
+    name: list[str]  # joints; the same object as long as the names stay
+    # Values as they came.
     positions: FloatArray
     velocities: FloatArray
     accelerations: FloatArray
@@ -162,15 +141,7 @@ class _Decoder(Generic[Sample]):
 
 
 class JointStateDecoder(_Decoder[JointSample]):
-    """
-    Decodes the JointStates of one topic.
-
-    Parameters
-    ----------
-    drops : collections.Counter
-        Told what is left out, by cause.
-
-    """
+    """Decodes the JointStates of one topic."""
 
     def __init__(self, drops: Counter[str]) -> None:
         super().__init__(JointState, joint_state_layout, drops)
@@ -192,15 +163,7 @@ class ArrayDecoder(_Decoder[JointSample]):
 
     They have no stamp: when they arrive stands for it.
 
-    Parameters
-    ----------
-    places : mapping of str to int
-        Joint or gauge to its place in the array, from 0.
-    now : callable
-        Clock of the node [ns].
-    drops : collections.Counter
-        Told what is left out, by cause.
-
+    now: clock of the node [ns].
     """
 
     def __init__(
@@ -233,15 +196,7 @@ class ArrayDecoder(_Decoder[JointSample]):
 
 
 class MotionDecoder(_Decoder[PointSample]):
-    """
-    Decodes the JointTrajectories of one topic, of which each has one point.
-
-    Parameters
-    ----------
-    drops : collections.Counter
-        Told what is left out, by cause.
-
-    """
+    """Decodes the JointTrajectories of one topic, of which each has one point."""
 
     def __init__(self, drops: Counter[str]) -> None:
         super().__init__(JointTrajectory, motion_layout, drops)
@@ -290,17 +245,7 @@ class _Encoder:
 
 
 class JointStateEncoder(_Encoder):
-    """
-    Encodes the JointStates of one topic.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Joints or gauges.
-    fields : sequence of {'position', 'velocity', 'effort'}
-        Fields that the messages have.
-
-    """
+    """Encodes the JointStates of one topic."""
 
     def __init__(self, names: Sequence[str], fields: Sequence[str]) -> None:
         template = JointState(name=list(names))
@@ -323,12 +268,6 @@ class MotionEncoder(_Encoder):
 
     ``time_from_start`` is the time since the filter began, or began anew behind a gap: who reads
     it knows whether the filters have settled.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the joints.
-
     """
 
     def __init__(self, names: Sequence[str]) -> None:

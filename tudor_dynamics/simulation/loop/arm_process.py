@@ -33,63 +33,23 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """
-    What the sensors say.
+    """What the sensors say."""
 
-    Attributes
-    ----------
-    t : float
-        Simulated time [s].
-    q, dq, current : ndarray of shape (n_joints,)
-        As measured [rad, rad/s, A].
-    strain : ndarray of shape (n_gauges,)
-        As measured, in units of the gauges.
-    force : ndarray of shape (3,)
-        Force at the tip, in the base frame [N].
-
-    """
-
-    t: float
+    t: float  # simulated time [s]
+    # As measured, (joints,) [rad, rad/s, A].
     q: FloatArray
     dq: FloatArray
     current: FloatArray
-    strain: FloatArray
-    force: FloatArray
+    strain: FloatArray  # as measured, in units of the gauges, (gauges,)
+    force: FloatArray  # force at the tip, in the base frame, (3,) [N]
 
 
 class ArmProcess:
     """
     An arm whose joints take velocities.
 
-    Parameters
-    ----------
-    arm : Arm
-        Description with links, motors, sensors and damper.
-    rate : float
-        Samples per second; a whole part of the damper's rate [Hz].
-    payload : float
-        Mass at the tip [kg].
-    damping : float
-        Part of the built-in damper's gains.
-    imperfect : bool
-        Whether drives and sensors have their imperfections.
-    seed : int
-        Of the noise.
-
-    Attributes
-    ----------
-    force : ndarray of shape (3,)
-        Force from outside at the tip, in the base frame [N].
-    floor : Floor or None
-        Obstacle below the arm.
-    command_timeout : float
-        The joints brake with their planned acceleration where no command came for so long [s].
-    held : dict of str to float
-        Joints that are not active, and where each is held [rad or m].
-    failure : str
-        Why a run was given up. The arm then rests where its description says, free of commands
-        and forces, until `reset`; empty where nothing has failed.
-
+    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; failure: empty
+    where nothing has failed.
     """
 
     def __init__(

@@ -93,29 +93,13 @@ class StimulusSpec:
 
 @dataclass(frozen=True)
 class StimulusResult:
-    """
-    What a recording came to.
+    """What a recording came to."""
 
-    Attributes
-    ----------
-    bag : str
-        Directory of the bag.
-    samples : int
-        Messages of each topic.
-    pushes : tuple of Push
-        Pushes, the truth about ``/applied_wrench``.
-    damper : dict
-        How long the damper of each joint was in which state [s].
-    notes : tuple of str
-        What is odd, one sentence each.
-
-    """
-
-    bag: str
-    samples: int
-    pushes: tuple[Push, ...]
-    damper: dict[str, dict[str, float]]
-    notes: tuple[str, ...]
+    bag: str  # directory of the bag
+    samples: int  # messages of each topic
+    pushes: tuple[Push, ...]  # pushes, the truth about `/applied_wrench`
+    damper: dict[str, dict[str, float]]  # how long the damper of each joint was in which state [s]
+    notes: tuple[str, ...]  # what is odd, one sentence each
 
     def content(self) -> dict[str, Any]:
         """Give it as plain values for YAML and JSON."""
@@ -128,31 +112,7 @@ class StimulusResult:
 def record_stimulus(
     arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None,
 ) -> StimulusResult:
-    """
-    Simulate one stimulus and write its bag.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm, its own payload is replaced.
-    spec : StimulusSpec
-        What to do.
-    path : Path
-        Directory of the bag; must not exist.
-    progress : callable, optional
-        Told the number of steps done since its last call.
-
-    Returns
-    -------
-    StimulusResult
-        What was done.
-
-    Raises
-    ------
-    SimulationError, BagError
-        If the run diverges, or the bag cannot be written.
-
-    """
+    """Simulate one stimulus and write its bag."""
     carrying = with_payload(arm, spec.payload)
     if spec.loads and carrying.spec.payload is None:
         # a place for what comes
@@ -236,22 +196,7 @@ def record_stimuli(
 
 
 def steps_per_message(dt: float, rate: float) -> int:
-    """
-    Give the number of steps between two messages.
-
-    Raises
-    ------
-    SimulationError
-        If the rate does not divide that of the loop.
-
-    Parameters
-    ----------
-    dt : float
-        Step of the loop [s].
-    rate : float
-        Messages per second [Hz].
-
-    """
+    """Give the number of steps between two messages: dt [s], rate [Hz]."""
     every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
     if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:
         msg = (f'a rate of {rate:g} Hz does not divide that of the loop, {1.0 / dt:g} Hz; '

@@ -165,29 +165,7 @@ class Imperfections:
 
 
 def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
-    """
-    Lay out the parameters of one motor.
-
-    Parameters
-    ----------
-    motor : MotorSpec
-        Description of motor and gear.
-    dt : float
-        Step of the loop [s].
-    chosen : Imperfections
-        Which imperfections count.
-
-    Returns
-    -------
-    ndarray of shape (PARAMETERS,)
-        In SI units at the joint.
-
-    Raises
-    ------
-    SimulationError
-        If the rotor has no inertia.
-
-    """
+    """Lay out the parameters of one motor: dt [s]; returns (PARAMETERS,)."""
     inertia, torque = motor.reflected_inertia, motor.joint_torque_constant
     if inertia <= 0.0:
         msg = (f'motor of joint {motor.joint!r}: rotor_inertia is 0; the simulated drive needs '

@@ -34,39 +34,14 @@ FLOOR = 5
 
 @dataclass(frozen=True)
 class Floor:
-    """
-    An elastic floor below the tip, without friction.
+    """An elastic floor below the tip, without friction."""
 
-    Attributes
-    ----------
-    height : float
-        In the base frame [m].
-    stiffness : float
-        Force per penetration [N/m].
-
-    """
-
-    height: float
-    stiffness: float
+    height: float  # in the base frame [m]
+    stiffness: float  # force per penetration [N/m]
 
 
 def floor_row(floor: Floor | None, mechanism: Mechanism) -> FloatArray:
-    """
-    Lay a floor out for compiled code.
-
-    Parameters
-    ----------
-    floor : Floor or None
-        Floor; none presses nowhere.
-    mechanism : Mechanism
-        Mechanism whose tip it stands below.
-
-    Returns
-    -------
-    ndarray of shape (FLOOR,)
-        [m, N/m, body, node, point]
-
-    """
+    """Lay a floor out for compiled code; floor: none presses nowhere; returns (FLOOR,)."""
     points = mechanism.body_int[:, at.POINT]
     body = int(np.flatnonzero(points <= mechanism.tip)[np.argmax(
         points[points <= mechanism.tip])])
@@ -76,26 +51,7 @@ def floor_row(floor: Floor | None, mechanism: Mechanism) -> FloatArray:
 
 @compiled
 def press(floor: NDArray, z: NDArray, dz: NDArray, chain: Chain, dt: float) -> bool:
-    """
-    Add the force of the floor to the wrench of the tip.
-
-    Parameters
-    ----------
-    floor : ndarray of shape (FLOOR,)
-        What presses, as ``floor_row`` gives it.
-    z, dz : ndarray of shape (n,)
-        Coordinates and their rates.
-    chain : Chain
-        Mechanism after a forward pass; its wrenches are added to.
-    dt : float
-        How far ahead it is looked along the velocity of the tip, to where a step ends [s].
-
-    Returns
-    -------
-    bool
-        Whether the tip is in contact.
-
-    """
+    """Add the force of the floor to the wrench of the tip: floor (FLOOR,), z, dz (n,), dt [s]."""
     if floor[STIFFNESS] <= 0.0:
         return False
     place, velocity = point_motion(z, dz, chain, int(floor[BODY]), int(floor[NODE]))

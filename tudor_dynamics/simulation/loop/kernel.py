@@ -179,31 +179,9 @@ def run_loop(
     """
     Run as many steps as there are references.
 
-    Parameters
-    ----------
-    plant, sensors, tables : named tuples
-        The arm, advanced in place.
-    wanted : ndarray of shape (3, n_steps, n_joints)
-        Position and speed of the reference at the start of each step [rad, rad/s], and the
-        current that is fed forward in it [A].
-    noise : ndarray of shape (n_steps, n_joints + n_gauges)
-        Normal random numbers.
-    done : int
-        Steps before this call.
-    dt : float
-        Step of the loop [s].
-    every : int
-        Steps between two records.
-    acting, loaded : bool
-        Whether forces act at the start, and whether ``plant.external`` is not zero.
-    out : ndarray of shape (n_records, 6 n_joints + n_gauges)
-        Result: measured q, dq, current, strain; reference q, dq; true joint angle.
-
-    Returns
-    -------
-    tuple of int, int, bool
-        Steps that were done, status of the last one, whether forces act.
-
+    noise (steps, joints + gauges), dt [s]; wanted (3, steps, joints): position and speed of the
+    reference at the start of each step [rad, rad/s], and the current that is fed forward in it
+    [A]; writes out (records, 6 joints + gauges).
     """
     plant, sensors, tables = unowned((plant, sensors, tables))
     joints, gauges = plant.driven.shape[0], sensors.gauge.shape[0]

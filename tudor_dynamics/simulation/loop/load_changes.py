@@ -32,20 +32,10 @@ APART = 6.0  # s: long enough to tell one from the next
 
 @dataclass(frozen=True)
 class LoadChange:
-    """
-    A load at the tip from a time on.
+    """A load at the tip from a time on."""
 
-    Attributes
-    ----------
-    time : float
-        From when [s].
-    mass : float
-        What is carried then in all [kg].
-
-    """
-
-    time: float
-    mass: float
+    time: float  # from when [s]
+    mass: float  # what is carried then in all [kg]
 
     def __post_init__(self) -> None:
         """Refuse what is no time and no mass."""
@@ -99,23 +89,6 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
 
 
 def carried_at(changes: Sequence[LoadChange], before: float, t: FloatArray) -> FloatArray:
-    """
-    Give what is carried over time.
-
-    Parameters
-    ----------
-    changes : sequence of LoadChange
-        In the order of time.
-    before : float
-        What is carried before the first [kg].
-    t : ndarray of shape (n_samples,)
-        When it is asked for, since the beginning [s].
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        Mass [kg].
-
-    """
+    """Give what is carried over time: before [kg], t (samples,) [s]; returns (samples,) [kg]."""
     masses = np.array([before, *(change.mass for change in changes)])
     return np.asarray(masses[np.searchsorted([change.time for change in changes], t, 'right')])

@@ -108,19 +108,7 @@ def push_wrenches(
     """
     Give the truth about the pushes, each in the frame of its (rigid) link.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm that is pushed.
-    mechanism : Mechanism
-        Mechanism with the order of its joints.
-    pushes : sequence of Push
-        Pushes of the run.
-    signals : LoopRecord
-        Motion of the run.
-    stamp : ndarray of int64, shape (n_samples,)
-        Stamps of the signals [ns].
-
+    stamp (samples,) [ns].
     """
     forces = push_forces(push_table(pushes, mechanism), signals.t)
     force, torque = np.zeros((2, len(stamp), 3))

@@ -84,20 +84,7 @@ def put_pushes(table: NDArray, t: float, chain: Chain) -> bool:
     """
     Add the pushes at a time to the forces on nodes; a place between nodes loads both neighbours.
 
-    Parameters
-    ----------
-    table : ndarray of shape (n_pushes, PUSH)
-        Pushes, one a row.
-    t : float
-        Time now [s].
-    chain : Chain
-        Mechanism after a forward pass; its wrenches are added to.
-
-    Returns
-    -------
-    bool
-        Whether any push acts.
-
+    table (pushes, PUSH), t [s].
     """
     acting = False
     for i in range(table.shape[0]):
@@ -124,27 +111,7 @@ def add_pushes_to_sections(
 
 
 def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
-    """
-    Lay pushes out for compiled code.
-
-    Parameters
-    ----------
-    pushes : sequence of Push
-        Pushes in any order.
-    mechanism : Mechanism
-        Mechanism that is pushed.
-
-    Returns
-    -------
-    ndarray of shape (n_pushes, PUSH)
-        Table.
-
-    Raises
-    ------
-    SimulationError
-        If a link or a place on it does not exist, or a value is impossible.
-
-    """
+    """Lay pushes out for compiled code; returns (pushes, PUSH)."""
     table = np.zeros((len(pushes), PUSH))
     for row, push in zip(table, pushes, strict=True):
         if push.joint not in mechanism.body_of:
@@ -178,18 +145,7 @@ def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
     """
     Give the force of each push over time.
 
-    Parameters
-    ----------
-    table : ndarray of shape (n_pushes, PUSH)
-        Pushes, one a row.
-    t : ndarray of shape (n_samples,)
-        Times to evaluate at [s].
-
-    Returns
-    -------
-    ndarray of shape (n_pushes, n_samples, 3)
-        In the base frame [N].
-
+    table (pushes, PUSH), t (samples,) [s]; returns (pushes, samples, 3) [N].
     """
     share = np.array([[push_share(row, float(now)) for now in t] for row in table])
     return np.asarray(share.reshape(len(table), len(t), 1) * table[:, None, FORCE:FORCE + 3])

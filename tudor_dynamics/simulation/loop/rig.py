@@ -40,48 +40,26 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(eq=False)
 class RigLog:
-    """
-    What happened, sample by sample.
+    """What happened, sample by sample."""
 
-    Attributes
-    ----------
-    t : list of float
-        Time of each record [s].
-    q, dq : list of ndarray
-        Positions and speeds of the joints, true or measured as the arm's encoders have it.
-    command : list of ndarray
-        Speeds that the drives were told last, or brake to by themselves [rad/s].
-    sent : list of (float, int, ndarray)
-        Commands that left a controller: time [s], a number that changes where it took over an arm
-        whose speed was not its own doing, and speeds [rad/s].
-    strain : list of ndarray
-        Readings of the gauges [units of the gauges].
-    q_ref : list of ndarray
-        Reference, not a number where there is none [rad].
-    state : list of State or None
-        State of the controller; None while there is none.
-
-    """
-
-    t: list[float] = field(default_factory=list)
+    t: list[float] = field(default_factory=list)  # time of each record [s]
+    # Positions and speeds of the joints, true or measured as the arm's encoders have it.
     q: list[FloatArray] = field(default_factory=list)
     dq: list[FloatArray] = field(default_factory=list)
+    # Speeds that the drives were told last, or brake to by themselves [rad/s].
     command: list[FloatArray] = field(default_factory=list)
+    # Commands that left a controller: time [s], a number that changes where it took over an arm
+    # whose speed was not its own doing, and speeds [rad/s].
     sent: list[tuple[float, int, FloatArray]] = field(default_factory=list)
+    # Readings of the gauges [units of the gauges].
     strain: list[FloatArray] = field(default_factory=list)
+    # Reference, not a number where there is none [rad].
     q_ref: list[FloatArray] = field(default_factory=list)
+    # State of the controller; None while there is none.
     state: list[State | None] = field(default_factory=list)
 
     def array(self, name: str) -> FloatArray:
-        """
-        Stack a signal as (samples, channels).
-
-        Parameters
-        ----------
-        name : str
-            Name of the signal.
-
-        """
+        """Stack a signal as (samples, channels)."""
         return np.array(getattr(self, name))
 
 

@@ -73,22 +73,7 @@ def gauge_reading(gauge: NDArray, loads: NDArray, noise: float) -> float:
 
 
 def drive_sensor_row(motor: MotorSpec, chosen: Imperfections) -> FloatArray:
-    """
-    Lay out encoder and current measurement of one motor.
-
-    Parameters
-    ----------
-    motor : MotorSpec
-        Description of motor and encoder.
-    chosen : Imperfections
-        Which imperfections count.
-
-    Returns
-    -------
-    ndarray of shape (DRIVE_SENSOR,)
-        [rad, 0 or 1, A, A, A, 1, rad]
-
-    """
+    """Lay out encoder and current measurement of one motor; returns (DRIVE_SENSOR,)."""
     return np.array([
         motor.encoder_resolution if chosen.encoder else 0.0,
         1.0 if motor.encoder_on == 'motor' else 0.0,
@@ -102,20 +87,7 @@ def gauge_rows(arm: Arm, probe: Probe, chosen: Imperfections) -> FloatArray:
     """
     Lay out the gauges of an arm; a gauge without an entry in ``sensors`` is ideal.
 
-    Parameters
-    ----------
-    arm : Arm
-        Arm with its gauges and sensors.
-    probe : Probe
-        Knows where the gauges sit, and what they would read by the beam's section.
-    chosen : Imperfections
-        Which imperfections count.
-
-    Returns
-    -------
-    ndarray of shape (n_gauges, GAUGE)
-        In units of each gauge.
-
+    Returns (gauges, GAUGE).
     """
     sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
     rows = np.zeros((len(arm.gauges), GAUGE))

@@ -27,32 +27,18 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class LoopRecord:
-    """
-    What was recorded, at the times of the samples.
+    """What was recorded, at the times of the samples."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        Times of the samples [s].
-    q, dq, current : ndarray of shape (n_samples, n_joints)
-        As measured [rad, rad/s, A].
-    strain : ndarray of shape (n_samples, n_gauges)
-        As measured, in units of the gauges.
-    q_ref, dq_ref : ndarray of shape (n_samples, n_joints)
-        Position and speed of the reference [rad, rad/s].
-    q_true : ndarray of shape (n_samples, n_joints)
-        Angle of the link behind the gear [rad].
-
-    """
-
-    t: FloatArray
+    t: FloatArray  # times of the samples, (samples,) [s]
+    # As measured, (samples, joints) [rad, rad/s, A].
     q: FloatArray
     dq: FloatArray
     current: FloatArray
-    strain: FloatArray
+    strain: FloatArray  # as measured, in units of the gauges, (samples, gauges)
+    # Position and speed of the reference, (samples, joints) [rad, rad/s].
     q_ref: FloatArray
     dq_ref: FloatArray
-    q_true: FloatArray
+    q_true: FloatArray  # angle of the link behind the gear, (samples, joints) [rad]
 
 
 def with_payload(arm: Arm, mass: float) -> Arm:

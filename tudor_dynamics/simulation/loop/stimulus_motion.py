@@ -63,29 +63,7 @@ def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: fl
 
 
 def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
-    """
-    Make a motion of a trajectory, at the rate of the loop.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm with limits.
-    trajectory : Trajectory
-        Motion of its active joints, in any order.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    Reference
-        The same motion; positions between the points by their speeds (cubic).
-
-    Raises
-    ------
-    SimulationError
-        If it moves other joints, begins or goes beyond what the arm can do.
-
-    """
+    """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
     if sorted(trajectory.joints) != sorted(arm.active_joints):
         msg = (f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} has '
                f'{", ".join(arm.active_joints)}')

@@ -105,15 +105,7 @@ class Builder:
         """
         Fix a rigid part to a link, at a placement in the link's joint frame.
 
-        Parameters
-        ----------
-        parent : int
-            Number of the link that carries it.
-        place : pinocchio.SE3
-            Its placement in the link's joint frame [m].
-        part : InertiaPart or None
-            Mass, centre and inertia; none for a mere point.
-
+        place: its placement in the link's joint frame [m]; part: none for a mere point.
         """
         node, rotation, origin = self.attach(parent, place)
         ints, floats = self._blank(parent, node)

@@ -31,30 +31,17 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 class Chain(NamedTuple):
-    """
-    Tables of a mechanism, what acts on it from outside, and what its motion amounts to.
+    """Tables of a mechanism, what acts on it from outside, and what its motion amounts to."""
 
-    Attributes
-    ----------
-    body_int, body_float, coordinate : ndarray
-        Mechanism, see ``layout``.
-    base : ndarray of shape (3,)
-        Acceleration of the base less gravity, in the base frame [m/s^2].
-    wrench : ndarray of shape (points, 6)
-        Force [N] and moment [N m] on each node, in the base frame.
-    moving : ndarray of shape (bodies, MOVING)
-        Motion of each body, and the forces on it; overwritten.
-    reaction : ndarray of shape (bodies, 6)
-        Force and moment about each joint that the carrier exerts, in its axes; overwritten.
-
-    """
-
+    # Mechanism, see `layout`.
     body_int: NDArray
     body_float: NDArray
     coordinate: NDArray
-    base: NDArray
-    wrench: NDArray
-    moving: NDArray
+    base: NDArray  # acceleration of the base less gravity, in the base frame, (3,) [m/s^2]
+    wrench: NDArray  # (points, 6): force [N] and moment [N m] on each node, in the base frame
+    moving: NDArray  # (bodies, MOVING): motion of each body, and the forces on it; overwritten
+    # (bodies, 6): force and moment about each joint that the carrier exerts, in its axes;
+    # overwritten.
     reaction: NDArray
 
 
@@ -92,16 +79,7 @@ def forward(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain, damped: float) 
     The frame of the next link takes the full rotation of the node, not its linear part, so that
     links of large elastic rotation carry the others where they really are.
 
-    Parameters
-    ----------
-    z, dz, ddz : ndarray of shape (n,)
-        Coordinates and their rates.
-    chain : Chain
-        Mechanism; the motion of its bodies is the result.
-    damped : float
-        1 to carry Rayleigh's damping by mass, u'' + alpha u' in the place of u'', on to what a
-        node carries; 0 for true accelerations.
-
+    z, dz, ddz (n,); damped: 0 for true accelerations.
     """
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for b in range(body_int.shape[0]):
@@ -185,13 +163,7 @@ def backward(chain: Chain, force: NDArray) -> None:
     """
     Follow the chain inwards: hand each body's force and moment to joint, node and carrier.
 
-    Parameters
-    ----------
-    chain : Chain
-        After the forward pass, with each body's own FORCE and MOMENT; reactions are the result.
-    force : ndarray of shape (n,)
-        Generalised force, added to.
-
+    force (n,).
     """
     body_int, moving, reaction = chain.body_int, chain.moving, chain.reaction
     for b in range(body_int.shape[0] - 1, -1, -1):

@@ -32,24 +32,7 @@ from tudor_dynamics.simulation.mechanics.vector import add, dot, times, turn
 def energy(
     z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain,
 ) -> tuple[float, float, float]:
-    """
-    Give kinetic, elastic and gravitational energy [J].
-
-    Parameters
-    ----------
-    z, dz : ndarray of shape (n,)
-        Coordinates and their rates.
-    gravity : ndarray of shape (3,)
-        In the base frame [m/s^2].
-    chain : Chain
-        Mechanism after a forward pass at ``z``, ``dz``.
-
-    Returns
-    -------
-    tuple of 3 floats
-        Kinetic, elastic, gravitational.
-
-    """
+    """Give kinetic, elastic and gravitational energy [J]: z, dz (n,), gravity (3,) [m/s^2]."""
     body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate
     kinetic, elastic, weight = 0.0, 0.0, 0.0
     for i in range(z.shape[0]):

@@ -253,19 +253,7 @@ def inverse_dynamics(
     """
     Give the generalised force that a motion needs: zero at elastic rows of a true motion.
 
-    Parameters
-    ----------
-    z, dz, ddz : ndarray of shape (n,)
-        Coordinates and their rates.
-    chain : Chain
-        Mechanism; motion of its bodies and reactions of its joints are results.
-    loaded : bool
-        Whether any wrench is not zero.
-    elastic : float
-        1, or 0 to leave stiffness out.
-    force : ndarray of shape (n,)
-        Result: the torque of each joint, the imbalance of each elastic coordinate.
-
+    z, dz, ddz (n,); writes force (n,).
     """
     forward(z, dz, ddz, chain, 1.0)
     body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate

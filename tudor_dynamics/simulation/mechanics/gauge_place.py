@@ -29,52 +29,16 @@ from tudor_dynamics.simulation.mechanics.mechanism import Mechanism
 
 @dataclass(frozen=True)
 class GaugePlace:
-    """
-    A gauge on a mechanism.
+    """A gauge on a mechanism."""
 
-    Attributes
-    ----------
-    body : int
-        Number of the beam's body.
-    distance : float
-        From the beam's start [m].
-    axis : int
-        Component of the moment that bends the beam there: 1 or 2.
-    sign : float
-        Makes the moment positive for the load that the joint holds.
-
-    """
-
-    body: int
-    distance: float
-    axis: int
-    sign: float
+    body: int  # number of the beam's body
+    distance: float  # from the beam's start [m]
+    axis: int  # component of the moment that bends the beam there: 1 or 2
+    sign: float  # makes the moment positive for the load that the joint holds
 
 
 def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
-    """
-    Find a gauge's place on a mechanism.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism of the arm.
-    arm : Arm
-        Arm that the gauge is on.
-    gauge : GaugeSpec
-        One of its gauges.
-
-    Returns
-    -------
-    GaugePlace
-        Place on the beam.
-
-    Raises
-    ------
-    SimulationError
-        If the gauge sits on a rigid link.
-
-    """
+    """Find a gauge's place on a mechanism."""
     if gauge.joint not in mechanism.beams:
         msg = (f'{arm.source}: gauge {gauge.name!r} sits on the link of {gauge.joint!r}, '
                'which is rigid here; make it flexible in links, or leave the gauge out')

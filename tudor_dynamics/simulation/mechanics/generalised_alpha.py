@@ -27,26 +27,16 @@ from tudor_dynamics.compiled import compiled
 
 
 class AlphaStep(NamedTuple):
-    """
-    A step of one length and damping.
+    """A step of one length and damping."""
 
-    Attributes
-    ----------
-    dt : float
-        Length of the step [s].
-    alpha_m, alpha_f, gamma, beta : float
-        Weights of accelerations at both ends, and of what they make of speed and place.
-    gain, speed_gain, place_gain : float
-        What a correction of the acceleration adds to the method's own acceleration, to the speed
-        [s] and to the place [s^2].
-
-    """
-
-    dt: float
+    dt: float  # length of the step [s]
+    # Weights of accelerations at both ends, and of what they make of speed and place.
     alpha_m: float
     alpha_f: float
     gamma: float
     beta: float
+    # What a correction of the acceleration adds to the method's own acceleration, to the speed [s]
+    # and to the place [s^2].
     gain: float
     speed_gain: float
     place_gain: float

@@ -79,15 +79,8 @@ def joint_reactions(
     """
     Do ``inverse_dynamics``, and give what each joint carries in the base frame.
 
-    Parameters
-    ----------
-    z, dz, ddz, chain, loaded, force
-        As in ``inverse_dynamics``, with stiffness.
-    bodies : ndarray of int, shape (n_joints,)
-        Body behind each joint.
-    result : ndarray of shape (n_joints, 6)
-        Force [N] and moment about the joint [N m] that the inboard side exerts.
-
+    bodies (joints,); result (joints, 6): force [N] and moment about the joint [N m] that the
+    inboard side exerts.
     """
     inverse_dynamics(z, dz, ddz, chain, loaded, 1.0, force)
     for number in range(bodies.shape[0]):
@@ -112,16 +105,7 @@ def section_loads(
     The balance holds for any number of elements, where EI times the curvature of the shape
     functions would jump at nodes. To be called after ``inverse_dynamics``.
 
-    Parameters
-    ----------
-    z, dz, ddz, chain
-        As in ``inverse_dynamics``.
-    bodies, places : ndarray of shape (n_sections,)
-        Body of each section, and its distance from the start of the beam [m].
-    loads : ndarray of shape (n_sections, LOADS)
-        Result: force and moment of the outboard part on the inboard one in the axes of the
-        turned section (x along the beam, y up the section), then rates of twist and curvature.
-
+    bodies, places (sections,) [m]; writes loads (sections, LOADS).
     """
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     for s in range(bodies.shape[0]):

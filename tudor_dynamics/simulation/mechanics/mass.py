@@ -28,23 +28,11 @@ from tudor_dynamics.simulation.mechanics.vector import add, cross, dot, sub, tim
 
 
 class Composite(NamedTuple):
-    """
-    Working memory of the mass matrix.
+    """Working memory of the mass matrix."""
 
-    Attributes
-    ----------
-    columns : ndarray of shape (n, 6)
-        Force and moment of a unit acceleration of each coordinate.
-    owner : ndarray of int, shape (n,)
-        Body in whose frame a column stands.
-    inertias : ndarray of shape (bodies + 1, 10)
-        Inertia of each composite body.
-
-    """
-
-    columns: NDArray
-    owner: NDArray
-    inertias: NDArray
+    columns: NDArray  # force and moment of a unit acceleration of each coordinate, (n, 6)
+    owner: NDArray  # body in whose frame a column stands, (n,)
+    inertias: NDArray  # inertia of each composite body, (bodies + 1, 10)
 
 
 @compiled
@@ -195,17 +183,7 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
     """
     Give the mass matrix by composite bodies, from the tips inwards.
 
-    Parameters
-    ----------
-    z : ndarray of shape (n,)
-        Coordinates of joints and nodes [rad, m].
-    chain : Chain
-        Mechanism after a forward pass at ``z``.
-    composite : Composite
-        Working memory of composite bodies.
-    matrix : ndarray of shape (n, n)
-        Mass matrix: the result.
-
+    z (n,) [rad, m]; writes matrix (n, n).
     """
     body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
     columns, owner, inertias = composite.columns, composite.owner, composite.inertias

@@ -35,52 +35,23 @@ from tudor_dynamics.typing import FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """
-    A mechanism as arrays, see ``layout``; parameters may be changed in place between steps.
+    """A mechanism as arrays, see ``layout``; parameters may be changed in place between steps."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the arm.
-    joints : tuple of str
-        All joints, base first.
-    driven : ndarray of bool
-        Joints that are active in the description; the others are held.
-    q_index : ndarray of int
-        Coordinate of each joint.
-    body_of : dict of str to int
-        Body behind each joint.
-    beams : dict of str to BeamProperties
-        Beam behind each joint that has one.
-    body_int, body_float, coordinate : ndarray
-        Tables for compiled code.
-    initial : ndarray of shape (n,)
-        Coordinates before the elastic state is found.
-    gravity : ndarray of shape (3,)
-        Gravity in the base frame [m/s^2].
-    points : int
-        Number of nodes and rigid bodies.
-    tip : int
-        Point at the tip.
-    start : str
-        'equilibrium' or 'undeformed'.
-
-    """
-
-    name: str
-    joints: tuple[str, ...]
-    driven: NDArray[np.bool_]
-    q_index: IntArray
-    body_of: dict[str, int]
-    beams: dict[str, BeamProperties]
+    name: str  # name of the arm
+    joints: tuple[str, ...]  # all joints, base first
+    driven: NDArray[np.bool_]  # joints that are active in the description; the others are held
+    q_index: IntArray  # coordinate of each joint
+    body_of: dict[str, int]  # body behind each joint
+    beams: dict[str, BeamProperties]  # beam behind each joint that has one
+    # Tables for compiled code.
     body_int: IntArray
     body_float: FloatArray
     coordinate: FloatArray
-    initial: FloatArray
-    gravity: FloatArray
-    points: int
-    tip: int
-    start: str
+    initial: FloatArray  # coordinates before the elastic state is found, (n,)
+    gravity: FloatArray  # gravity in the base frame, (3,) [m/s^2]
+    points: int  # number of nodes and rigid bodies
+    tip: int  # point at the tip
+    start: str  # 'equilibrium' or 'undeformed'
 
     @property
     def size(self) -> int:
@@ -129,22 +100,7 @@ class Mechanism:
         return names
 
     def point(self, joint: str, node: int = -1) -> int:
-        """
-        Give the number of a node behind a joint.
-
-        Parameters
-        ----------
-        joint : str
-            Joint before the node.
-        node : int
-            Node of its beam; -1 for the last one.
-
-        Returns
-        -------
-        int
-            Row in arrays over the points of the mechanism.
-
-        """
+        """Give the number of a node behind a joint."""
         row = self.body_int[self.body_of[joint]]
         count = int(row[at.ELEMENTS]) + 1 if row[at.FLEXIBLE] else 1
         return int(row[at.POINT]) + (node + count if node < 0 else node)

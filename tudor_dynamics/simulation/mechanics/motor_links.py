@@ -27,17 +27,6 @@ def with_motors(arm: Arm) -> Arm:
 
     The rotor's inertia seen through the gear goes to the hub, the gear between hub and link, and
     viscous friction to the joint: the mean of both directions.
-
-    Parameters
-    ----------
-    arm : Arm
-        Arm; a joint has its drive either in ``links`` or in ``motors``.
-
-    Returns
-    -------
-    Arm
-        The same arm where there are no motors. ``left_out`` names the rest.
-
     """
     if not arm.spec.motors:
         return arm

@@ -35,17 +35,7 @@ def put_force(chain: Chain, body: int, distance: float, force: Vector) -> None:
     """
     Add a force to the wrenches of the nodes beside its place.
 
-    Parameters
-    ----------
-    chain : Chain
-        Mechanism after a forward pass; its wrenches are added to.
-    body : int
-        Body that is pushed; a rigid one at the origin of its frame.
-    distance : float
-        From the start of the body's beam [m].
-    force : tuple of 3 floats
-        In the base frame [N].
-
+    distance [m]; force: in the base frame [N].
     """
     body_int, wrench = chain.body_int, chain.wrench
     first = body_int[body, at.POINT]
@@ -71,19 +61,7 @@ def put_force(chain: Chain, body: int, distance: float, force: Vector) -> None:
 
 @compiled
 def unsaid(distance: float, place: float, length: float, elements: int) -> float:
-    """
-    Give the lever of a force about a section, less that of its consistent loads [m].
-
-    Parameters
-    ----------
-    distance, place : float
-        Of the force and of the section, from the start of the beam [m].
-    length : float
-        Of an element [m].
-    elements : int
-        Number of elements.
-
-    """
+    """Give the lever of a force about a section, less that of its consistent loads [m]."""
     element = min(int(distance / length), elements - 1)
     cut = min(max(int(place / length), 0), elements - 1)
     if element != cut:
@@ -97,17 +75,7 @@ def add_to_sections(
     chain: Chain, bodies: NDArray, places: NDArray, body: int, distance: float, force: Vector,
     loads: NDArray,
 ) -> None:
-    """
-    Correct ``section_loads`` on the element that a force of ``put_force`` stands on.
-
-    Parameters
-    ----------
-    chain, bodies, places, loads
-        As in ``section_loads``; the moments are added to.
-    body, distance, force
-        As in ``put_force``.
-
-    """
+    """Correct ``section_loads`` on the element that a force of ``put_force`` stands on."""
     if chain.body_int[body, at.FLEXIBLE] == 0:
         return
     local = turn_back(rotation_at(chain.moving[body], at.WORLD), force)
@@ -126,15 +94,7 @@ def point_motion(
     """
     Give place and velocity of one node in the base frame, after a forward pass [m, m/s].
 
-    Parameters
-    ----------
-    z, dz : ndarray of shape (n,)
-        Coordinates and their rates.
-    chain : Chain
-        Mechanism after that pass.
-    body, node : int
-        Body, and its node; 0 for the origin of its frame.
-
+    z, dz (n,); body, node: 0 for the origin of its frame.
     """
     here = chain.moving[body]
     p, dp = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -24,28 +24,16 @@ from tudor_dynamics.arm.links import BeamSpec, MaterialSpec, SectionSpec
 
 @dataclass(frozen=True)
 class BeamProperties:
-    """
-    Stiffness and mass per length of a beam; y is the height axis of the section.
+    """Stiffness and mass per length of a beam; y is the height axis of the section."""
 
-    Attributes
-    ----------
-    density : float
-        Mass per length [kg/m].
-    polar : float
-        Polar moment of inertia per length [kg m].
-    EA, EIy, EIz, GJ : float
-        Stiffness against stretch [N], bending about y and z, torsion [N m^2].
-    surface_y, surface_z : float
-        Distance of the surface from the neutral line along y and z [m].
-
-    """
-
-    density: float
-    polar: float
+    density: float  # mass per length [kg/m]
+    polar: float  # polar moment of inertia per length [kg m]
+    # Stiffness against stretch [N], bending about y and z, torsion [N m^2].
     EA: float
     EIy: float
     EIz: float
     GJ: float
+    # Distance of the surface from the neutral line along y and z [m].
     surface_y: float
     surface_z: float
 
@@ -99,20 +87,7 @@ def _geometry(section: SectionSpec) -> tuple[float, float, float, float, float, 
 
 
 def beam_properties(beam: BeamSpec) -> BeamProperties:
-    """
-    Give the numbers of a beam.
-
-    Parameters
-    ----------
-    beam : BeamSpec
-        Description of the beam.
-
-    Returns
-    -------
-    BeamProperties
-        Stiffness and mass per length.
-
-    """
+    """Give the numbers of a beam."""
     area, second_y, second_z, torsion, surface_y, surface_z = _geometry(beam.section)
     torsion = beam.section.J or torsion
     material = beam.material

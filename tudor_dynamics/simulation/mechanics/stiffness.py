@@ -33,13 +33,7 @@ def stiffness_matrix(
     """
     Give the elastic stiffness and the damping by stiffness and joints.
 
-    Parameters
-    ----------
-    body_int, body_float, coordinate : ndarray
-        Mechanism, see ``layout``.
-    stiffness, damping : ndarray of shape (n, n)
-        Results: K, and beta K with the joints' damping.
-
+    Writes stiffness, damping (n, n).
     """
     stiffness[:] = 0.0
     damping[:] = 0.0
@@ -94,17 +88,7 @@ def add_stretch(
     """
     Add the tangent stiffness of bending that shortens a beam (lower triangle and diagonal).
 
-    Parameters
-    ----------
-    z : ndarray of shape (n,)
-        Coordinates of joints and nodes [rad, m].
-    body_int, body_float : ndarray
-        Mechanism, see ``layout``.
-    gain, rate_gain : float
-        Factors of the stiffness and of the damping that goes with it.
-    matrix : ndarray of shape (n, n)
-        Stiffness or damping matrix, added to.
-
+    z (n,) [rad, m], matrix (n, n).
     """
     rows = np.empty(10, dtype=np.int64)
     g = np.empty(10)

@@ -63,20 +63,13 @@ class Felt:
     What the sensors feel, each in its own axes.
 
     They are those of the beam's end, x along the beam; of the tip frame where no beam ends there.
-
-    Attributes
-    ----------
-    axes : ndarray of shape (n_sensors, 3, 3)
-        Of each sensor in the base frame, as columns.
-    angular_velocity : ndarray of shape (n_sensors, 3)
-        Turning of each sensor, as a gyroscope reads it [rad/s].
-    specific_force : ndarray of shape (n_sensors, 3)
-        Acceleration less gravity, as an accelerometer reads it: at rest it points upwards [m/s^2].
-
     """
 
-    axes: FloatArray
+    axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
+    # Turning of each sensor, as a gyroscope reads it, (sensors, 3) [rad/s].
     angular_velocity: FloatArray
+    # Acceleration less gravity, as an accelerometer reads it: at rest it points upwards,
+    # (sensors, 3) [m/s^2].
     specific_force: FloatArray
 
 
@@ -90,20 +83,7 @@ def _tip(mechanism: Mechanism) -> int:
 
 
 class InertialSensors:
-    """
-    Sensors at the far end of each beam, named by the joint before it, and at the tip.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Whose beams carry the sensors.
-
-    Attributes
-    ----------
-    names : tuple of str
-        ``tip``, or the joint before the beam.
-
-    """
+    """Sensors at the far end of each beam, named by the joint before it, and at the tip."""
 
     def __init__(self, mechanism: Mechanism) -> None:
         first = mechanism.body_int[:, at.POINT]
@@ -119,18 +99,7 @@ class InertialSensors:
         """
         Feel the present motion; to be called after ``Observer.observe``.
 
-        Parameters
-        ----------
-        plant : Plant
-            Plant of the mechanism.
-        acceleration : ndarray of shape (points, 3)
-            Of all points, see ``Observation`` [m/s^2].
-
-        Returns
-        -------
-        Felt
-            The same object at each call, overwritten.
-
+        acceleration (points, 3) [m/s^2].
         """
         felt = self._felt
         feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,

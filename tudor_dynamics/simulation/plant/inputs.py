@@ -26,22 +26,7 @@ from tudor_dynamics.typing import FloatArray
 
 
 def check_settings(dt: float, rho: float) -> None:
-    """
-    Refuse settings that no integrator has.
-
-    Parameters
-    ----------
-    dt : float
-        Length of a step [s].
-    rho : float
-        Spectral radius at high frequencies.
-
-    Raises
-    ------
-    SimulationError
-        If the step is not positive, or the radius not from 0 to 1.
-
-    """
+    """Refuse settings that no integrator has: dt [s]."""
     if not (np.isfinite(dt) and dt > 0.0):
         msg = f'the step must be positive, found {dt} s'
         raise SimulationError(msg)
@@ -57,24 +42,7 @@ def put(
     """
     Put a value of each joint where it belongs.
 
-    Parameters
-    ----------
-    vector : ndarray of shape (n,)
-        All coordinates; changed in place.
-    places : ndarray of shape (n_joints,)
-        Where those of the joints are.
-    values : array of shape (n_joints,)
-        Values in the units of the vector.
-    name : str
-        What they are called.
-    joints : sequence of str
-        Names of the joints.
-
-    Raises
-    ------
-    SimulationError
-        If there are not as many numbers as joints.
-
+    places (joints,), values (joints,) [unit of the vector]; writes vector (n,).
     """
     try:
         vector[places] = values
@@ -88,20 +56,7 @@ def put_force(wrench: FloatArray, force: FloatArray, tip: int) -> None:
     """
     Put an external force where it acts.
 
-    Parameters
-    ----------
-    wrench : ndarray of shape (n_points, 6)
-        Force and moment at each point; changed in place [N, N m].
-    force : ndarray of shape (3,), (6,) or (n_points, 6)
-        At the tip, or at all points [N, N m].
-    tip : int
-        Which point is the tip.
-
-    Raises
-    ------
-    SimulationError
-        If it has another shape.
-
+    force (3,) [N, N m]; writes wrench (points, 6) [N, N m].
     """
     if force.shape == wrench.shape:
         wrench[:] = force

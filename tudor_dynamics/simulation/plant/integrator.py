@@ -60,36 +60,17 @@ class PlantTables(NamedTuple):
     State of a plant, its matrices, what drives it, and its mechanism.
 
     The arrays are changed in place and are never others for the life of a plant.
-
-    Attributes
-    ----------
-    vectors : ndarray of shape (VECTORS, n)
-        State, and what a step begins with.
-    matrices : ndarray of shape (MATRICES, n, n)
-        Stiffness and damping, and working memory.
-    settings : ndarray of shape (SETTINGS,)
-        Step [s], rho, tolerance, and what one step tells the next.
-    prescribed : ndarray of bool, shape (n,)
-        Coordinates whose motion is given.
-    torque : ndarray of shape (n,)
-        Generalised force at the end of the step [N m or N].
-    motion : ndarray of shape (3, n)
-        Position, velocity, acceleration of prescribed coordinates at the end of the step.
-    chain : Chain
-        Tables of the mechanism.
-    composite : Composite
-        Working memory of the mass matrix.
-
     """
 
-    vectors: NDArray
-    matrices: NDArray
-    settings: NDArray
-    prescribed: NDArray
-    torque: NDArray
+    vectors: NDArray  # state, and what a step begins with, (VECTORS, n)
+    matrices: NDArray  # stiffness and damping, and working memory, (MATRICES, n, n)
+    settings: NDArray  # (SETTINGS,): step [s], rho, tolerance, and what one step tells the next
+    prescribed: NDArray  # coordinates whose motion is given, (n,)
+    torque: NDArray  # generalised force at the end of the step, (n,) [N m or N]
+    # (3, n): position, velocity, acceleration of prescribed coordinates at the end of the step.
     motion: NDArray
-    chain: Chain
-    composite: Composite
+    chain: Chain  # tables of the mechanism
+    composite: Composite  # working memory of the mass matrix
 
 
 @compiled
@@ -207,22 +188,7 @@ def _attempt(order: int, plant: PlantTables, loaded: bool) -> int:
 
 @compiled
 def step(plant: PlantTables, loaded: bool) -> int:
-    """
-    Advance one step.
-
-    Parameters
-    ----------
-    plant : PlantTables
-        Plant, overwritten; its state is put back where the step fails.
-    loaded : bool
-        Whether forces act from outside.
-
-    Returns
-    -------
-    int
-        OK, or what went wrong.
-
-    """
+    """Advance one step."""
     vectors, torque, motion = plant.vectors, plant.torque, plant.motion
     n = torque.shape[0]
     z, dz, ddz, acc = vectors[Z], vectors[DZ], vectors[DDZ], vectors[ACC]
@@ -256,19 +222,7 @@ def accelerations(plant: PlantTables, loaded: bool) -> bool:
     """
     Solve the equations for the accelerations at a given state.
 
-    Parameters
-    ----------
-    plant : PlantTables
-        Rows Z and DZ are given, DDZ of prescribed coordinates too. The result is in row DDZ.
-        Destroys the factors of the step.
-    loaded : bool
-        Whether forces act from outside.
-
-    Returns
-    -------
-    bool
-        False where the mass matrix is singular.
-
+    Returns False where the mass matrix is singular.
     """
     vectors, prescribed = plant.vectors, plant.prescribed
     n = prescribed.shape[0]

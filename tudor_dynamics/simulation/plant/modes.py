@@ -32,23 +32,14 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """
-    Small vibrations about a configuration.
+    """Small vibrations about a configuration."""
 
-    Attributes
-    ----------
-    frequency : ndarray of shape (n_modes,)
-        Undamped frequencies, ascending; negative where gravity makes the state unstable [Hz].
-    damping : ndarray of shape (n_modes,)
-        Damping ratios by Rayleigh damping and joint damping (its diagonal part).
-    shape : ndarray of shape (n_modes, n)
-        Coordinates, mass-normalised; zero at joints that are held.
-
-    """
-
+    # Undamped frequencies, ascending; negative where gravity makes the state unstable, (modes,)
+    # [Hz].
     frequency: FloatArray
+    # (modes,): damping ratios by Rayleigh damping and joint damping (its diagonal part).
     damping: FloatArray
-    shape: FloatArray
+    shape: FloatArray  # (modes, n): coordinates, mass-normalised; zero at joints that are held
 
     def __repr__(self) -> str:
         """Write frequency and damping ratio, one line a mode."""
@@ -62,16 +53,7 @@ def stiffness_about_state(plant: Plant) -> FloatArray:
     """
     Give the tangent stiffness over all coordinates, gravity and stretch included.
 
-    Parameters
-    ----------
-    plant : Plant
-        Plant at the configuration wanted.
-
-    Returns
-    -------
-    ndarray of shape (n, n)
-        Symmetric.
-
+    Returns (n, n).
     """
     mechanism = plant.mechanism
     z, zero = plant.coordinates.copy(), np.zeros(mechanism.size)
@@ -92,16 +74,7 @@ def damping_about_state(plant: Plant) -> FloatArray:
     """
     Give the tangent damping over all coordinates: Rayleigh's and that of the joints.
 
-    Parameters
-    ----------
-    plant : Plant
-        Plant at the configuration wanted.
-
-    Returns
-    -------
-    ndarray of shape (n, n)
-        Not symmetric where alpha is not zero.
-
+    Returns (n, n).
     """
     z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
     columns = []

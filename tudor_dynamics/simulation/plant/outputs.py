@@ -35,52 +35,30 @@ from tudor_dynamics.typing import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """
-    What ``Probe.observe`` saw; arrays are overwritten by the next call.
+    """What ``Probe.observe`` saw; arrays are overwritten by the next call."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration : ndarray of shape (points, 3)
-        In the base frame [m, m/s, m/s^2].
-    force, moment : ndarray of shape (n_sections, 3)
-        Normal and shear forces [N]; torsion and bending moments about the section's y and z
-        [N m], of the outboard part on the inboard one.
-    reaction : ndarray of shape (n_joints, 6)
-        Force and moment that each joint transmits to the links it carries, about the joint and in
-        the base frame; the moment about its axis includes the drive's [N, N m].
-    strain : ndarray of shape (n_gauges,)
-        In the unit of each gauge; um/m where that is a voltage.
-    gauge_moment : ndarray of shape (n_gauges,)
-        Bending moment at each gauge, positive for the load that the joint holds [N m].
-
-    """
-
+    # In the base frame, (points, 3) [m, m/s, m/s^2].
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    # (sections, 3): normal and shear forces [N]; torsion and bending moments about the section's y
+    # and z [N m], of the outboard part on the inboard one.
     force: FloatArray
     moment: FloatArray
+    # Force and moment that each joint transmits to the links it carries, about the joint and in
+    # the base frame; the moment about its axis includes the drive's, (joints, 6) [N, N m].
     reaction: FloatArray
-    strain: FloatArray
+    strain: FloatArray  # (gauges,): in the unit of each gauge; um/m where that is a voltage
+    # Bending moment at each gauge, positive for the load that the joint holds, (gauges,) [N m].
     gauge_moment: FloatArray
 
 
 @dataclass(frozen=True)
 class BeamPlace:
-    """
-    A place along a beam: joint before it and distance from the beam's start [m].
+    """A place along a beam: joint before it and distance from the beam's start [m]."""
 
-    Attributes
-    ----------
-    joint : str
-        Joint before the beam.
-    distance : float
-        Distance from the beam's start [m].
-
-    """
-
-    joint: str
-    distance: float
+    joint: str  # joint before the beam
+    distance: float  # distance from the beam's start [m]
 
 
 def middle_sections(mechanism: Mechanism) -> list[BeamPlace]:
@@ -98,29 +76,7 @@ class Probe:
     """
     Nodal motion, internal loads and strains of a plant.
 
-    Parameters
-    ----------
-    plant : Plant
-        Plant to look at.
-    sections : list of BeamPlace
-        Places of internal loads.
-    arm : Arm, optional
-        Arm whose gauges are read.
-
-    Raises
-    ------
-    SimulationError
-        If a section or gauge lies outside its beam, or its link is rigid.
-
-    Attributes
-    ----------
-    bodies, places : ndarray of shape (n_places,)
-        Body and distance from the start of its beam, of the sections and then the gauges [m].
-    loads : ndarray of shape (n_places, LOADS)
-        Internal loads there, overwritten by each look [N, N m].
-    gains : ndarray of shape (n_gauges, 3)
-        Reading per moment and per rate of the moment, and the axis of the moment.
-
+    bodies, places (places,) [m], gains (gauges, 3); writes loads (places, LOADS) [N, N m].
     """
 
     def __init__(self, plant: Plant, sections: list[BeamPlace] | None = None,

@@ -31,15 +31,7 @@ def extrapolated(past: NDArray, order: int, i: int) -> float:
     """
     Continue the polynomial through the last accelerations of a coordinate.
 
-    Parameters
-    ----------
-    past : ndarray of shape (PAST, n)
-        Accelerations at the ends of the last steps, the newest first [rad/s^2 or m/s^2].
-    order : int
-        Degree of the polynomial, from 0.
-    i : int
-        Number of the coordinate whose past is continued.
-
+    past (PAST, n) [rad/s^2 or m/s^2].
     """
     a, b, c = past[0, i], past[1, i], past[2, i]
     if order == 0:
@@ -59,18 +51,7 @@ def best_order(found: NDArray, past: NDArray, prescribed: NDArray, factor: NDArr
     What moves smoothly is met best by a high one, what rings in modes that a step cannot follow by
     a low one.
 
-    Parameters
-    ----------
-    found : ndarray of shape (n,)
-        Accelerations at the end of the step [rad/s^2 or m/s^2].
-    past : ndarray of shape (PAST, n)
-        Those before it.
-    prescribed : ndarray of bool, shape (n,)
-        Coordinates whose motion is given.
-    factor : ndarray of shape (n, n)
-        Factors of the iteration matrix, with inverses on the diagonal: they weigh coordinates of
-        different units.
-
+    found (n,) [rad/s^2 or m/s^2], past (PAST, n), prescribed (n,), factor (n, n).
     """
     errors = (0.0, 0.0, 0.0, 0.0)
     for i in range(found.shape[0]):

@@ -30,36 +30,17 @@ from tudor_dynamics.small_arrays import array_at, places_of, REAL, TRUTH, WHOLE
 
 
 class Joints(NamedTuple):
-    """
-    Where joints stand in a plant, and what they do.
+    """Where joints stand in a plant, and what they do."""
 
-    Attributes
-    ----------
-    q_index, bodies : ndarray of int, shape (n_joints,)
-        Coordinate of each joint and the body behind it.
-    state : ndarray of shape (4, n_joints)
-        Position, velocity, acceleration and effort of each; overwritten.
-
-    """
-
+    # Coordinate of each joint and the body behind it, (joints,).
     q_index: NDArray
     bodies: NDArray
-    state: NDArray
+    state: NDArray  # (4, joints): position, velocity, acceleration and effort of each; overwritten
 
 
 @compiled
 def report(plant: PlantTables, joints: Joints) -> None:
-    """
-    Write what the joints do; the effort is the reaction where the motion is given.
-
-    Parameters
-    ----------
-    plant : PlantTables
-        Plant after a step.
-    joints : Joints
-        Joints; their state is the result.
-
-    """
+    """Write what the joints do; the effort is the reaction where the motion is given."""
     vectors, chain, state = plant.vectors, plant.chain, joints.state
     for number in range(joints.q_index.shape[0]):
         q, b = joints.q_index[number], joints.bodies[number]
@@ -75,38 +56,13 @@ def report(plant: PlantTables, joints: Joints) -> None:
 
 
 def reported_places(plant: PlantTables, joints: Joints) -> NDArray[np.int64]:
-    """
-    Write down where the arrays of a plant lie, for ``step_and_report``.
-
-    Parameters
-    ----------
-    plant : PlantTables
-        Plant; who keeps the result keeps it, too.
-    joints : Joints
-        Its joints, likewise.
-
-    """
+    """Write down where the arrays of a plant lie, for ``step_and_report``."""
     return places_of((*plant[:6], *plant.chain, *plant.composite, *joints))
 
 
 @compiled
 def step_and_report(loaded: bool, places: NDArray) -> int:
-    """
-    Advance one step and report.
-
-    Parameters
-    ----------
-    loaded : bool
-        Whether forces act from outside.
-    places : ndarray of shape (19, 4)
-        Where the arrays of the plant and its joints lie, from ``reported_places``.
-
-    Returns
-    -------
-    int
-        Status of ``step``.
-
-    """
+    """Advance one step and report: places (19, 4)."""
     a = places
     chain = Chain(array_at(a, 6, WHOLE, 2), array_at(a, 7, REAL, 2), array_at(a, 8, REAL, 2),
                   array_at(a, 9, REAL, 1), array_at(a, 10, REAL, 2), array_at(a, 11, REAL, 2),

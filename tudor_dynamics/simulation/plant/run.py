@@ -41,46 +41,14 @@ Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
 
 class Steps(NamedTuple):
-    """
-    How far a run goes, in steps.
+    """How far a run goes, in steps."""
 
-    Attributes
-    ----------
-    total : int
-        Steps of the run.
-    every : int
-        Steps between two records.
-
-    """
-
-    total: int
-    every: int
+    total: int  # steps of the run
+    every: int  # steps between two records
 
     @classmethod
     def of(cls, seconds: float, dt: float, rate: float) -> Steps:
-        """
-        Count them.
-
-        Parameters
-        ----------
-        seconds : float
-            Length of the run [s].
-        dt : float
-            Step of the integrator [s].
-        rate : float
-            Records per second [Hz].
-
-        Returns
-        -------
-        Steps
-            At least one of each.
-
-        Raises
-        ------
-        UsageError
-            If a number is not positive.
-
-        """
+        """Count them: seconds, dt [s], rate [Hz]."""
         for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
             check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
             if not 0.0 < value < 1e9:
@@ -91,50 +59,34 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """
-    Recorded signals of a run.
+    """Recorded signals of a run."""
 
-    Attributes
-    ----------
-    t : ndarray of shape (n_samples,)
-        Times of the records [s].
-    q, dq, ddq, effort : ndarray of shape (n_samples, n_joints)
-        Joint motion and effort of each drive [rad or m, N m or N].
-    position, velocity, acceleration : ndarray of shape (n_samples, points, 3)
-        Of all nodes in the base frame.
-    force, moment : ndarray of shape (n_samples, n_sections, 3)
-        Internal loads, see ``Observation``.
-    reaction : ndarray of shape (n_samples, n_joints, 6)
-        Of each joint, see ``Observation``.
-    strain, gauge_moment : ndarray of shape (n_samples, n_gauges)
-        In the unit of each gauge, and [N m].
-    energy : ndarray of shape (n_samples, 3)
-        Kinetic, elastic, gravitational [J].
-    rotation : ndarray of shape (n_samples,)
-        Largest elastic rotation of a node in its link's frame [rad], see ``LARGEST_ROTATION``.
-    sensor_axes : ndarray of shape (n_samples, n_sensors, 3, 3)
-        Axes of each inertial sensor in the base frame, see ``InertialSensors``.
-    sensor_turning, sensor_acceleration : ndarray of shape (n_samples, n_sensors, 3)
-        What each feels, in its axes: angular velocity [rad/s], acceleration less gravity [m/s^2].
-
-    """
-
-    t: FloatArray
+    t: FloatArray  # times of the records, (samples,) [s]
+    # Joint motion and effort of each drive, (samples, joints) [rad or m, N m or N].
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
     effort: FloatArray
+    # Of all nodes in the base frame, (samples, points, 3).
     position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
+    # Internal loads, see `Observation`, (samples, sections, 3).
     force: FloatArray
     moment: FloatArray
-    reaction: FloatArray
+    reaction: FloatArray  # of each joint, see `Observation`, (samples, joints, 6)
+    # In the unit of each gauge, and, (samples, gauges) [N m].
     strain: FloatArray
     gauge_moment: FloatArray
-    energy: FloatArray
+    energy: FloatArray  # kinetic, elastic, gravitational, (samples, 3) [J]
+    # (samples,): largest elastic rotation of a node in its link's frame [rad], see
+    # `LARGEST_ROTATION`.
     rotation: FloatArray
+    # (samples, sensors, 3, 3): axes of each inertial sensor in the base frame, see
+    # `InertialSensors`.
     sensor_axes: FloatArray
+    # (samples, sensors, 3): what each feels, in its axes: angular velocity [rad/s], acceleration
+    # less gravity [m/s^2].
     sensor_turning: FloatArray
     sensor_acceleration: FloatArray
 
@@ -148,17 +100,7 @@ class Run:
         return f'Run of {self.t[-1]:g} s: {shapes}'
 
     def save(self, path: Path, **more: NDArray) -> None:
-        """
-        Write all arrays to one ``.npz``, whole or not at all.
-
-        Parameters
-        ----------
-        path : Path
-            File to write.
-        **more : ndarray
-            Arrays to add, such as names.
-
-        """
+        """Write all arrays to one ``.npz``, whole or not at all."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
@@ -213,33 +155,7 @@ def run_plant(
     """
     Step a plant through given torques from its present state.
 
-    Parameters
-    ----------
-    plant : Plant
-        Plant, after ``reset``.
-    probe : Probe
-        What to look at.
-    torque : ndarray of shape (n_steps + 1, n_joints)
-        At the steps, the first at the start [N m or N].
-    every : int
-        Steps between two records.
-    motion : tuple of 3 ndarray of shape (n_steps + 1, n_joints), optional
-        Motion of the joints driven by motion.
-    force : ndarray of shape (n_steps + 1, 3), optional
-        At the tip, in the base frame; the first has acted since ``reset`` [N].
-    progress : callable, optional
-        Told the number of steps done since its last call, now and then.
-
-    Returns
-    -------
-    Run
-        Records at the start and every ``every`` steps.
-
-    Raises
-    ------
-    SimulationError
-        If the run diverges.
-
+    torque (steps + 1, joints) [N m or N], motion (steps + 1, joints), force (steps + 1, 3) [N].
     """
     steps = torque.shape[0] - 1
     sensors = InertialSensors(plant.mechanism)
@@ -262,29 +178,7 @@ def simulate_with_scipy(
     method: Integrator = 'radau', rtol: float = 1e-6,
     progress: Callable[[int], None] | None = None,
 ) -> Run:
-    """
-    Do the same with a solver of scipy, as a check of the integrator: slow, error controlled.
-
-    Parameters
-    ----------
-    plant, probe, torque, every, progress
-        As in ``run_plant``; joints that are not driven by a torque are held.
-    method : {'radau', 'bdf'}
-        Solver of scipy.
-    rtol : float
-        Relative tolerance of the solver.
-
-    Returns
-    -------
-    Run
-        Records on the same times.
-
-    Raises
-    ------
-    SimulationError
-        If the solver gives up.
-
-    """
+    """Do the same with a solver of scipy, as a check of the integrator: slow, error controlled."""
     names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
     n, dt = plant.mechanism.size, plant.dt
     steps = torque.shape[0] - 1

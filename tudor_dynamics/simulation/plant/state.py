@@ -27,47 +27,25 @@ Drive = Literal['torque', 'motion', 'hold']
 
 @dataclass(eq=False)
 class PlantState:
-    """
-    State after a step; the arrays are overwritten by the next one.
+    """State after a step; the arrays are overwritten by the next one."""
 
-    Attributes
-    ----------
-    t : float
-        Time of the state [s].
-    q, dq, ddq : ndarray of shape (n_joints,)
-        All joints of the mechanism [rad or m and their rates].
-    effort : ndarray of shape (n_joints,)
-        Effort of each drive: as given where the joint is driven by a torque, the reaction where
-        its motion is given or held [N m or N].
-
-    """
-
-    t: float
+    t: float  # time of the state [s]
+    # All joints of the mechanism, (joints,) [rad or m and their rates].
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
+    # Effort of each drive: as given where the joint is driven by a torque, the reaction where its
+    # motion is given or held, (joints,) [N m or N].
     effort: FloatArray
 
 
 @dataclass(frozen=True)
 class Energy:
-    """
-    Kinetic, elastic and gravitational energy [J].
+    """Kinetic, elastic and gravitational energy [J]."""
 
-    Attributes
-    ----------
-    kinetic : float
-        Energy of the motion [J].
-    elastic : float
-        Energy of beams and joint springs [J].
-    gravity : float
-        Energy of the masses in the field of gravity [J].
-
-    """
-
-    kinetic: float
-    elastic: float
-    gravity: float
+    kinetic: float  # energy of the motion [J]
+    elastic: float  # energy of beams and joint springs [J]
+    gravity: float  # energy of the masses in the field of gravity [J]
 
     @property
     def total(self) -> float:
@@ -77,47 +55,16 @@ class Energy:
 
 @dataclass(frozen=True)
 class Counts:
-    """
-    Newton iterations and factorisations since the last reset.
+    """Newton iterations and factorisations since the last reset."""
 
-    Attributes
-    ----------
-    iterations : int
-        Newton iterations since the last reset.
-    factorisations : int
-        Factorisations since the last reset.
-
-    """
-
-    iterations: int
-    factorisations: int
+    iterations: int  # Newton iterations since the last reset
+    factorisations: int  # factorisations since the last reset
 
 
 def failure_message(
     status: int, name: str, t: float, dt: float, energy: float, loose: list[str],
 ) -> str:
-    """
-    Put a failure into one line.
-
-    Parameters
-    ----------
-    status : int
-        Of the integrator.
-    name : str
-        Name of the mechanism.
-    t, dt : float
-        End of the step that failed, and the step [s].
-    energy : float
-        Before that step [J].
-    loose : list of str
-        Joints that are free to move.
-
-    Returns
-    -------
-    str
-        What was found, where, and what to do.
-
-    """
+    """Put a failure into one line: t, dt [s], energy [J]."""
     if status == gen.BAD_INPUT:
         return f'{name}: a torque, force or motion at t = {t:.6g} s is not finite; check the input'
     if status == gen.SINGULAR:

@@ -36,22 +36,7 @@ def find_equilibrium(
 
     Newton with the elastic tangent stiffness, which gravity hardly changes.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        What is joined to what, with the tables of its bodies and coordinates.
-    z : ndarray of shape (n,)
-        Coordinates, changed where they are elastic [rad, m].
-    stiffness : ndarray of shape (n, n)
-        Of the straight links.
-    imbalance : callable
-        Force that coordinates, rates and their rates need, each of shape (n,).
-
-    Raises
-    ------
-    SimulationError
-        If there is no equilibrium.
-
+    z (n,) [rad, m], stiffness (n, n).
     """
     elastic = mechanism.elastic
     if not elastic.any():
@@ -82,20 +67,7 @@ def check_step(
     """
     Refuse a step that cannot follow the slowest vibration of the links, joints held.
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-        What is joined to what, with the tables of its bodies and coordinates.
-    stiffness, mass : ndarray of shape (n, n)
-        Of all coordinates.
-    dt : float
-        Step that the integrator is to take [s].
-
-    Raises
-    ------
-    SimulationError
-        If the step is too large.
-
+    stiffness, mass (n, n), dt [s].
     """
     free = np.flatnonzero(mechanism.elastic)
     if free.size == 0:

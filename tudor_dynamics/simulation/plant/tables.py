@@ -24,15 +24,7 @@ from tudor_dynamics.simulation.plant.integrator import PlantTables
 
 
 def new_tables(mechanism: Mechanism) -> PlantTables:
-    """
-    Make the tables of a plant that has no state yet.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism of the plant, whose tables are shared.
-
-    """
+    """Make the tables of a plant that has no state yet."""
     n = mechanism.size
     return PlantTables(
         vectors=np.zeros((gen.VECTORS, n)), matrices=np.zeros((gen.MATRICES, n, n)),

@@ -34,20 +34,7 @@ MAX_FRAMES = 600
 
 
 def check_target(path: Path) -> None:
-    """
-    Say before a run whether its animation can be written.
-
-    Parameters
-    ----------
-    path : Path
-        File to be written.
-
-    Raises
-    ------
-    SimulationError
-        If it is neither .gif nor .mp4, or ffmpeg is missing.
-
-    """
+    """Say before a run whether its animation can be written."""
     if path.suffix.lower() not in ('.gif', '.mp4'):
         msg = f'{path}: animations are .gif or .mp4'
         raise SimulationError(msg)
@@ -57,26 +44,7 @@ def check_target(path: Path) -> None:
 
 
 def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -> None:
-    """
-    Draw a run as a moving picture in real time.
-
-    Parameters
-    ----------
-    path : Path
-        .gif or .mp4 file.
-    run : Run
-        Run to be shown.
-    mechanism : Mechanism
-        What is joined to what.
-    rate : float
-        Pictures a second [Hz]; lower where the run is long.
-
-    Raises
-    ------
-    SimulationError
-        If the file cannot be written.
-
-    """
+    """Draw a run as a moving picture in real time: rate [Hz]."""
     check_target(path)
     seconds = float(run.t[-1] - run.t[0])
     rate = min(rate, MAX_FRAMES / max(seconds, 1e-6))

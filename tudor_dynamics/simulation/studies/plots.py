@@ -40,40 +40,16 @@ AXES = ('x', 'y', 'z')
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """
-    A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit.
+    """A named signal of a run: values (n_samples, n_curves), a label a curve, title and unit."""
 
-    Attributes
-    ----------
-    values : ndarray of shape (n_samples, n_curves)
-        Values over time, a curve a column.
-    labels : tuple of str
-        Label of each curve.
-    title : str
-        Title of the figure.
-    unit : str
-        Unit of the values.
-
-    """
-
-    values: FloatArray
+    values: FloatArray  # values over time, a curve a column, (samples, curves)
     labels: tuple[str, ...]
-    title: str
-    unit: str
+    title: str  # title of the figure
+    unit: str  # unit of the values
 
 
 def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
-    """
-    Give the names that ``pick_signal`` knows.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Mechanism with the names of its joints.
-    gauges : tuple of str
-        Names of the gauges.
-
-    """
+    """Give the names that ``pick_signal`` knows."""
     points = ['tip', *mechanism.joints]
     return ([f'{what}:{joint}' for what in ('q', 'dq', 'effort') for joint in mechanism.joints]
             + [f'{what}:{point}' for what in ('position', 'acceleration') for point in points]
@@ -82,33 +58,7 @@ def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
 
 
 def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: str) -> Curves:
-    """
-    Take a signal out of a run.
-
-    Parameters
-    ----------
-    run : Run
-        Run that the signal is taken from.
-    mechanism : Mechanism
-        Mechanism with the names of its joints.
-    gauges : tuple of str
-        Gauges of the run.
-    name : str
-        ``q:JOINT``, ``dq:JOINT``, ``effort:JOINT``, ``position:POINT``, ``acceleration:POINT``
-        (``tip``, or a joint for the end of its link), ``moment:JOINT``, ``strain:GAUGE``,
-        ``energy``.
-
-    Returns
-    -------
-    Curves
-        Values and labels.
-
-    Raises
-    ------
-    SimulationError
-        If there is no such signal.
-
-    """
+    """Take a signal out of a run."""
     what, _, which = name.partition(':')
     if name not in signal_names(mechanism, gauges):
         known = ', '.join(signal_names(mechanism, gauges))
@@ -139,18 +89,7 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
     """
     Give one-sided amplitudes of Hann-windowed signals.
 
-    Parameters
-    ----------
-    values : ndarray of shape (n_samples, n_curves)
-        Signals over time, a curve a column.
-    dt : float
-        Sample time [s].
-
-    Returns
-    -------
-    tuple of ndarray
-        Frequencies [Hz] and amplitudes (n_frequencies, n_curves).
-
+    values (samples, curves), dt [s]; returns frequencies [Hz].
     """
     window = np.hanning(len(values))[:, None]
     content = np.abs(np.fft.rfft((values - values.mean(axis=0)) * window, axis=0))
@@ -159,17 +98,7 @@ def spectrum(values: FloatArray, dt: float) -> tuple[NDArray, FloatArray]:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """
-    Write a figure, whole or not at all.
-
-    Parameters
-    ----------
-    figure : Figure
-        Figure to be written.
-    path : Path
-        PNG file to write.
-
-    """
+    """Write a figure, whole or not at all."""
     stream = io.BytesIO()
     figure.savefig(stream, format='png', dpi=110)
     write_whole(path, stream.getvalue())
@@ -178,43 +107,14 @@ def save_figure(figure: Figure, path: Path) -> None:
 def plot_signal(
     path: Path, run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
 ) -> None:
-    """
-    Draw a signal into a picture.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    run, signal, title, highest
-        As in ``draw_signal``.
-
-    """
+    """Draw a signal into a picture."""
     save_figure(draw_signal(run, signal, title=title, highest=highest), path)
 
 
 def draw_signal(
     run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
 ) -> Figure:
-    """
-    Draw a signal over time and over frequency.
-
-    Parameters
-    ----------
-    run : Run
-        Run whose times the signal has.
-    signal : Curves
-        What to draw, see ``pick_signal``.
-    title : str, optional
-        Other title than that of the signal.
-    highest : float
-        Highest frequency shown [Hz].
-
-    Returns
-    -------
-    Figure
-        Two axes, time above frequency.
-
-    """
+    """Draw a signal over time and over frequency: highest [Hz]."""
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
     upper, lower = figure.subplots(2, 1)
     frequency, amplitude = spectrum(signal.values, float(run.t[1] - run.t[0]))
@@ -253,21 +153,7 @@ def body_lines(mechanism: Mechanism) -> list[tuple[list[int], bool]]:
 def plot_configuration(
     path: Path, mechanism: Mechanism, position: FloatArray, title: str,
 ) -> None:
-    """
-    Draw the mechanism as it stands.
-
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    mechanism : Mechanism
-        What is joined to what.
-    position : ndarray of shape (points, 3)
-        Points in the base frame [m].
-    title : str
-        Title of the figure.
-
-    """
+    """Draw the mechanism as it stands: position (points, 3) [m]."""
     figure = Figure(figsize=(6.4, 5.6), layout='constrained')
     axes = figure.add_subplot(projection='3d')
     draw_mechanism(axes, mechanism, position)
@@ -285,15 +171,7 @@ def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> 
     """
     Draw beams, rigid connections, nodes and joints into three-dimensional axes.
 
-    Parameters
-    ----------
-    axes : Axes3D
-        Axes to draw into.
-    mechanism : Mechanism
-        What is joined to what.
-    position : ndarray of shape (points, 3)
-        Points in the base frame [m].
-
+    position (points, 3) [m].
     """
     plot = getattr(axes, 'plot')
     for points, beam in body_lines(mechanism):
@@ -306,17 +184,7 @@ def draw_mechanism(axes: object, mechanism: Mechanism, position: FloatArray) -> 
 
 
 def limit_axes(axes: object, position: FloatArray) -> None:
-    """
-    Give all axes the same scale, with the base in view.
-
-    Parameters
-    ----------
-    axes : Axes3D
-        Axes to be scaled.
-    position : ndarray of shape (..., 3)
-        Points that must be in view, in the base frame [m].
-
-    """
+    """Give all axes the same scale, with the base in view: position (..., 3) [m]."""
     points = np.vstack([position.reshape(-1, 3), np.zeros(3)])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, half = 0.5 * (low + high), 0.55 * float((high - low).max()) + 1e-3

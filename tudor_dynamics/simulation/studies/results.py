@@ -33,25 +33,7 @@ START_NS = 1_000_000_000
 
 
 def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
-    """
-    Lay a run out on the topics of joint states, strains and accelerations.
-
-    Parameters
-    ----------
-    run : Run
-        Run with its signals.
-    arm : Arm
-        Names and topics.
-    mechanism : Mechanism
-        Order of the joints.
-
-    Returns
-    -------
-    list of Series
-        Joint states, strains where the arm has gauges, and ``/imu/SENSOR`` for each inertial
-        sensor, with the frame ``SENSOR_imu``.
-
-    """
+    """Lay a run out on the topics of joint states, strains and accelerations."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
     series: list[Series] = [JointStateSeries(
@@ -72,28 +54,7 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
 
 
 def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: bool = True) -> None:
-    """
-    Write ``run.npz`` and ``bag/`` into a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder that is there already.
-    run : Run
-        Run with its signals.
-    arm : Arm
-        Names and topics.
-    mechanism : Mechanism
-        Names of joints and nodes.
-    bag : bool
-        Whether a bag is written too.
-
-    Raises
-    ------
-    BagError
-        If the bag exists already.
-
-    """
+    """Write ``run.npz`` and ``bag/`` into a folder."""
     run.save(folder / 'run.npz', joints=np.array(mechanism.joints),
              gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
              tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))

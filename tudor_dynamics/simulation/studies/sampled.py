@@ -34,25 +34,8 @@ def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
     """
     Sample a torque, or a component of a force.
 
-    Parameters
-    ----------
-    value : float, str, callable or array
-        Constant, expression in t, function of the time [s], or values at ``t`` [N m or N].
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    name : str
-        What it is, for messages.
-
-    Returns
-    -------
-    ndarray of shape (n_samples,)
-        Values [N m or N].
-
-    Raises
-    ------
-    SimulationError
-        If it is none of these, has another length, or is not finite somewhere.
-
+    t (samples,) [s]; value: constant, expression in t, function of the time [s], or values at
+    ``t`` [N m or N]; returns (samples,) [N m or N].
     """
     if isinstance(value, str):
         return evaluate_expression(value, t)
@@ -78,27 +61,8 @@ def sampled_columns(
     """
     Sample torques of joints or components of a force, as a program gives them.
 
-    Parameters
-    ----------
-    what : str
-        What they are, for messages.
-    given : mapping of str to float, str, callable or array
-        Joint or direction to what drives it, see ``sampled`` [N m or N].
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    columns, allowed : tuple of str
-        All names, and those that may be given.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_columns)
-        Values [N m or N]; zero where nothing was said.
-
-    Raises
-    ------
-    SimulationError
-        If a name is not allowed, or a value cannot be used.
-
+    given [N m or N], t (samples,) [s]; returns (samples, columns) [N m or N], zero where nothing
+    was said.
     """
     result = np.zeros((t.size, len(columns)))
     for name, value in given.items():

@@ -74,27 +74,7 @@ def _evaluate(node: ast.AST, t: FloatArray) -> FloatArray:
 
 
 def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
-    """
-    Evaluate an expression in t without Python's eval.
-
-    Parameters
-    ----------
-    text : str
-        Such as ``0.6*(step(t-0.1) - 2*step(t-0.4) + step(t-0.7))``.
-    t : ndarray
-        Times to evaluate at [s].
-
-    Returns
-    -------
-    ndarray
-        Values of the shape of ``t``.
-
-    Raises
-    ------
-    SimulationError
-        If it is no expression, uses anything else, or is not finite somewhere.
-
-    """
+    """Evaluate an expression in t without Python's eval: t [s]."""
     if len(text) > MAX_EXPRESSION:
         msg = f'an expression of {len(text)} characters is too long (at most {MAX_EXPRESSION})'
         raise SimulationError(msg)
@@ -119,23 +99,7 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     """
     Read a CSV table: time, then one column a joint, or a direction.
 
-    Parameters
-    ----------
-    path : Path
-        File with a header ``t, JOINT, ...``, or without where the columns are all of ``names``.
-    names : tuple of str
-        Columns that may appear.
-
-    Returns
-    -------
-    tuple of ndarray and dict of str to ndarray
-        Times [s] and columns by name.
-
-    Raises
-    ------
-    SimulationError
-        If it is no such table, time does not increase, or a value is not finite.
-
+    Returns times [s].
     """
     try:
         text = read_bounded(path, MAX_TABLE_BYTES).decode()
@@ -184,25 +148,7 @@ def torque_signal(
     """
     Give the torques of a run from what the command line says.
 
-    Parameters
-    ----------
-    words : list of str
-        Each a CSV file, an expression for the only (or first) active joint, or JOINT=EXPRESSION.
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    joints, active : tuple of str
-        All joints, and those driven by a torque.
-
-    Returns
-    -------
-    ndarray of shape (n_samples, n_joints)
-        Torques [N m or N]; zero where nothing was said.
-
-    Raises
-    ------
-    SimulationError
-        If a word is none of these.
-
+    t (samples,) [s]; returns (samples, joints) [N m or N], zero where nothing was said.
     """
     result = np.zeros((t.size, len(joints)))
     for word in words:
@@ -232,23 +178,7 @@ def force_signal(words: list[str], t: FloatArray) -> FloatArray:
     """
     Give the force at the tip from what the command line says.
 
-    Parameters
-    ----------
-    words : list of str
-        Each a CSV file with columns t, x, y, z, or x=EXPRESSION, y=..., z=...
-    t : ndarray of shape (n_samples,)
-        Times at which the force is wanted [s].
-
-    Returns
-    -------
-    ndarray of shape (n_samples, 3)
-        In the base frame [N]; zero where nothing was said.
-
-    Raises
-    ------
-    SimulationError
-        If a word is none of these.
-
+    t (samples,) [s]; returns (samples, 3) [N], zero where nothing was said.
     """
     result = np.zeros((t.size, len(DIRECTIONS)))
     for word in words:
@@ -265,25 +195,7 @@ def motion_signal(
     """
     Give the motion of joints that follow a table: quintic spline and its derivatives.
 
-    Parameters
-    ----------
-    path : Path
-        CSV file with columns t, JOINT, ... [rad or m].
-    t : ndarray of shape (n_samples,)
-        Times of the steps [s].
-    joints : tuple of str
-        Names of all joints.
-
-    Returns
-    -------
-    tuple
-        Position, velocity and acceleration (n_samples, n_joints), and the joints of the table.
-
-    Raises
-    ------
-    SimulationError
-        If it is no such table, or ends too early.
-
+    t (samples,) [s]; path: CSV file with columns t, JOINT, ... [rad or m].
     """
     times, columns = read_table(path, joints)
     if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
