@@ -32,8 +32,8 @@ from papers.campaign import Campaign, ELASTIC, KINDS, Plan, ResultCache
 from papers.figures import gallery, write_figures
 from papers.fits import Fits
 from papers.outlook import compute_of, content, PARTS, Setting, write_outlook
-from papers.table1 import build, Table1
-from papers.table_text import FIGURE_TEXT, finding_texts, grids, SPLIT_TEXTS, write_table
+from papers.table1 import (
+    build, FIGURE_TEXT, finding_texts, grids, SPLIT_TEXTS, Table1, write_table)
 from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -148,8 +148,8 @@ def l_shape_run(campaign: Campaign) -> Cached:
 class Gallery:
     """All figures."""
 
-    pictures: tuple[Picture, ...]  # In the order of the page
-    # Figures in numbers: fit [%] on test recordings by payload, damping, output and model, and
+    pictures: tuple[Picture, ...]  # in the order of the page
+    # figures in numbers: fit [%] on test recordings by payload, damping, output and model, and
     # collisions by method
     data: dict[str, Any]
 

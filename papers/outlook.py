@@ -41,10 +41,10 @@ function ``section``, see `Compute`."""
 class Setting:
     """What a part computes with."""
 
-    name: str  # Name of the part, before all that it reports
-    # Arm and seed, recordings on demand, and the stages that results are kept in
+    name: str  # name of the part, before all that it reports
+    # arm and seed, recordings on demand, and the stages that results are kept in
     campaign: Campaign
-    # Seconds instead of minutes, to see that all of it works; floors do not hold then
+    # seconds instead of minutes, to see that all of it works; floors do not hold then
     quick: bool = False
 
     def progress(self, text: str, share: float) -> None:
@@ -56,10 +56,10 @@ class Setting:
 class Floor:
     """What a part must reach, and what it reaches."""
 
-    what: str  # What is measured, on what
-    wanted: str  # Both with their units
+    what: str  # what is measured, on what
+    wanted: str  # both with their units
     reached: str
-    # Whether it is reached; None where it could not be measured (`reached` says why)
+    # whether it is reached; None where it could not be measured (`reached` says why)
     met: bool | None
 
 
@@ -67,11 +67,11 @@ class Floor:
 class Section:
     """Section of the page."""
 
-    text: tuple[str, ...]  # Paragraphs above the figures
-    floors: tuple[Floor, ...] = ()  # What must be reached
+    text: tuple[str, ...]  # paragraphs above the figures
+    floors: tuple[Floor, ...] = ()  # what must be reached
     # Figures; the file of each begins with the name of the part
     pictures: tuple[Picture, ...] = ()
-    data: dict[str, Any] | None = None  # Figures as plain values, for programs
+    data: dict[str, Any] | None = None  # figures as plain values, for programs
 
 
 Compute = Callable[[Setting], Section]

@@ -138,11 +138,11 @@ def _draw_online(found: dict[str, Any]) -> Figure:
 class Size:
     """How much is recorded."""
 
-    training: int  # Recordings of each payload that the model is fitted to
-    runs: int  # Recordings of each payload between
-    bags: int  # Recordings with loads that change; twice as many with pushes
-    seconds: float  # Length of each [s]
-    each: int  # Loads or pushes in each
+    training: int  # recordings of each payload that the model is fitted to
+    runs: int  # recordings of each payload between
+    bags: int  # recordings with loads that change; twice as many with pushes
+    seconds: float  # length of each [s]
+    each: int  # loads or pushes in each
 
 
 def size_of(setting: Setting) -> Size:

@@ -24,9 +24,9 @@ from matplotlib.figure import Figure
 import numpy as np
 from papers import look
 from papers.campaign import Cached, FloatArray
+from papers.damping import place
 from papers.look import BLUE, Picture, VERMILION
 from papers.outlook import Floor, Section, Setting
-from papers.trials import place
 from papers.tuned import ENDS, schedule_of, tuned_arm
 import tudor_dynamics as td
 

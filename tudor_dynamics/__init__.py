@@ -23,7 +23,7 @@ is imported where it is first used, so that the import itself takes no time.
 import importlib
 from typing import TYPE_CHECKING
 
-from tudor_dynamics._version import __version__  # noqa: F401
+from tudor_dynamics._version import __version__ as __version__  # noqa: F401
 
 if TYPE_CHECKING:
     from tudor_dynamics.arm.description import Arm

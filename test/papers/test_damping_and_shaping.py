@@ -21,7 +21,7 @@ from functools import lru_cache
 from motion_machine import tudor
 import numpy as np
 from papers import damping, shaping
-from papers.trials import tapped
+from papers.damping import tapped
 import pytest
 
 import tudor_dynamics as td

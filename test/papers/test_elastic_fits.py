@@ -22,8 +22,7 @@ from pathlib import Path
 import numpy as np
 from papers.campaign import Campaign, Plan, ResultCache
 from papers.fits import collisions, Fits, one_model, stimuli_for_search
-from papers.table1 import build
-from papers.table_text import markdown
+from papers.table1 import build, markdown
 import pytest
 
 from tudor_dynamics.identification.elastic.result import Identified
@@ -46,7 +45,8 @@ class Search:
         gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
         return Identified(
             tuple(PhysicalParameter(name, value, '') for name, value in values.items()),
-            np.array([[gains[name], 0.0] for name in arm.gauge_names]), np.ones((n, 2)), np.ones(n), 90.0, (), 0)
+            np.array([[gains[name], 0.0] for name in arm.gauge_names]),
+            np.ones((n, 2)), np.ones(n), 90.0, (), 0)
 
 
 @pytest.fixture(scope='module')

@@ -21,8 +21,7 @@ from pathlib import Path
 
 from papers.campaign import KINDS
 from papers.table1 import (
-    Cell, findings, PARTS, published, TableBlock, TableRow, TITLES)
-from papers.table_text import block_grid
+    block_grid, Cell, findings, PARTS, published, TableBlock, TableRow, TITLES)
 import pytest
 
 PAYLOADS = (0, 100, 200, 300, 400)
