@@ -33,7 +33,7 @@ from elastic_study import bags, record
 
 from tudor_dynamics.arm import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collisions.free_motion import fit_thresholds
+from tudor_dynamics.identification.collisions.free_motion import as_plain, learn_all
 from tudor_dynamics.identification.collisions.replay import evaluate_collisions
 from tudor_dynamics.identification.collisions.truth import find_truth, FREE as UNTOUCHED
 from tudor_dynamics.identification.fit import fit_models, FitSettings
@@ -67,9 +67,9 @@ def main():
                                FitSettings(kinds=(kind,))).fitted:
             models.setdefault(item.output, {})[kind] = item.model
     for count in (3, LEARNING):
-        bundle = ModelBundle(arm, spec, models, {'thresholds': fit_thresholds(
+        bundle = ModelBundle(arm, spec, models, {'thresholds': as_plain(learn_all(
             [(output, kind, [(model, bag) for bag in learning[:count]])
-             for output, known in models.items() for kind, model in known.items()], spec)})
+             for output, known in models.items() for kind, model in known.items()], spec)[0])})
         for kind in args.kinds:
             for asked in (1.0, 10.0) if count == LEARNING else (1.0,):
                 settings = replace(MonitorSettings(kind=kind), rates=Rates(asked, 60.0 * asked))

@@ -28,7 +28,7 @@ from tudor_dynamics.arm import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.collisions.free_motion import fit_thresholds
+from tudor_dynamics.identification.collisions.free_motion import as_plain, learn_all
 from tudor_dynamics.identification.collisions.replay import watch_bag
 from tudor_dynamics.identification.collisions.truth import FREE
 from tudor_dynamics.identification.dataset import BagData
@@ -187,7 +187,7 @@ def armed(bundle: ModelBundle) -> ModelBundle:
     bag = BagData(BagChoice('free', 0.0, 1.0), free, prepare(free, SPEC))
     cases = [(bundle.models['strain']['elastic'], bag)]
     return ModelBundle(ARM, SPEC, bundle.models, {
-        'thresholds': fit_thresholds([('strain', 'elastic', cases)], SPEC)})
+        'thresholds': as_plain(learn_all([('strain', 'elastic', cases)], SPEC)[0])})
 
 
 @pytest.fixture(scope='module')

@@ -18,12 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
-import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.errors import FitError, SignalError, TudorWarning
+from tudor_dynamics.errors import FitError, SignalError
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
@@ -115,22 +114,6 @@ def learn_all(
             learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels,
                   held)
     return found, missing
-
-
-def fit_thresholds(
-    unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
-    spec: PreprocessingSpec,
-) -> dict[str, Any]:
-    """
-    Learn the thresholds of all methods, as plain values; see `learn_all`.
-
-    Returns an empty dict where there is too little motion.
-    """
-    learned, missing = learn_all(unseen, spec)
-    if missing:
-        warnings.warn(f'no collision thresholds for some methods: {next(iter(missing.values()))}',
-                      TudorWarning, stacklevel=2)
-    return as_plain(learned)
 
 
 def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, Any]:

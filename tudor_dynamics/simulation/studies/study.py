@@ -191,9 +191,8 @@ class SimulatedRun:
             If it is of another kind, or ffmpeg is missing.
 
         """
-        from tudor_dynamics.simulation.studies.animation import animate, check_target
+        from tudor_dynamics.simulation.studies.animation import animate  # slow to import
 
-        check_target(Path(path))
         animate(Path(path), self.run, self.mechanism)
 
     def save(self, folder: str | Path, *, bag: bool = True) -> None:
