@@ -34,10 +34,10 @@ from live_nodes import FloatArray, Listener, make_model, PAYLOAD, Processes
 import numpy as np
 import rclpy
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import with_payload
 from tudor_dynamics.nodes.common.messages import nanoseconds
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.signals import with_payload
 
 BAND = 10.0  # um/m
 MOVE = np.radians([75.0, -45.0])

@@ -35,14 +35,12 @@ import time
 from first_hour import KNOWN, undescribed, UNSEEN
 import numpy as np
 from reference_fits import CONFIG, data_directory, fit
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
-from tudor_dynamics.models.consistent.bodies import parameters_of, prior_of, pseudo_inertia
-from tudor_dynamics.models.consistent.full import described_parameters_of, full_parameters
-from tudor_dynamics.models.consistent.problem import Problem
-from tudor_dynamics.models.consistent.solve import full_of
-from tudor_dynamics.models.estimation.products import summed
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.comparison import described_parameters_of, full_parameters
+from tudor_dynamics.models.consistent import (
+    full_of, parameters_of, prior_of, Problem, pseudo_inertia)
+from tudor_dynamics.models.estimation import summed
 
 SAMPLES = CONFIG.parent / 'bags'
 OTHERS = (
@@ -64,7 +62,7 @@ OTHERS = (
      ['tudor_undamped/stimulus_01@60-100%'], None))
 
 try:
-    import clarabel
+    import clarabel as clarabel
 except ImportError:
     clarabel = None
 

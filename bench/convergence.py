@@ -29,11 +29,9 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.plant.modes import modes
-from tudor_dynamics.simulation.plant.outputs import Probe
-from tudor_dynamics.simulation.plant.plant import Plant
-from tudor_dynamics.simulation.plant.run import run_plant
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.run import modes, Probe, run_plant
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))

@@ -30,11 +30,11 @@ import os
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
-from tudor_dynamics.control.delay_margin import damping_share
-from tudor_dynamics.control.state import State
-from tudor_dynamics.simulation.loop.rig import Rig
+from tudor_dynamics.control.gains import damping_share
+from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.mechanics.rig import Rig
 
 DELAYS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08)
 SHARES = (0.125, 0.25, 0.5, 1.0, 2.0)

@@ -30,10 +30,10 @@ import os
 from matplotlib.figure import Figure
 import numpy as np
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import with_payload
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.signals import with_payload
 
 MOVES = (((18.0, 0.0), (45.0, -45.0)), ((100.0, -30.0), (-45.0, 60.0)),
          ((150.0, 40.0), (-90.0, -60.0)), ((20.0, -60.0), (20.0, 20.0)))

@@ -32,15 +32,13 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import Imperfections, link_length, Push, with_payload
+from tudor_dynamics.mechanics.run import modes
+from tudor_dynamics.signals.filters import ring_modes, RingMode
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
-from tudor_dynamics.signals.ringdown import ring_modes, RingMode
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.drive import Imperfections
-from tudor_dynamics.simulation.loop.pushes import link_length, Push
-from tudor_dynamics.simulation.loop.signals import with_payload
-from tudor_dynamics.simulation.plant.modes import modes
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -37,16 +37,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.mechanics.campaign import START
+from tudor_dynamics.mechanics.rig import Rig, RigLog, Sample
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.monitoring.detector import Level
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.settings import MonitorSettings
-from tudor_dynamics.simulation.loop.arm_process import Sample
-from tudor_dynamics.simulation.loop.campaign import START
-from tudor_dynamics.simulation.loop.rig import Rig, RigLog
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.online.detector import Level
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.typing import FloatArray
 
 PAYLOAD = 0.2  # kg

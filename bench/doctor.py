@@ -46,11 +46,10 @@ from faults.signals import of_channels, of_time, of_units_and_names, still_ends 
 import numpy as np  # noqa: E402
 
 from tudor_dynamics.cli.console import add_running  # noqa: E402
-from tudor_dynamics.cluster import on_cluster  # noqa: E402
-from tudor_dynamics.doctor.bags import examine_bags  # noqa: E402
 from tudor_dynamics.errors import TudorWarning  # noqa: E402
-from tudor_dynamics.identification.finding import KINDS  # noqa: E402
-from tudor_dynamics.parallel import in_processes  # noqa: E402
+from tudor_dynamics.identification.doctor.between import examine_bags  # noqa: E402
+from tudor_dynamics.identification.doctor.findings import KINDS  # noqa: E402
+from tudor_dynamics.parallel import in_processes, on_cluster  # noqa: E402
 
 NOTHING = 'nothing'
 LEAST_NAMED, MOST_FALSE = 0.95, 0.01

@@ -30,13 +30,12 @@ import sys
 from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.main import main as tudor
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
-from tudor_dynamics.identification.elastic import simulations
-from tudor_dynamics.identification.elastic.record import records_of
-from tudor_dynamics.identification.elastic.search import identify
+from tudor_dynamics.identification import elastic_problem
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.elastic_problem import records_of
+from tudor_dynamics.identification.elastic_search import identify
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -59,8 +58,8 @@ def main() -> int:
         records = records_of([load(parse_choice(bag), arm, arm.spec.preprocessing, learn=True)])
         identify(arm, [record.head(3.0) for record in records])  # compiled now
         print(f'{"":34}{"time":>8}{"CPU":>9}{"arms":>8}{"fit":>9}')
-        for lanes, name in ((simulations.LANES, 'side by side'), (1, 'one after the other')):
-            simulations.LANES = lanes
+        for lanes, name in ((elastic_problem.LANES, 'side by side'), (1, 'one after the other')):
+            elastic_problem.LANES = lanes
             begin, cpu = perf_counter(), process_time()
             found = identify(arm, records)
             print(f'{name:34}{perf_counter() - begin:6.1f} s{process_time() - cpu:7.1f} s'

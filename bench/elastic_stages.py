@@ -27,14 +27,11 @@ import argparse
 
 import numpy as np
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
-from tudor_dynamics.identification.elastic.descent import descend, SearchPhase
-from tudor_dynamics.identification.elastic.explained import fit_percent
-from tudor_dynamics.identification.elastic.problem import Problem
-from tudor_dynamics.identification.elastic.record import records_of
-from tudor_dynamics.identification.elastic.search import identify, knowledge_of
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.elastic_problem import fit_percent, Problem, records_of
+from tudor_dynamics.identification.elastic_search import (
+    descend, identify, knowledge_of, SearchPhase)
 from tudor_dynamics.models.elastic.arm import INNER_STEP
 from tudor_dynamics.typing import FloatArray
 

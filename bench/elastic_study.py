@@ -31,19 +31,15 @@ import warnings
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.bundling import bundle_of
-from tudor_dynamics.identification.collisions.replay import evaluate_collisions
-from tudor_dynamics.identification.collisions.truth import find_truth
-from tudor_dynamics.identification.dataset import BagData, load
+from tudor_dynamics.identification.dataset import BagData, load, model_for, parse_choice
+from tudor_dynamics.identification.detection import evaluate_collisions, find_truth
 from tudor_dynamics.identification.fit import fit_models, FitSettings
-from tudor_dynamics.identification.metrics import score
-from tudor_dynamics.identification.payloads import model_for
-from tudor_dynamics.identification.validation import trace
+from tudor_dynamics.identification.loads import bundle_of
+from tudor_dynamics.identification.validation import score, trace
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.monitoring.settings import MonitorSettings
+from tudor_dynamics.online.monitor import MonitorSettings
 
 KINDS = ('analytical', 'elm', 'elastic')
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import drive_stop, DriveStop, hard_limits, Limits
 from tudor_dynamics.typing import FloatArray
 

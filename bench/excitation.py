@@ -41,16 +41,15 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 from identify_seven_joints import ROWS  # noqa: E402
 import numpy as np  # noqa: E402
 
-from tudor_dynamics.arm import arm_from_dict, load_arm  # noqa: E402
+from tudor_dynamics.arm.description import arm_from_dict, load_arm  # noqa: E402
 from tudor_dynamics.cli.main import main as tudor  # noqa: E402
-from tudor_dynamics.excitation.expected import played  # noqa: E402
-from tudor_dynamics.excitation.information import covariance_of, mean_error  # noqa: E402
-from tudor_dynamics.excitation.plan import (  # noqa: E402
-    bounds_of, default_highest, information_of, make_plan, target_of_arm)
-from tudor_dynamics.excitation.search import best_series, Order  # noqa: E402
-from tudor_dynamics.models import AnalyticalModel  # noqa: E402
-from tudor_dynamics.models.base_parameters import base_sets, random_inputs  # noqa: E402
-from tudor_dynamics.models.training import TrainingBlock  # noqa: E402
+from tudor_dynamics.identification.excitation import (  # noqa: E402
+    covariance_of, mean_error, played)
+from tudor_dynamics.identification.excitation_plan import (  # noqa: E402
+    best_series, bounds_of, default_highest, information_of, make_plan, Order, target_of_arm)
+from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
+from tudor_dynamics.models.base import TrainingBlock  # noqa: E402
+from tudor_dynamics.models.regressor import base_sets, random_inputs  # noqa: E402
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion  # noqa: E402
 from tudor_dynamics.signals.preprocessing import prepare  # noqa: E402
 

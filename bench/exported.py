@@ -44,13 +44,11 @@ import tempfile
 import mujoco
 import numpy as np
 from reference_fits import CONFIG, fit, tudor
-from tudor_dynamics.exporting.mjcf import mjcf_of
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
-from tudor_dynamics.models.consistent.comparing import relative_errors
-from tudor_dynamics.models.consistent.full import (
-    described_parameters_of, effort_model, full_parameters)
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.comparison import (
+    described_parameters_of, effort_model, full_parameters, relative_errors)
+from tudor_dynamics.show.mjcf import mjcf_of
 import yaml
 
 PARSERS = ('pin==4.1.0', 'mujoco==4.0.0', 'urdf-parser-py==0.0.4', 'yourdfpy==0.0.60')

@@ -31,15 +31,15 @@ import warnings
 
 from elastic_study import bags, record
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.collisions.free_motion import as_plain, learn_all
-from tudor_dynamics.identification.collisions.replay import evaluate_collisions
-from tudor_dynamics.identification.collisions.truth import find_truth, FREE as UNTOUCHED
+from tudor_dynamics.identification.detection import (
+    evaluate_collisions, find_truth, FREE as UNTOUCHED)
 from tudor_dynamics.identification.fit import fit_models, FitSettings
+from tudor_dynamics.identification.uses import as_plain, learn_all
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.settings import MonitorSettings
-from tudor_dynamics.monitoring.thresholds.excess import Rates
+from tudor_dynamics.online.detector import Rates
+from tudor_dynamics.online.monitor import MonitorSettings
 
 TRAINING, LEARNING, FREE, PUSHED = 5, 5, 30, 8
 PAYLOAD = 0.2

@@ -47,17 +47,18 @@ from identify_seven_joints import data, described_arm
 import numpy as np
 from scipy.signal import lfilter
 import tudor_dynamics as td
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.control.cascade import INTEGRAL, INTEGRAL_GAIN
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.mechanics.campaign import (
+    record_stimuli, stimulus_motion, stimulus_seeds, StimulusSpec)
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import with_payload
+from tudor_dynamics.mechanics.run import Probe
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.signals.filters import low_pass_gain
+from tudor_dynamics.signals.motion_profile import denser
 from tudor_dynamics.signals.preprocessing import prepare
-from tudor_dynamics.signals.splines import denser
-from tudor_dynamics.simulation.loop.campaign import record_stimuli, StimulusSpec
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.signals import with_payload
-from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_motion, stimulus_seeds
-from tudor_dynamics.simulation.plant.outputs import Probe
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config' / 'tudor.yaml'

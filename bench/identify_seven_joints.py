@@ -42,8 +42,9 @@ for _name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS'):
 
 import numpy as np  # noqa: E402
 
-from tudor_dynamics.arm import arm_from_dict  # noqa: E402
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor  # noqa: E402
+from tudor_dynamics.arm.description import arm_from_dict  # noqa: E402
+from tudor_dynamics.models.analytical import AnalyticalModel  # noqa: E402
+from tudor_dynamics.models.regressor import EffortRegressor  # noqa: E402
 
 # D-H rows of a seven-joint arm with offset wrist; any seven-joint arm has as many columns.
 ROWS = [[0, -pi / 2, 0.333, 0], [0, pi / 2, 0, 0], [0.0825, pi / 2, 0.316, 0],

@@ -33,17 +33,16 @@ from identify_seven_joints import described_arm, ROWS
 import numpy as np
 import pinocchio as pin
 from reference_fits import fit
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import JointStateSeries, write_bag
-from tudor_dynamics.exporting.urdf import urdf_of
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.consistent.comparing import relative_errors
-from tudor_dynamics.models.consistent.full import (
-    described_parameters_of, effort_model, full_parameters)
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.comparison import (
+    described_parameters_of, effort_model, full_parameters, relative_errors)
 from tudor_dynamics.models.regressor import EffortRegressor
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.show.urdf import urdf_of
 import yaml
 
 N, RATE, NOISE = len(ROWS), 100.0, 0.2

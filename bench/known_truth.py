@@ -33,11 +33,10 @@ from excitation import order_of, recorded, SEVEN, wanted
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.excitation.plan import make_plan
-from tudor_dynamics.models import EffortRegressor
-from tudor_dynamics.models.base_parameters import random_inputs
-from tudor_dynamics.models.consistent.full import full_parameters_of
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.identification.excitation_plan import make_plan
+from tudor_dynamics.models.comparison import full_parameters_of
+from tudor_dynamics.models.regressor import EffortRegressor, random_inputs
 
 MASSES = (3.6, 3.3, 2.9, 2.6, 2.2, 1.5, 0.9)
 

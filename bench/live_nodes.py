@@ -42,11 +42,11 @@ from std_msgs.msg import Bool, Float64MultiArray, Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.nodes.common.base import latched
-from tudor_dynamics.nodes.common.messages import floats, nanoseconds
+from tudor_dynamics.nodes.common.messages import (
+    floats, JointStateDecoder, MotionDecoder, nanoseconds)
 from tudor_dynamics.nodes.common.runner import new_executor, spin_for
-from tudor_dynamics.nodes.common.wire import JointStateDecoder, MotionDecoder
 from tudor_dynamics.typing import FloatArray
 
 PAYLOAD = 0.2

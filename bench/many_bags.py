@@ -34,10 +34,10 @@ import time
 import numpy as np
 
 from tudor_dynamics import load_arm
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags import read_recording, write_bag
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.writer import recording_series
+from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.parallel import Count, in_processes
 
 ARM = 'config/tudor.yaml'

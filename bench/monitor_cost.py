@@ -33,14 +33,13 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tudor_dynamics.bags import read_recording, Recording
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.live import OBSERVERS
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.monitoring.coverage import Coverage
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.settings import MonitorSettings
-from tudor_dynamics.monitoring.warm_up import warm_up
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.elastic.model import OBSERVERS
+from tudor_dynamics.online.judged import Coverage
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
 
 @dataclass(frozen=True, eq=False)

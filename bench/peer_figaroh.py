@@ -139,9 +139,9 @@ def by_figaroh(data):
 
 def by_this_package(data):
     """Fit by this package, with the same terms."""
-    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.arm.description import load_arm
     from tudor_dynamics.models.analytical import AnalyticalModel
-    from tudor_dynamics.models.consistent.full import full_parameters_of
+    from tudor_dynamics.models.comparison import full_parameters_of
     from tudor_dynamics.models.regressor import EffortRegressor
     arm = load_arm(str(data['description']))
     before, begin = memory(), time.perf_counter()
@@ -174,12 +174,12 @@ def environment(place):
 def write_case(target, folder, data, arm_file, training, test):
     """Fit as tudor does, and write the samples that it used, and the arm, as arrays."""
     from reference_fits import CONFIG, fit
-    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.arm.description import load_arm
     from tudor_dynamics.arm.kinematics import joint_axis
-    from tudor_dynamics.identification.bag_choice import parse_choice
+    from tudor_dynamics.identification.dataset import parse_choice
     from tudor_dynamics.identification.dataset import load
-    from tudor_dynamics.models.consistent.bodies import parameters_of, prior_of
-    from tudor_dynamics.models.storage.bundle_io import load_bundle
+    from tudor_dynamics.models.consistent import parameters_of, prior_of
+    from tudor_dynamics.models.bundle_io import load_bundle
     import yaml
     source = CONFIG / arm_file if (CONFIG / arm_file).exists() else data / 'arms' / arm_file
     content = yaml.safe_load(source.read_text())
@@ -236,7 +236,7 @@ def worker(method, path):
         import figaroh.identification.physical_fit  # noqa: F401
         import picos  # noqa: F401
     else:
-        import tudor_dynamics.models.consistent.full  # noqa: F401
+        import tudor_dynamics.models.comparison  # noqa: F401
     with np.load(path) as content:
         data = dict(content)
     print(json.dumps({'figaroh': by_figaroh, 'ours': by_this_package}[method](data)))

@@ -56,7 +56,7 @@ BASE = (0.0, 0.3)
 
 def described():
     """Give the arm."""
-    from tudor_dynamics.arm import arm_from_dict
+    from tudor_dynamics.arm.description import arm_from_dict
     import yaml
     content = yaml.safe_load((CONFIG / 'elastic_arm.yaml').read_text())
     content['payload'] = {'mass': TIP}
@@ -68,9 +68,9 @@ class Ours:
     """This package."""
 
     def __init__(self, step):
-        from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-        from tudor_dynamics.simulation.plant.modes import modes
-        from tudor_dynamics.simulation.plant.plant import Plant
+        from tudor_dynamics.mechanics.mechanism import build_mechanism
+        from tudor_dynamics.mechanics.run import modes
+        from tudor_dynamics.mechanics.plant import Plant
         self.arm = described()
         self.plant = Plant(build_mechanism(self.arm), step)
         self.start = np.array([0.0, *START])
@@ -86,7 +86,7 @@ class Ours:
 
     def tip(self):
         """Give where the tip is [m]."""
-        from tudor_dynamics.simulation.plant.outputs import Probe
+        from tudor_dynamics.mechanics.run import Probe
         place = Probe(self.plant).observe().position[self.plant.mechanism.tip]
         return (place[[0, 2]] - BASE).tolist()
 
@@ -108,8 +108,8 @@ class MuJoCo:
     def __init__(self, step, ours):
         import mujoco
         from scipy.linalg import eigh
-        from tudor_dynamics.exporting.elastic_drives import ElasticDrive
-        from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf
+        from tudor_dynamics.show.description import ElasticDrive
+        from tudor_dynamics.show.mjcf import elastic_mjcf
         from tudor_dynamics.models.elastic.model import ElasticModel
         self.mujoco, arm = mujoco, ours.arm
         rotors = {link.joint: link.hub_inertia for link in arm.spec.links}
@@ -163,8 +163,8 @@ class MuJoCo:
 
 def numbers(arm):
     """Give what Exudyn needs to know of the arm."""
-    from tudor_dynamics.simulation.mechanics import layout as at
-    from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+    from tudor_dynamics.mechanics import chain as at
+    from tudor_dynamics.mechanics.mechanism import build_mechanism
     mechanism = build_mechanism(arm)
     blades = []
     for link in arm.spec.links:

@@ -32,11 +32,11 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.bags import read_recording
-from tudor_dynamics.bags.joint_states import load_joint_states
-from tudor_dynamics.bags.layouts.messages import JointStateSeries
-from tudor_dynamics.bags.opening import open_bag
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.bags.alignment import load_joint_states
+from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.writer import write_bag
 
 TOPIC = '/joint_states'

@@ -27,7 +27,7 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.merit import COLUMNS, read_merit
 from tudor_dynamics.typing import FloatArray
 

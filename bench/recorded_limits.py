@@ -25,11 +25,11 @@ import argparse
 
 import numpy as np
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import hard_limits
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.signals import with_payload
-from tudor_dynamics.simulation.loop.stimulus_motion import stimulus_motion, stimulus_seeds
+from tudor_dynamics.mechanics.campaign import stimulus_motion, stimulus_seeds
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import with_payload
 
 
 def main() -> int:

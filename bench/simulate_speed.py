@@ -29,10 +29,10 @@ from time import perf_counter
 import numpy as np
 from scipy.linalg import lapack
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
-from tudor_dynamics.simulation.plant.outputs import Probe
-from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.run import Probe
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))

@@ -31,17 +31,16 @@ import sys
 import numpy as np
 from scipy.integrate import solve_bvp, trapezoid
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.plant.outputs import Probe
-from tudor_dynamics.simulation.plant.plant import Plant
-from tudor_dynamics.simulation.plant.run import largest_rotation
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.run import largest_rotation, Probe
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / 'test')]
 
+from mechanics.erls import RigidLinkSystem  # noqa: E402, I100
 from papers.lshape import l_shape  # noqa: E402, I100
-from simulation.erls import RigidLinkSystem  # noqa: E402, I100
 
 HELD = np.array([False, True])
 

@@ -45,9 +45,9 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from soak_checks import Life, Line, Observed, verdict
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.signals.excitation import joint_range
 
 NODES = ('arm_simulator', 'oscillation_damper', 'reference_generator', 'monitor', 'bag_recorder')

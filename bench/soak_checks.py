@@ -27,10 +27,10 @@ from live_nodes import Track
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.live import read_track
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.writer import read_track
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.common.wire import JointStateDecoder
+from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.typing import FloatArray
 
 EDGE = 0.3

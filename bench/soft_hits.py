@@ -36,12 +36,10 @@ import numpy as np
 
 import tudor_dynamics as td
 from tudor_dynamics.errors import TudorWarning
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.collisions.replay import evaluate_collisions
-from tudor_dynamics.identification.collisions.truth import FREE, KnownPush, Truth
-from tudor_dynamics.identification.dataset import load
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.identification.detection import evaluate_collisions, FREE, KnownPush, Truth
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.monitoring.settings import MonitorSettings
+from tudor_dynamics.online.monitor import MonitorSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 LENGTHS = (0.3, 0.6, 1.2, 2.4)  # s
@@ -72,7 +70,7 @@ def cases(data: Path | None, folder: Path):
 
 def usual_threshold(bundle, bag, output, kind='analytical'):
     """Give the median threshold of the residual of each channel along a bag."""
-    from tudor_dynamics.monitoring.monitor import Monitor
+    from tudor_dynamics.online.monitor import Monitor
     monitor = Monitor(bundle, MonitorSettings(kind=kind, methods=(output,)))
     seen = []
     for k, stamp in enumerate(bag.recording.stamp.tolist()):

@@ -44,7 +44,7 @@ from live_nodes import Listener, make_model, PAYLOAD, Processes
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from two_namespaces import ADDRESSES, Host, isolation, Line, Network
 
 HOME, AWAY = np.radians([45.0, 0.0]), np.radians([90.0, -45.0])

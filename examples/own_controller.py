@@ -28,7 +28,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 import tudor_dynamics as td
-from tudor_dynamics.simulation.plant.outputs import Probe
+from tudor_dynamics.mechanics.run import Probe
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 1e-4

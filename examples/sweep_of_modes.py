@@ -21,7 +21,7 @@ import sys
 from matplotlib.figure import Figure
 import numpy as np
 import tudor_dynamics as td
-from tudor_dynamics.arm import arm_from_dict
+from tudor_dynamics.arm.description import arm_from_dict
 import yaml
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'

@@ -23,8 +23,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm.urdf import model_from_urdf
-from tudor_dynamics.bags import JointStateSeries, write_bag
+from tudor_dynamics.arm.kinematics import model_from_urdf
+from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 
 JOINTS = ('shoulder', 'elbow')
 LINK = """<link name="{name}"><inertial><origin xyz="0.2 0 0"/><mass value="{mass}"/>

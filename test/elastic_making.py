@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from sample_arms import gauge, planar_arm, recording_of
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.typing import FloatArray
 

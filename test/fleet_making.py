@@ -22,10 +22,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.bags import write_bag
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.writer import recording_series
+from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 import yaml
 

@@ -25,12 +25,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import initialize, invariant, rule, RuleBasedStateMachine
 import numpy as np
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control.motion_controller import WATCH
-from tudor_dynamics.control.reaction import REACTIONS
-from tudor_dynamics.simulation.loop.arm_process import Sample
-from tudor_dynamics.simulation.loop.rig import Rig
+from tudor_dynamics.control.references import REACTIONS
+from tudor_dynamics.mechanics.rig import Rig, Sample
 
 PATH = Path(__file__).parent.parent / 'config' / 'tudor.yaml'
 FIRST, SECOND = np.radians([20.0, -60.0]), np.radians([170.0, 60.0])

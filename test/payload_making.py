@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 from sample_arms import gauge, LENGTH_2, planar_arm, random_inertia
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 from tudor_dynamics.typing import FloatArray
 

@@ -20,8 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.loading import arm_from_dict
+from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.typing import FloatArray

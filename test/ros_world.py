@@ -31,8 +31,9 @@ from patience import PATIENCE  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from tudor_dynamics.arm import load_arm  # noqa: E402
-from tudor_dynamics.bags import read_recording, Recording  # noqa: E402
+from tudor_dynamics.arm.description import load_arm  # noqa: E402
+from tudor_dynamics.bags.reader import read_recording  # noqa: E402
+from tudor_dynamics.bags.recording import Recording  # noqa: E402
 from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.common.messages import floats, nanoseconds, time_message  # noqa: E402
 from tudor_dynamics.nodes.common.runner import new_executor  # noqa: E402

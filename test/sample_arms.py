@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import Arm, arm_from_dict
+from tudor_dynamics.arm.description import Arm, arm_from_dict
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.typing import FloatArray
 

@@ -28,8 +28,6 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / 'tudor_dynamics'
 PAGE = PACKAGE.parent / 'docs' / 'architecture.md'
 NODES, TOP, MAIN = 'nodes', '__init__', '__main__'
-PARENTS = {'simulation'}
-"""Folders whose rooms stand in the picture one by one, and that hold no module themselves."""
 
 
 def modules(package: Path) -> dict[str, Path]:
@@ -86,7 +84,7 @@ def upwards(package: Path, rank: dict[str, int]) -> list[str]:
     wrong = []
     for module, found in imports(package).items():
         own = room_of(module, rank)
-        if module in (TOP, MAIN, *PARENTS):
+        if module in (TOP, MAIN):
             continue
         for other in found:
             room = room_of(other, rank)
@@ -101,7 +99,7 @@ def test_every_module_has_a_room() -> None:
     """No folder is missing in the picture, and none in it is missing in the package."""
     rank = ranks(PAGE)
     folders = {module.split('.')[0] for module in imports(PACKAGE) if '.' in module}
-    assert {room.split('.')[0] for room in rank} == folders
+    assert {room for room in rank if (PACKAGE / room).is_dir()} == folders
     assert set(rank) <= set(imports(PACKAGE))
     loose = [module for module in imports(PACKAGE)
              if '.' in module and room_of(module, rank) is None]
@@ -132,13 +130,6 @@ def test_no_cycles() -> None:
         pytest.fail(' -> '.join(err.args[1]))
 
 
-def test_folders_stay_small() -> None:
-    """Twenty files are what one can look through."""
-    for folder in {file.parent for file in PACKAGE.rglob('*.py')}:
-        files = [item for item in folder.iterdir() if item.is_file()]
-        assert len(files) <= 20, f'{folder}: {len(files)} files'
-
-
 @pytest.mark.parametrize(('line', 'found'), [
     ('from tudor_dynamics.upper.two import x', ['lower.one uses upper.two']),
     ('def f():\n    import tudor_dynamics.upper.two', ['lower.one uses upper.two']),
@@ -160,7 +151,7 @@ def test_paths_of_the_page_exist() -> None:
     """Every file and folder that the page names is there; short names follow a path."""
     text, root = PAGE.read_text(encoding='utf-8'), PACKAGE.parent
     named = re.findall(r'`((?:[a-z_]+/)+(?:[a-z_0-9]+\.[a-z0-9]+)?)`', text)
-    assert len(named) > 50
+    assert len(named) > 25
     assert not [name for name in named
                 if not (PACKAGE / name).exists() and not (root / name).exists()]
     files = {file.name for file in PACKAGE.rglob('*.*')}

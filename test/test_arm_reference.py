@@ -25,7 +25,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 import pytest
-from tudor_dynamics.arm import arm_from_dict
+from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.arm.schema import ArmSpec
 import yaml
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 
 pytest.importorskip('rclpy')
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from hypothesis import given, settings, strategies as st
 import pytest
-from tudor_dynamics.bounded_yaml import load_yaml, MAX_VALUES
+from tudor_dynamics.files import load_yaml, MAX_VALUES
 import yaml
 
 

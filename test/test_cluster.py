@@ -32,11 +32,10 @@ from patience import PATIENCE
 from piece_making import held, killed, spelled, square
 import pytest
 
-from tudor_dynamics import cluster
+from tudor_dynamics import parallel
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.cluster import on_cluster
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.parallel import in_processes, shared_out, width
+from tudor_dynamics.parallel import in_processes, on_cluster, shared_out, width
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')
@@ -98,7 +97,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
 
 def states() -> list[str]:
     """Give the states of the nannies."""
-    found = cluster._client.run(lambda dask_worker: dask_worker.status.name, nanny=True)
+    found = parallel._client.run(lambda dask_worker: dask_worker.status.name, nanny=True)
     return list(found.values())
 
 
@@ -127,7 +126,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
         os.kill(int(pid), signal.SIGKILL)
         machines.worker()
         # both are there, and one of them has begun a piece: which, is the scheduler's business
-        wait_for(lambda: (cluster.threads() == 2 and len(processes(tmp_path)) > 1)
+        wait_for(lambda: (parallel.threads() == 2 and len(processes(tmp_path)) > 1)
                  or not thread.is_alive())
         (tmp_path / 'go').touch()
         thread.join(PATIENCE)
@@ -137,7 +136,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
     assert len(processes(tmp_path)) == 3
     begun = [file.name.partition('-')[0] for file in tmp_path.iterdir()]
     assert begun.count(number) == 2  # the piece of the dead worker
-    assert width(7) == 7 and not cluster.active()
+    assert width(7) == 7 and not parallel.active()
 
 
 def test_errors_come_back(machines: Machines) -> None:
@@ -164,7 +163,7 @@ def test_other_versions_are_refused(
 ) -> None:
     """A worker that would compute something else computes nothing."""
     with on_cluster(machines.ready()):
-        monkeypatch.setattr(cluster, 'versions', lambda: {'numpy': '1.0'})
+        monkeypatch.setattr(parallel, 'versions', lambda: {'numpy': '1.0'})
         with pytest.raises(ProcessError, match=r'a worker has numpy [0-9.]+, not 1\.0'):
             in_processes(square, [1], 1)
 
@@ -176,7 +175,7 @@ def test_no_cluster(
     capsys: pytest.CaptureFixture[str], root: Path, tmp_path: Path,
 ) -> None:
     """One line, exit code 2."""
-    monkeypatch.setattr(cluster, 'TIMEOUT', 0.5)
+    monkeypatch.setattr(parallel, 'TIMEOUT', 0.5)
     with pytest.raises(UsageError, match=words), on_cluster(address):
         pass
     assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '1', '--seconds',

@@ -50,10 +50,10 @@ CALL = 'from tiny.outer import outer; print(outer(2.0), sum(outer.stats.cache_hi
 MOTIONS = """
 import sys
 import numpy as np
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.mechanics.plant import Plant
 
 
 def plant():

@@ -24,7 +24,7 @@ import sys
 
 import pytest
 
-from tudor_dynamics.identification.finding import KINDS
+from tudor_dynamics.identification.doctor.findings import KINDS
 
 
 def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:

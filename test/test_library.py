@@ -31,8 +31,8 @@ import pytest
 
 import tudor_dynamics as td
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.library.prediction import Prediction
-from tudor_dynamics.simulation.studies.study import SimulatedRun
+from tudor_dynamics.library import Prediction
+from tudor_dynamics.mechanics.study import SimulatedRun
 
 README = Path(__file__).resolve().parents[1] / 'README.md'
 LINES = re.findall(r'^```python\n(.*?)^```$', README.read_text(encoding='utf-8'),

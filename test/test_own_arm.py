@@ -31,8 +31,9 @@ pytest.importorskip('rclpy')
 
 from node_processes import finish, launch  # noqa: E402, I100
 from ros_world import joint_message, series, World, world  # noqa: E402, F401
-from tudor_dynamics.arm import load_arm  # noqa: E402
-from tudor_dynamics.bags import read_recording, recording_series, write_bag  # noqa: E402
+from tudor_dynamics.arm.description import load_arm  # noqa: E402
+from tudor_dynamics.bags.reader import read_recording  # noqa: E402
+from tudor_dynamics.bags.writer import recording_series, write_bag  # noqa: E402
 from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.common.messages import nanoseconds  # noqa: E402
 

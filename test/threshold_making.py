@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.monitoring.thresholds.excess import Excess, ExcessStage
-from tudor_dynamics.monitoring.thresholds.learning import FreeMotion
+from tudor_dynamics.online.detector import Excess, ExcessStage
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.threshold_learning import FreeMotion
 
 CHANNELS = ('a', 'b')
 

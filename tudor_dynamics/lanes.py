@@ -39,8 +39,7 @@ from numba.extending import box, intrinsic, register_model, unbox
 from numba.np.arrayobj import populate_array
 import numpy as np
 
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.small_arrays import unowned
+from tudor_dynamics.compiled import compiled, unowned
 from tudor_dynamics.typing import FloatArray
 
 LANES = 8

@@ -24,7 +24,7 @@ from faults.injected import Fault
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import arm_from_dict
+from tudor_dynamics.arm.description import arm_from_dict
 
 
 def altered(arm, **changes):

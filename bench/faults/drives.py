@@ -20,10 +20,10 @@ from faults.injected import Fault
 from faults.signals import moving, put
 import numpy as np
 
-from tudor_dynamics.arm.couplings import CouplingPair, CouplingsSpec
-from tudor_dynamics.doctor.drives import with_couplings
-from tudor_dynamics.doctor.examine import examine
-from tudor_dynamics.signals import zero_phase
+from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
+from tudor_dynamics.identification.doctor.examine import examine
+from tudor_dynamics.identification.doctor.structure import with_couplings
+from tudor_dynamics.signals.filters import zero_phase
 
 
 FELT = 0.5

@@ -25,8 +25,8 @@ from faults.signals import column, put
 import numpy as np
 
 import tudor_dynamics as td
-from tudor_dynamics.doctor.evaluation import examine_evaluation
 from tudor_dynamics.identification.dataset import filtered
+from tudor_dynamics.identification.doctor.between import examine_evaluation
 from tudor_dynamics.identification.fit import FitSettings
 
 LOADS = (('airbot_chirp', 'airbot_chirp_loaded', 'airbot_trapezoidal'),

@@ -23,11 +23,9 @@ from faults.injected import Fault
 import numpy as np
 
 from tudor_dynamics.bags.alignment import increasing, set_backs, split_at_gaps
-from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.plausibility import without_zero_velocities
-from tudor_dynamics.bags.recording import Oddities, SetBack
-from tudor_dynamics.bags.sources import plan_from_arm
-from tudor_dynamics.signals.timing import retimed
+from tudor_dynamics.bags.recording import Oddities, plan_from_arm, SetBack, without_zero_velocities
+from tudor_dynamics.bags.storage import Notes
+from tudor_dynamics.signals.preprocessing import retimed
 
 
 def put(data, **arrays):

@@ -20,12 +20,12 @@ import shutil
 from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import numpy as np
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bounded_yaml import load_yaml
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models import EffortRegressor, StrainRegressor
-from tudor_dynamics.models.storage.files import dump_yaml
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
+from tudor_dynamics.files import load_yaml
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.models.bundle_io import dump_yaml
+from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
 MAX_JOINTS = 12
 """More joints only make the check slow."""

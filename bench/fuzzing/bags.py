@@ -25,16 +25,15 @@ from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.bags import JointStateSeries, open_bag, read_recording, WrenchSeries
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.bags.alignment import decode_joint_states
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.joint_states import decode_joint_states
-from tudor_dynamics.bags.labels import read_wrenches
-from tudor_dynamics.bags.layouts.carriers import array_layout, dynamic_layout
-from tudor_dynamics.bags.layouts.cdr import decode
-from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
+from tudor_dynamics.bags.messages import (
+    array_layout, decode, dynamic_layout, JOINT_STATE, JointStateSeries, WrenchSeries)
+from tudor_dynamics.bags.reader import read_recording, read_wrenches
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.models.storage.files import dump_yaml
+from tudor_dynamics.models.bundle_io import dump_yaml
 import yaml
 
 JOINTS = ('shoulder', 'elbow')

@@ -22,19 +22,18 @@ import zipfile
 from fuzzing.mutate import in_bytes, in_values, ODD_VALUES
 import numpy as np
 
-from tudor_dynamics.arm import arm_from_dict, PreprocessingSpec
-from tudor_dynamics.bounded_yaml import load_yaml
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models import (
-    AnalyticalModel, EffortRegressor, ExtremeLearningMachine, StrainRegressor)
+from tudor_dynamics.files import load_yaml
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.storage.files import dump_yaml
-from tudor_dynamics.monitoring.thresholds.io import stored_thresholds, thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
-from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
+from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle, save_bundle
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
+from tudor_dynamics.models.elm import ExtremeLearningMachine
+from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.online.threshold_learning import stored_thresholds, thresholds_to_dict
+from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
 
 MARK = b'checksum: '
 JOINTS = ('j1', 'j2')

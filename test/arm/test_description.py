@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 import pytest
-from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
+from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
 from tudor_dynamics.errors import ArmError
 import yaml
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tudor_dynamics.arm import arm_from_dict, load_arm
-from tudor_dynamics.arm.drives import MotorSpec
+from tudor_dynamics.arm.description import arm_from_dict, load_arm
+from tudor_dynamics.arm.hardware import MotorSpec
 from tudor_dynamics.errors import ArmError
 import yaml
 

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 import pinocchio as pin
 import pytest
 
-from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
-from tudor_dynamics.arm.kinematics import joint_axis, model_from_dh
-from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
+from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
+from tudor_dynamics.arm.kinematics import joint_axis, model_from_dh, model_from_urdf, read_urdf
 from tudor_dynamics.errors import ArmError
 
 # D-H rows of the UR10 as its maker publishes them (universal-robots.com, "DH parameters for

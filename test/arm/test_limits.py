@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tudor_dynamics.arm import Arm, arm_from_dict, load_arm
+from tudor_dynamics.arm.description import Arm, arm_from_dict, load_arm
 from tudor_dynamics.arm.limits import hard_limits, planned_limits
 from tudor_dynamics.errors import ArmError
 import yaml

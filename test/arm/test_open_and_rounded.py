@@ -23,12 +23,10 @@ import warnings
 from hypothesis import given, strategies as st
 import pytest
 
-from tudor_dynamics.arm import arm_from_dict, load_arm
-from tudor_dynamics.arm.angles import exact, NEAR, Snapped, STEP
-from tudor_dynamics.arm.open_values import open_values, spelled
+from tudor_dynamics.arm.description import arm_from_dict, load_arm, open_values, spelled
+from tudor_dynamics.arm.kinematics import exact, NEAR, Snapped, STEP
 from tudor_dynamics.errors import ArmError, TudorWarning
-from tudor_dynamics.models.base_parameters import base_sets
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import base_sets, EffortRegressor
 
 ROUNDED = """
 name: pair

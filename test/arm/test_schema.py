@@ -23,7 +23,7 @@ from typing import Any
 from hypothesis import given, strategies as st
 import pytest
 
-from tudor_dynamics.arm import arm_from_dict, load_arm
+from tudor_dynamics.arm.description import arm_from_dict, load_arm
 from tudor_dynamics.errors import ArmError, TudorError
 
 ARM: dict[str, Any] = {

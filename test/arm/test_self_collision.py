@@ -19,8 +19,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.arm.self_collision import SelfCollision
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.limits import SelfCollision
 from tudor_dynamics.errors import ArmError
 
 BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'

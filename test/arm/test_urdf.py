@@ -20,8 +20,8 @@ from pathlib import Path
 
 import pytest
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.arm.urdf import model_from_urdf, read_urdf
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.arm.kinematics import model_from_urdf, read_urdf
 from tudor_dynamics.errors import ArmError
 
 LINK = ('<link name="l{0}"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" '

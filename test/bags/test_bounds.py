@@ -29,11 +29,12 @@ import mcap_records as mcap
 import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
-from tudor_dynamics.bags import open_bag, read_recording
+from tudor_dynamics.bags import sqlite, unpacking
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.layouts.cdr_layout import CdrError, joint_state_layout, MAX_NAMES
-from tudor_dynamics.bags.storage import sqlite_scan, unpacking
-from tudor_dynamics.bags.storage.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
+from tudor_dynamics.bags.messages import CdrError, joint_state_layout, MAX_NAMES
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
 from tudor_dynamics.errors import BagError
 import yaml
 
@@ -154,7 +155,7 @@ def test_databases_that_are_no_bags(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statements: list[str], cause: str,
 ) -> None:
     """Only plain tables of bytes are read, of bounded length."""
-    monkeypatch.setattr(sqlite_scan, 'MAX_PIECE', 4000)
+    monkeypatch.setattr(sqlite, 'MAX_PIECE', 4000)
     with pytest.raises(BagError, match=cause):
         describe(database(tmp_path, *statements))
 
@@ -190,9 +191,9 @@ def test_file_that_is_listed_twice(tmp_path: Path) -> None:
 
 def test_rows_without_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """More work than a file of this size can need is given up."""
-    monkeypatch.setattr(sqlite_scan, 'FREE_STEPS', 10)
-    monkeypatch.setattr(sqlite_scan, 'STEPS_PER_BYTE', 0)
-    monkeypatch.setattr(sqlite_scan, '_SLICE', 10)
+    monkeypatch.setattr(sqlite, 'FREE_STEPS', 10)
+    monkeypatch.setattr(sqlite, 'STEPS_PER_BYTE', 0)
+    monkeypatch.setattr(sqlite, '_SLICE', 10)
     with pytest.raises(BagError, match='rows do not come to an end'):
         open_bag(make_bag(tmp_path / 'b', storage='sqlite3'))
 

@@ -20,9 +20,9 @@ from pathlib import Path
 
 import pytest
 
-from tudor_dynamics.bags.finding import bags_below
+from tudor_dynamics.bags.storage import bags_below
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.bag_choice import found_choices
+from tudor_dynamics.identification.dataset import found_choices
 
 
 @pytest.fixture

@@ -29,11 +29,9 @@ from hypothesis import given, HealthCheck, settings, strategies as st
 import pytest
 from rosbags.rosbag2 import Reader
 
-from tudor_dynamics.bags import open_bag
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.live import LiveWriter, read_track
-from tudor_dynamics.bags.opening import abandoned, HOT_JOURNAL
-from tudor_dynamics.bags.saving import WholeFile
+from tudor_dynamics.bags.storage import abandoned, HOT_JOURNAL, open_bag
+from tudor_dynamics.bags.writer import LiveWriter, read_track, WholeFile
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, TudorWarning
 
@@ -208,7 +206,7 @@ def test_a_disk_that_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 KILLED = """
 import sys
-from tudor_dynamics.bags.live import LiveWriter
+from tudor_dynamics.bags.writer import LiveWriter
 bag = LiveWriter(sys.argv[1], sys.argv[2])
 bag.add('/wrench', 'geometry_msgs/msg/Wrench')
 for k in range(20000):
@@ -241,7 +239,7 @@ def test_killed(storage: str, tmp_path: Path, root: Path, capsys) -> None:
 
 HALF_WRITTEN = """
 import os, signal, sys
-from tudor_dynamics.bags.live import LiveWriter
+from tudor_dynamics.bags.writer import LiveWriter
 bag = LiveWriter(sys.argv[1], 'sqlite3')
 connection = bag._bag.writer.storage.conn
 bag.add('/wrench', 'geometry_msgs/msg/Wrench')

@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.cli.main import main
 
 BAGS = {'two_blade_train_1': ('two_blade_arm', 32.0), 'two_blade_train_2': ('two_blade_arm', 32.0),

@@ -21,9 +21,9 @@ import warnings
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.bags import read_recording, read_wrenches
+from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.bags.info import describe
+from tudor_dynamics.bags.reader import read_recording, read_wrenches
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, TudorWarning
 

@@ -23,7 +23,7 @@ import pytest
 from rich.console import Console
 
 from tudor_dynamics.cli.console import finite, print_json, print_table, score_table, steps
-from tudor_dynamics.identification.metrics import ChannelScore, Score
+from tudor_dynamics.identification.validation import ChannelScore, Score
 
 SCORE = Score(1580, 12.5, 11.25, 93.456, 93.2, 0.0654,
               {'hub': ChannelScore(15.0, 92.345, 0.07), 'mid': ChannelScore(9.0, 95.0, 0.05)})

@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.trajectory import read_trajectory
 from tudor_dynamics.cli.main import main
 

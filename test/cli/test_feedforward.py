@@ -23,13 +23,14 @@ from payload_making import true_outputs, two_gauge_arm
 import pytest
 from rosbags.highlevel import AnyReader
 from sample_arms import random_states
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.trajectory import read_trajectories, Sent, write_trajectories
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.library.trajectory_files import read_trajectories, Sent, write_trajectories
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.storage.bundle_io import save_bundle
-from tudor_dynamics.signals.splines import denser
+from tudor_dynamics.models.bundle_io import save_bundle
+from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.signals.motion_profile import denser
 
 TABLE = 't,j1,j2\n0,0.1,0.2\n1,0.5,-0.2\n2,0.9,0.4\n'
 

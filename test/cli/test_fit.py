@@ -196,7 +196,7 @@ def test_a_dead_gauge(
     """A gauge that never changes has no fit, its model is not good, and everything says why."""
     from dataclasses import replace
 
-    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.arm.description import load_arm
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.writer import recording_series, write_bag
     arm = load_arm(root / 'config/two_blade_arm.yaml')
@@ -252,7 +252,7 @@ def test_a_model_of_noise_is_not_good_enough(
     root: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Outputs that have nothing to do with the motion give exit code 1, or 0 if forced."""
-    from tudor_dynamics.arm import load_arm
+    from tudor_dynamics.arm.description import load_arm
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.recording import Recording
     from tudor_dynamics.bags.writer import recording_series, write_bag

@@ -22,7 +22,7 @@ import shutil
 import numpy as np
 import pytest
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.models.bundle_io import load_bundle
 
 ONE, TWO = 'two_blade_train_1', 'two_blade_train_2'
 FIXED = ('--estimator', 'wls', '--currents', 'separate', '--friction', 'viscous', 'coulomb',
@@ -103,7 +103,7 @@ def test_what_lacks_is_named(capsys, arguments, message):
 
 def test_without_data_a_model_says_so(model, root, capsys):
     bundle = load_bundle(model)
-    from tudor_dynamics.models.storage.bundle_io import save_bundle
+    from tudor_dynamics.models.bundle_io import save_bundle
     save_bundle(bundle, model, overwrite=True)  # read without its data: none are written
     assert main(['fit', '--to', str(model), '--add', str(root / 'bags' / TWO)]) == 2
     assert 'has not kept what each of its bags came to' in capsys.readouterr().err

@@ -23,7 +23,7 @@ from typing import Any
 
 from elastic_making import lone_arm, lone_recording, LONE_TRUTH
 import pytest
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main

@@ -22,9 +22,9 @@ import numpy as np
 from payload_making import true_outputs, two_gauge_arm
 import pytest
 from sample_arms import LENGTH_2, multisine, recording_of
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording, write_bag
-from tudor_dynamics.bags.writer import recording_series
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 import yaml
 

@@ -20,8 +20,8 @@ import sqlite3
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import arm_from_dict
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.cli.main import main
 
 GAUGES = ('link2_hub', 'link2_mid', 'link3_hub', 'link3_mid')

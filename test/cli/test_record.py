@@ -20,8 +20,8 @@ import json
 from pathlib import Path
 
 import pytest
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.cli.main import main
 import yaml
 

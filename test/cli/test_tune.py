@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.control.schedule import load_schedule
-import tudor_dynamics.models.tuning.design as module
+from tudor_dynamics.control.gains import load_schedule
+import tudor_dynamics.models.tuning as module
 
 CONFIG = Path(__file__).parent.parent.parent / 'config'
 

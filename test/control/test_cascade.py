@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.cascade import arm_gains, Cascade, JointGains, motor_gains
-from tudor_dynamics.control.envelope_law import COMMANDED
+from tudor_dynamics.control.guards import COMMANDED
 from tudor_dynamics.errors import ArmError
 
 DT = 5e-4

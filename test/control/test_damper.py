@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 import pytest
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.control.damper import arm_damping, Damper, DamperSettings, Status
 from tudor_dynamics.errors import ArmError
 
@@ -161,9 +161,9 @@ def test_settings_of_the_reference_arm(root: Path) -> None:
 def test_rooms_for_hardware_know_no_simulation() -> None:
     """Control and signals can be imported without simulation and without ROS."""
     code = ('import sys, tudor_dynamics.control.cascade, tudor_dynamics.control.damper, '
-            'tudor_dynamics.control.sign_test, tudor_dynamics.signals.motion_profile, '
-            'tudor_dynamics.signals.excitation, tudor_dynamics.signals.ringdown\n'
-            'no = ("tudor_dynamics.simulation", "rclpy")\n'
+            'tudor_dynamics.control.damper, tudor_dynamics.signals.motion_profile, '
+            'tudor_dynamics.signals.excitation, tudor_dynamics.signals.filters\n'
+            'no = ("tudor_dynamics.mechanics", "rclpy")\n'
             'bad = [m for m in sys.modules if m.startswith(no)]'
             '\nassert not bad, bad')
     run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)

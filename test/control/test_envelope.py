@@ -23,9 +23,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
-from tudor_dynamics.control.envelope import BRAKING, Envelope, ROOM
-from tudor_dynamics.control.envelope_law import (
-    approach_speed, BY_ACCELERATION, BY_POSITION, BY_SPEED, COMMANDED)
+from tudor_dynamics.control.guards import (
+    approach_speed, BRAKING, BY_ACCELERATION, BY_POSITION, BY_SPEED, COMMANDED, Envelope, ROOM)
 
 LIMITS = Limits(np.array([-1.0]), np.array([2.0]), np.array([1.5]), np.array([10.0]))
 numbers = st.floats(-50.0, 50.0)

@@ -20,9 +20,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.delay_margin import damping_share, position_gain_limit
-from tudor_dynamics.control.guards.swing_watch import SwingWatch
-from tudor_dynamics.control.loop_delay import DelayMeter
+from tudor_dynamics.control.gains import damping_share, DelayMeter, position_gain_limit
+from tudor_dynamics.control.guards import SwingWatch
 
 SPEED = np.array([1.8, 1.8])
 

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import Limits
-from tudor_dynamics.control.reaction import ReactingReference, yielding_speed
+from tudor_dynamics.control.references import ReactingReference, yielding_speed
 from tudor_dynamics.errors import UsageError
 
 LIMITS = Limits(np.full(2, -3.0), np.full(2, 3.0), np.full(2, 1.2), np.full(2, 3.5))

@@ -19,8 +19,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.control.reference_source import LONGEST, ReferenceSource
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.control.references import LONGEST, ReferenceSource
 
 
 def wandering(root: Path, seed: int, seconds: float, dt: float = 0.05) -> np.ndarray:

@@ -23,9 +23,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from schedule_making import content, point, schedule
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.control.adaptation import Adaptation, BLEND_TIME
-from tudor_dynamics.control.schedule import load_schedule
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.control.gains import Adaptation, BLEND_TIME, load_schedule
 from tudor_dynamics.errors import ScheduleError
 
 CONFIG = Path(__file__).parent.parent.parent / 'config'

@@ -26,12 +26,11 @@ import numpy as np
 import pytest
 from schedule_making import schedule
 from tudor_dynamics.arm.limits import Limits
-from tudor_dynamics.control.reaction import ReactingReference
+from tudor_dynamics.control.references import ReactingReference
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.errors import SignalError, SimulationError, UsageError
-from tudor_dynamics.signals.impulse_shaper import impulses
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
-from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
+from tudor_dynamics.signals.shaping import impulses, PathModes, plan_shaped, Profile
 
 LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
 STEP = 2e-3

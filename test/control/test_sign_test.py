@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.sign_test import check_sign, Measure, Sign, StepResponse
+from tudor_dynamics.control.damper import check_sign, Measure, Sign, StepResponse
 
 DT = 0.002
 T = np.arange(0.0, 3.5, DT)

@@ -23,13 +23,12 @@ import numpy as np
 import pytest
 from sample_arms import multisine, recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.bag_choice import BagChoice, parse_choice
 from tudor_dynamics.identification.dataset import (
-    BagData, common_outputs, cut, filtered, training_blocks)
-from tudor_dynamics.identification.standstill import motion_span, standstill_note
-from tudor_dynamics.signals import prepare
+    BagChoice, BagData, common_outputs, cut, filtered, motion_span, parse_choice, standstill_note,
+    training_blocks)
+from tudor_dynamics.signals.preprocessing import prepare
 
 
 @pytest.mark.parametrize(('text', 'expected'), [

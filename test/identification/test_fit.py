@@ -22,18 +22,17 @@ import numpy as np
 import pytest
 from sample_arms import gauge, multisine, planar_arm, random_states, recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import FitError, TudorWarning
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.bundling import bundle_of, figures
-from tudor_dynamics.identification.dataset import BagData, cut
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
 from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
-from tudor_dynamics.identification.verdict import Grade
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
-from tudor_dynamics.models.regressor import Regressor
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.signals import prepare
+from tudor_dynamics.identification.loads import bundle_of, figures
+from tudor_dynamics.identification.validation import Grade
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
+from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
 ARM = planar_arm([{'name': 'j1', 'friction': ['viscous', 'coulomb'], 'friction_velocity': 0.2},

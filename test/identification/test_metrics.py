@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.metrics import score
+from tudor_dynamics.identification.validation import score
 
 
 def test_formulas() -> None:

@@ -21,12 +21,10 @@ import pytest
 from sample_arms import multisine, recording_of
 from scipy import signal
 
-from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.ringing import find_ringing, power_density
-from tudor_dynamics.signals import prepare
-from tudor_dynamics.signals.preprocessing import Stretch
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.ringdowns import find_ringing, power_density
+from tudor_dynamics.signals.preprocessing import prepare, Stretch
 from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0

@@ -24,12 +24,11 @@ import numpy as np
 import pytest
 from sample_arms import recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.unseen import ENOUGH, left_out, PARTS, unseen_cases
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.fit import ENOUGH, left_out, PARTS, unseen_cases
 from tudor_dynamics.identification.validation import Validation
-from tudor_dynamics.signals import prepare
+from tudor_dynamics.signals.preprocessing import prepare
 
 SPEC = PreprocessingSpec(filter='causal', rate=None)
 

@@ -23,12 +23,11 @@ import numpy as np
 import pytest
 from sample_arms import multisine, recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.dataset import BagData
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagChoice, BagData
 from tudor_dynamics.identification.validation import (
     leave_one_bag_out, random_split, trace, validate)
-from tudor_dynamics.signals import prepare
+from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
 SPEC = PreprocessingSpec(rate=20.0)

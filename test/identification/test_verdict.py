@@ -20,9 +20,7 @@ from typing import Any
 
 import pytest
 
-from tudor_dynamics.identification.metrics import ChannelScore, Score
-from tudor_dynamics.identification.validation import Validation
-from tudor_dynamics.identification.verdict import Grade, judge
+from tudor_dynamics.identification.validation import ChannelScore, Grade, judge, Score, Validation
 
 
 def _validation(fit: float, *channels: float) -> Validation:

@@ -23,9 +23,10 @@ import numpy as np
 import pytest
 from sample_arms import arm_of, gauge, planar_arm, random_states
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
-from tudor_dynamics.models.base_parameters import base_sets, independent_columns, random_motion
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.regressor import (
+    base_sets, EffortRegressor, independent_columns, random_motion, StrainRegressor)
 
 # Each axis is turned against the next one, as in common seven-joint arms.
 SEVEN_ROWS = [[0.0, -pi / 2, 0.31, 0.0], [0.0, pi / 2, 0.0, 0.0], [0.08, pi / 2, 0.29, 0.0],

@@ -23,8 +23,9 @@ import pytest
 from sample_arms import arm_of, random_states, SIX_ROWS
 
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import friction_columns
+from tudor_dynamics.models.regressor import EffortRegressor
 
 JOINTS: list[dict[str, Any]] = [
     {'name': 'a', 'friction': ['viscous', 'coulomb', 'offset']}, {'name': 'b', 'asymmetric': True},

@@ -22,9 +22,10 @@ from sample_arms import arm_of, random_states, SIX_ROWS
 
 from tudor_dynamics.arm.schema import JointSpec
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import friction_columns, friction_names
 from tudor_dynamics.models.payload import payload_regressor
+from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.typing import FloatArray
 
 ALL = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')

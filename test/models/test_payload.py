@@ -21,12 +21,13 @@ from payload_making import true_outputs, two_gauge_arm
 import pytest
 from sample_arms import random_states
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor, StrainRegressor
+from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
 
 ARM = two_gauge_arm()
 RANGE = (0.0, 0.4)

@@ -23,15 +23,15 @@ import numpy as np
 import pytest
 from sample_arms import arm_of, multisine, recording_of, SIX_ROWS
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.dataset import BagData, cut, training_blocks
-from tudor_dynamics.models import AnalyticalModel, EffortRegressor
-from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, training_blocks
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.friction import Bristles, friction_columns, friction_names, Trail
 from tudor_dynamics.models.payload import payload_regressor
-from tudor_dynamics.models.presliding import Bristles, Trail
-from tudor_dynamics.monitoring.momentum_observer import MomentumObserver
-from tudor_dynamics.signals import prepare, Stretch
+from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.online.monitor import MomentumObserver
+from tudor_dynamics.signals.preprocessing import prepare, Stretch
 from tudor_dynamics.typing import FloatArray
 
 PULLEYS = {'pairs': [{'motor': 'c', 'joint': 'b', 'ratio': -1.0}]}

@@ -24,11 +24,10 @@ import pytest
 from sample_arms import (
     arm_of, gauge, LENGTH_1, planar_arm, random_inertia, random_states, SIX_ROWS)
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ArmError
-from tudor_dynamics.models import EffortRegressor, StrainRegressor
 from tudor_dynamics.models.friction import friction_columns
-from tudor_dynamics.models.regressor import Regressor
+from tudor_dynamics.models.regressor import EffortRegressor, Regressor, StrainRegressor
 
 G = 9.81
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 import pytest
 from sample_arms import gauge, planar_arm
 
-from tudor_dynamics.models.units import output_units, parameter_unit
+from tudor_dynamics.models.regressor import output_units, parameter_unit
 
 
 def test_outputs() -> None:

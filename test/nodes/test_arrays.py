@@ -24,8 +24,7 @@ import pytest
 from ros_world import feed, series, World
 from std_msgs.msg import Float64MultiArray
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.arm.sources import refuse_interfaces
+from tudor_dynamics.arm.description import load_arm, refuse_interfaces
 from tudor_dynamics.bags.writer import recording_series
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ArmError

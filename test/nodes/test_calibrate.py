@@ -25,8 +25,9 @@ import pytest
 from ros_world import feed, series, World
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording, Recording
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.nodes.monitor import MonitorNode
 
 

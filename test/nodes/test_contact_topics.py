@@ -24,18 +24,17 @@ import pytest
 from ros_world import feed, values_of, World
 from sample_arms import recording_of
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.contact.estimate import ContactEstimate
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import Push
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.settings import MonitorSettings
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.pushes import Push
+from tudor_dynamics.online.contact import ContactEstimate
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
 from tudor_dynamics.typing import FloatArray
 
 POSE = np.array([0.7, -0.5])

@@ -24,20 +24,17 @@ import pytest
 from ros_world import feed, series, values_of, World
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.mechanics.rig import Rig
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.settings import MonitorSettings
-from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
-from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
-from tudor_dynamics.simulation.loop.rig import Rig
+from tudor_dynamics.online.monitor import Monitor, MonitorSettings
+from tudor_dynamics.online.threshold_learning import thresholds_to_dict
+from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
 
 PAYLOAD, RATE, START = 0.2, 100.0, 1_000_000_000
 PUSH = (6.0, 6.4)  # s

@@ -27,16 +27,16 @@ import pytest
 from ros_world import joint_message, values_of, World
 from sample_arms import random_states
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.feedforward.feedforward import Feedforward
-from tudor_dynamics.models import EffortRegressor
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.feedforward import FeedforwardNode
+from tudor_dynamics.online.feedforward import Feedforward
 
 JOINTS = ('j1', 'j2')
 T = np.array([0.0, 0.5, 1.5, 2.0])

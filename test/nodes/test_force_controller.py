@@ -23,7 +23,7 @@ from ros_world import node_class, values_of, World, world  # noqa: F401
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from tudor_dynamics.simulation.loop.floor import Floor
+from tudor_dynamics.mechanics.hardware import Floor
 
 
 def state_of(world: World) -> dict[str, str]:  # noqa: F811

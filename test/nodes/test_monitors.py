@@ -25,7 +25,7 @@ from rcl_interfaces.srv import GetParameters
 from ros_world import joint_message, JOINTS, values_of, World
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from tudor_dynamics.bags import Recording
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.monitors import GuardedMonitorNode, MonitorsNode
 

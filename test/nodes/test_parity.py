@@ -23,8 +23,8 @@ import numpy as np
 import pytest
 
 from ros_world import feed, series, World
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.bags import read_recording
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode

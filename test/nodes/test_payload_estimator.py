@@ -30,25 +30,24 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.payload import payload_regressor, PayloadModel
 from tudor_dynamics.models.regressor import StrainRegressor
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.monitoring.detector import Level
-from tudor_dynamics.monitoring.followed_load import follow_load
-from tudor_dynamics.monitoring.residuals import Residual
-from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.monitoring.thresholds.io import thresholds_to_dict
-from tudor_dynamics.monitoring.thresholds.onset import LAGS, WINDOW
-from tudor_dynamics.monitoring.thresholds.thresholds import MethodThresholds, Tail
 from tudor_dynamics.nodes.collision_detector import CollisionDetectorNode
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
+from tudor_dynamics.online.detector import Level
+from tudor_dynamics.online.monitor import follow_load
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.streams import Motion
+from tudor_dynamics.online.threshold_learning import thresholds_to_dict
+from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
 
 RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
 

@@ -31,14 +31,15 @@ from rosgraph_msgs.msg import Clock
 from schedule_making import schedule
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from tudor_dynamics.arm import load_arm, PreprocessingSpec
+from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.storage.bundle_io import save_bundle
+from tudor_dynamics.models.bundle_io import save_bundle
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.common.messages import floats, time_message
 from tudor_dynamics.nodes.reference_generator import ReferenceGeneratorNode
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
-from tudor_dynamics.signals.shaped_profile import Profile
+from tudor_dynamics.signals.shaping import Profile
 
 POSE = np.array([0.8, 0.1])
 GOAL = np.array([1.2, -0.3])

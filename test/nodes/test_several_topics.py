@@ -23,7 +23,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 import pytest
 from ros_world import feed, Hand, joint_message, JOINTS, series, values_of, World
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.nodes.arm_simulator import ArmSimulatorNode

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 from ros_world import Hand, joint_message, JOINTS, World
 from std_srvs.srv import Trigger
-from tudor_dynamics.nodes.common.meter import Meter
+from tudor_dynamics.nodes.common.base import Meter
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 

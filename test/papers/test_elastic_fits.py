@@ -25,9 +25,9 @@ from papers.fits import collisions, Fits, one_model, stimuli_for_search
 from papers.table1 import build, markdown
 import pytest
 
-from tudor_dynamics.identification.elastic.result import Identified
+from tudor_dynamics.identification.elastic_problem import Identified
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
+from tudor_dynamics.models.elastic.model import PhysicalParameter
 
 
 class Search:
@@ -66,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def search(monkeypatch: pytest.MonkeyPatch) -> Search:
     """Replace the search."""
     made = Search()
-    monkeypatch.setattr('tudor_dynamics.identification.elastic.trainer.identify', made)
+    monkeypatch.setattr('tudor_dynamics.identification.elastic_trainer.identify', made)
     return made
 
 

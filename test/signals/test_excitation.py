@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.excitation import (
     aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange, REST, TAPS)

@@ -23,8 +23,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals import CausalDifferentiator, zero_phase
-from tudor_dynamics.signals.filters import low_pass_gain
+from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain, zero_phase
 
 
 def _scaled(found: np.ndarray, expected: np.ndarray) -> float:

@@ -22,7 +22,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, motion_limits, MotionLimits, MotionPlanner)

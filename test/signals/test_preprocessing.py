@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 from sample_arms import multisine, recording_of
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals import CausalDifferentiator, prepare, Stretch
-from tudor_dynamics.signals.filters import low_pass_gain
+from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain
+from tudor_dynamics.signals.preprocessing import prepare, Stretch
 
 
 def _motion(n: int, rate: float) -> np.ndarray:

@@ -21,8 +21,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from tudor_dynamics.signals.motion_profile import MotionLimits
-from tudor_dynamics.signals.refined_profile import largest_swing, refine
-from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
+from tudor_dynamics.signals.shaping import largest_swing, PathModes, plan_shaped, Profile, refine
 
 LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
 START, TARGET = np.array([0.5, 0.3]), np.array([1.6, -0.2])

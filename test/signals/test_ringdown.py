@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.ringdown import ring_modes
+from tudor_dynamics.signals.filters import ring_modes
 
 DT = 5e-4
 

@@ -22,9 +22,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tudor_dynamics.signals.filters import low_pass
-from tudor_dynamics.signals.sections import (
-    butterworth, chebyshev, forward_backward, low_pass_sections)
+from tudor_dynamics.signals.filters import (
+    butterworth, chebyshev, forward_backward, low_pass, low_pass_sections)
 
 
 def _record(n: int, channels: int, seed: int = 0) -> np.ndarray:

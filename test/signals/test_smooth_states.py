@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tudor_dynamics.signals.smooth_states import SmoothStates
+from tudor_dynamics.signals.filters import SmoothStates
 
 
 def test_step_is_process() -> None:

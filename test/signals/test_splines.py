@@ -23,7 +23,7 @@ from numpy.polynomial import Polynomial
 import pytest
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.splines import denser, states
+from tudor_dynamics.signals.motion_profile import denser, states
 
 JOINTS = ('a', 'b')
 T = np.array([0.0, 0.5, 1.1, 2.0])

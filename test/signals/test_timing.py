@@ -24,7 +24,7 @@ import pytest
 from sample_arms import multisine, recording_of
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.signals.timing import retimed, timing
+from tudor_dynamics.signals.preprocessing import retimed, timing
 from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0

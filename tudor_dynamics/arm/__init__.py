@@ -12,11 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arm description: YAML, URDF or D-H table to a Pinocchio model, joints, gauges, units."""
-
-from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.loading import arm_from_dict, load_arm
-from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, JointSpec, PreprocessingSpec
-
-__all__ = ['Arm', 'ArmSpec', 'GaugeSpec', 'JointSpec', 'PreprocessingSpec', 'arm_from_dict',
-           'load_arm']
+"""The arm: its description (YAML, URDF or D-H), checked, with its Pinocchio models."""

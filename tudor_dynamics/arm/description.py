@@ -12,28 +12,81 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""An arm as the rest of the package sees it: description, Pinocchio models, names, digest."""
+"""An arm as the rest of the package sees it, and how its description is read and checked."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import hashlib
 import json
+from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
+from pydantic import ValidationError
 
-from tudor_dynamics.arm.couplings import coupling_matrix
 from tudor_dynamics.arm.kinematics import (
-    gauge_point, is_prismatic, joint_axis, unit_vector, with_gauge_joints)
-from tudor_dynamics.arm.schema import ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec
-from tudor_dynamics.errors import ArmError
+    gauge_point, is_prismatic, joint_axis, model_from_dh, model_from_urdf, read_urdf, Snapped,
+    unit_vector, with_gauge_joints)
+from tudor_dynamics.arm.schema import (
+    ArmSpec, coupling_matrix, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec)
+from tudor_dynamics.errors import ArmError, check_type, TudorWarning
+from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.typing import FloatArray
 
+
+# -- What a description leaves open: values that are still ``?``, and where they stand
+
+OPEN = '?'
+"""Stands in a description for what nobody has said yet; nothing is read from such a file."""
+SHOWN = 8
+"""Open values that one message names."""
+KeyPath = tuple[str | int, ...]
+"""Keys and places in lists that lead to a value."""
+
+
+def open_values(content: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+    """Find the values that are still open."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            yield from open_values(value, (*path, str(key)))
+    elif isinstance(content, (list, tuple)):
+        for number, value in enumerate(content):
+            yield from open_values(value, (*path, number))
+    elif isinstance(content, str) and content.strip() == OPEN:
+        yield path
+
+
+def spelled(content: Any, path: KeyPath) -> str:
+    """Write where a value stands, entries of lists by their names where they have some."""
+    text, here = '', content
+    for step in path:
+        here = here[step]
+        if isinstance(step, int):
+            name = here.get('name') if isinstance(here, dict) else None
+            text += f'[{name if isinstance(name, str) and name != OPEN else step}]'
+        else:
+            text += f'.{step}' if text else step
+    return text
+
+
+def check_no_open_values(content: Any, source: str) -> None:
+    """Refuse a description in which something is still ``?``."""
+    names = [spelled(content, path) for path in open_values(content)]
+    if names:
+        more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
+        msg = f'still {OPEN!r}: {", ".join(name[:100] for name in names[:SHOWN])}{more}'
+        raise ArmError(msg, place=source, remedy=(
+            'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
+            'means'))
+
+
+# -- An arm as the rest of the package sees it: description, Pinocchio models, names, digest
 
 @dataclass(frozen=True, eq=False)
 class Arm:
@@ -241,3 +294,181 @@ class Arm:
 def _rounded(values: NDArray[np.float64]) -> Any:
     # + 0.0 turns the -0.0 that one platform rounds to and another does not into 0.0
     return (np.round(values, 9) + 0.0).tolist()
+
+
+# -- Reading arm descriptions: YAML, checked against the schema and against the kinematics
+
+MAX_YAML_BYTES = 2_000_000
+MAX_PARTS = 8
+"""Mistakes that one message names."""
+
+
+def validation_message(err: ValidationError) -> str:
+    """Put a pydantic error on one line: each key, what is wrong, what was found."""
+    parts = []
+    for item in err.errors(include_url=False):
+        where = '.'.join(str(part) for part in item['loc']) or 'top level'
+        text = str(item.get('ctx', {}).get('error', item['msg']))
+        if item['type'] == 'extra_forbidden':
+            text = 'unknown key (misspelt?)'
+        found = item.get('input')
+        shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
+            f', found {_short(repr(found))}')
+        parts.append(f'{_short(where)}: {text}{shown}')
+    more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
+    return '; '.join(parts[:MAX_PARTS]) + more
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 100 else f'{text[:100]}...'
+
+
+def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
+    known = list(model.names)[1:]
+    for joint in spec.joints:
+        if joint.name not in known:
+            msg = (f'{source}: joint {joint.name!r} is not in the kinematics, '
+                   f'whose joints are {known}; correct joints[].name')
+            raise ArmError(msg)
+    for joint in spec.joints:
+        prismatic = is_prismatic(model, joint.name)
+        if joint.type is not None and prismatic != (joint.type == 'prismatic'):
+            found = 'prismatic' if prismatic else 'revolute'
+            msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
+                   f'but is {found} in the kinematics')
+            raise ArmError(msg)
+        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
+        if wrong:
+            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
+            msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
+                   f'{joint.effort.unit!r}; expected {unit!r} or A')
+            raise ArmError(msg)
+        for gauge in spec.gauges:
+            if prismatic and gauge.joint == joint.name and gauge.axis is None:
+                msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
+                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
+                raise ArmError(msg)
+
+
+def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
+    """
+    Check a description and build its models.
+
+    Parameters
+    ----------
+    content : dict
+        The description as it stands in YAML.
+    base : Path
+        Directory that file names in the description are relative to.
+    source : str
+        Where the description came from, for messages.
+
+    Returns
+    -------
+    Arm
+        Checked description with its models.
+
+    Raises
+    ------
+    ArmError
+        If a key is unknown or missing, a value impossible, or the kinematics do not fit.
+
+    """
+    if not isinstance(content, dict):
+        msg = f'{source}: expected a YAML mapping with name, kinematics and joints'
+        raise ArmError(msg)
+    check_no_open_values(content, source)
+    try:
+        spec = ArmSpec.model_validate(content)
+    except ValidationError as err:
+        msg = f'{source}: {validation_message(err)}'
+        raise ArmError(msg) from None
+    urdf, snapped = None, Snapped()
+    if spec.kinematics.urdf is not None:
+        urdf = read_urdf(base / spec.kinematics.urdf)
+        model = model_from_urdf(urdf, str(base / spec.kinematics.urdf), snapped)
+    else:
+        rows = spec.kinematics.dh
+        assert rows is not None  # the schema has one of the two
+        exact = [(a, snapped.take(alpha, f'alpha of row {number}'), d,
+                  snapped.take(theta, f'theta of row {number}'))
+                 for number, (a, alpha, d, theta) in enumerate(rows, start=1)]
+        model = model_from_dh(exact, [joint.name for joint in spec.joints],
+                              [joint.type or 'revolute' for joint in spec.joints],
+                              spec.kinematics.convention)
+    _check_against_model(spec, model, source)
+    model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
+    note = snapped.note()
+    return Arm(spec, model, source, urdf, (note,) if note else ())
+
+
+def load_arm(path: str | Path) -> Arm:
+    """
+    Read an arm description.
+
+    Parameters
+    ----------
+    path : str or Path
+        YAML file, see ``config/tudor.yaml``.
+
+    Returns
+    -------
+    Arm
+        Checked description with its models.
+
+    Raises
+    ------
+    ArmError
+        If the file cannot be read or is wrong; the message names file, key and expectation.
+
+    """
+    check_type(path, (str, Path), 'path', 'the path of a YAML file')
+    path = Path(path)
+    try:
+        text = read_bounded(path, MAX_YAML_BYTES).decode()
+    except OSError as err:
+        msg = (f'{path}: the arm description cannot be read ({err.strerror}); check --arm, or '
+               'write one with `tudor init`')
+        raise ArmError(msg) from None
+    except ValueError as err:  # no UTF-8, or a NUL in the path
+        msg = f'{path}: the arm description cannot be read ({err}); check --arm'
+        raise ArmError(msg) from None
+    try:
+        content = load_yaml(text)
+    except ValueError as err:
+        msg = f'{path}: {err}'
+        raise ArmError(msg) from None
+    arm = arm_from_dict(content, base=path.parent, source=str(path))
+    for note in arm.notes:
+        warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)
+    return arm
+
+
+# -- Efforts and strains that do not come as JointStates: in arrays, and as interfaces of joints
+
+def sources(arm: Arm) -> Iterator[tuple[str, SourceSpec]]:
+    """Give where the efforts of the active joints and the readings of the gauges come from."""
+    for joint in arm.joints:
+        yield joint.name, joint.effort
+    for gauge in arm.gauges:
+        yield gauge.name, gauge
+
+
+def array_places(arm: Arm) -> dict[str, dict[str, int]]:
+    """Give the topics that carry arrays."""
+    found: dict[str, dict[str, int]] = {}
+    for name, source in sources(arm):
+        if source.index is not None:
+            found.setdefault(source.topic, {})[name] = source.index
+    return found
+
+
+def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
+    """Refuse an arm whose efforts or strains come in messages that somebody does not take."""
+    taken = 'JointState and Float64MultiArray' if arrays else 'JointState'
+    for name, source in sources(arm):
+        if source.interface is not None or (source.index is not None and not arrays):
+            kind = 'Float64MultiArray' if source.interface is None else 'DynamicJointState'
+            raise ArmError(
+                f'{name} comes in a {kind} on {source.topic}; {who} takes {taken}',
+                place=arm.source, remedy='publish it as a JointState, and describe that topic')

@@ -12,25 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Limits of the joints, told apart: what nothing ever exceeds, and what is planned.
-
-The first come from the description's ``limits``, the URDF and the motors, whichever is tighter.
-Planned motion stays below, so that the damper of the links has room to add its share.
-"""
+"""Limits of the joints, hard and planned, and distances between links."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 import math
+import os
+from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
+import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.drives import DRIVE_TIMEOUT
+from tudor_dynamics.arm.hardware import DRIVE_TIMEOUT
+from tudor_dynamics.arm.kinematics import adapt, parse
 from tudor_dynamics.arm.schema import JointSpec, LimitSpec, PlannedSpec
+from tudor_dynamics.errors import ArmError
+from tudor_dynamics.files import read_bounded
 from tudor_dynamics.typing import FloatArray
+
+
+# -- Limits of the joints, told apart: what nothing ever exceeds, and what is planned.
+#
+# The first come from the description's ``limits``, the URDF and the motors, whichever is tighter.
+# Planned motion stays below, so that the damper of the links has room to add its share.
 
 UNLIMITED = 1e8
 """What a continuous joint of a URDF has as a limit is none."""
@@ -167,3 +176,190 @@ def drive_stop(arm: Arm) -> DriveStop:
     damper = arm.spec.damper
     return DriveStop(DRIVE_TIMEOUT if damper is None else damper.drive_timeout,
                      planned_limits(arm).acceleration)
+
+
+# -- How near the links of an arm come to each other, by the shapes that its URDF has for
+#    collisions.
+#
+# Meshes are replaced by their convex hulls, which enclose them and make distances cheap and
+# signed. Links that a joint connects touch always, and are no pair; neither are those that an SRDF
+# takes out, nor hulls that overlap wherever the arm stands. What surrounds the arm is not looked
+# at.
+
+MAX_MESH_BYTES = 50_000_000
+MAX_SRDF_BYTES = 20_000_000
+MESHES = ('.stl', '.dae', '.obj')
+POSES, ALWAYS = 200, 0.9
+"""Random poses, and the part of them at which a pair overlaps that is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nearness:
+    """Pairs of links that are near to each other, at one pose."""
+
+    # Distance of each pair that is nearer than asked for; negative where they overlap, (pairs,)
+    # [m].
+    distance: FloatArray
+    slope: FloatArray  # its derivatives by the active joints, (pairs, joints) [m/rad or m/m]
+    names: tuple[tuple[str, str], ...]  # links of each pair
+
+
+class SelfCollision:
+    """Pairs of links of an arm whose shapes are known."""
+
+    def __init__(
+        self, arm: Arm, folders: tuple[Path, ...] = (), srdf: Path | None = None,
+    ) -> None:
+        self._model = arm.model
+        self._index = arm.velocity_index
+        self._q = np.zeros(arm.model.nq)
+        self._geometry = pin.GeometryModel()
+        missing: list[str] = []
+        if arm.urdf is not None:
+            self._geometry = _shapes(arm, folders, missing)
+        disabled = set() if srdf is None else _disabled(srdf)
+        left_out = self._add_pairs(disabled)
+        self._renew()
+        if self.pairs:
+            left_out += self._drop_always(arm)
+        shapes = len(self._geometry.geometryObjects)
+        self.note = (
+            'no shapes of links in the description: self-collisions are not looked at' if not
+            shapes and not missing else
+            f'self-collisions: {self.pairs} pairs of links, by {shapes} shapes')
+        if missing:
+            self.note += (f'; {len(missing)} shapes are left out, whose meshes are not there '
+                          f'({missing[0]}{", ..." if len(missing) > 1 else ""}): give --meshes')
+        if left_out:
+            self.note += f'; {left_out} pairs overlap always, or are taken out by the SRDF'
+
+    @property
+    def pairs(self) -> int:
+        """Count the pairs of shapes that are looked at."""
+        return len(self._geometry.collisionPairs)
+
+    def _renew(self) -> None:
+        self._data = self._model.createData()
+        self._seen = pin.GeometryData(self._geometry)
+
+    def _add_pairs(self, disabled: set[frozenset[str]]) -> int:
+        objects, parents = self._geometry.geometryObjects, self._model.parents
+        left_out = 0
+        for i, one in enumerate(objects):
+            for k in range(i + 1, len(objects)):
+                a, b = one.parentJoint, objects[k].parentJoint
+                if a == b or parents[a] == b and a > 0 or parents[b] == a and b > 0:
+                    continue
+                if frozenset((self._link(i), self._link(k))) in disabled:
+                    left_out += 1
+                    continue
+                self._geometry.addCollisionPair(pin.CollisionPair(i, k))
+        return left_out
+
+    def _drop_always(self, arm: Arm) -> int:
+        generator = np.random.default_rng(0)
+        count = np.zeros(self.pairs)
+        for _ in range(POSES):
+            self._look(generator.uniform(-np.pi, np.pi, len(arm.active_joints)))
+            count += [result.min_distance <= 0.0 for result in self._seen.distanceResults]
+        always = [pin.CollisionPair(pair.first, pair.second)  # what is removed moves the others
+                  for pair, times in zip(self._geometry.collisionPairs, count, strict=True)
+                  if times >= ALWAYS * POSES]
+        for pair in always:
+            self._geometry.removeCollisionPair(pair)
+        self._renew()
+        return len(always)
+
+    def _link(self, place: int) -> str:
+        item = self._geometry.geometryObjects[place]
+        return str(item.name).rsplit('_', 1)[0]
+
+    def _look(self, q: FloatArray) -> None:
+        self._q[self._index] = q
+        pin.computeDistances(self._model, self._data, self._geometry, self._seen, self._q)
+
+    def near(self, q: FloatArray, margin: float) -> Nearness:
+        """Find the pairs that are nearer than a margin: q (joints,) [rad or m], margin [m]."""
+        self._look(q)
+        results = list(self._seen.distanceResults)
+        found = [k for k, result in enumerate(results) if result.min_distance < margin]
+        slope = np.zeros((len(found), len(q)))
+        if found:
+            pin.computeJointJacobians(self._model, self._data, self._q)
+        pairs = [self._geometry.collisionPairs[k] for k in found]
+        for row, k, pair in zip(slope, found, pairs, strict=True):
+            result = results[k]
+            for sign, place, point in ((-1.0, pair.first, result.getNearestPoint1()),
+                                       (1.0, pair.second, result.getNearestPoint2())):
+                joint = self._geometry.geometryObjects[place].parentJoint
+                jacobian = pin.getJointJacobian(
+                    self._model, self._data, joint, pin.ReferenceFrame.WORLD)
+                normal = np.asarray(result.normal).ravel()
+                # n (v + w x p) = n v + w (p x n)
+                lever = np.cross(np.asarray(point).ravel(), normal)
+                row += sign * (normal @ jacobian[:3] + lever @ jacobian[3:])[self._index]
+        return Nearness(
+            np.array([results[k].min_distance for k in found]), slope,
+            tuple((self._link(pair.first), self._link(pair.second)) for pair in pairs))
+
+
+def _shapes(arm: Arm, folders: tuple[Path, ...], missing: list[str]) -> pin.GeometryModel:
+    """Build the shapes of the reduced arm; names of meshes that are not there are appended."""
+    assert arm.urdf is not None
+    root = parse(arm.urdf, arm.source)
+    home = Path(arm.source).parent / (arm.spec.kinematics.urdf or '')
+    for link in root.iter('link'):
+        for collision in link.findall('collision'):
+            mesh = collision.find('geometry/mesh')
+            if mesh is None:
+                continue
+            path = _mesh(mesh.get('filename', ''), (home.parent, *folders))
+            if path is None:
+                missing.append(mesh.get('filename', ''))
+                link.remove(collision)
+            else:
+                mesh.set('filename', str(path))
+    adapt(root, arm.source, drawn=('visual',))
+    text = ElementTree.tostring(root, encoding='unicode')
+    try:
+        geometry = pin.buildGeomFromUrdfString(arm.full_model, text, pin.GeometryType.COLLISION)
+    except (ValueError, RuntimeError) as err:
+        msg = f'the shapes for collisions cannot be read ({err})'
+        raise ArmError(msg, place=arm.source,
+                       remedy='correct the <collision> elements') from None
+    for item in geometry.geometryObjects:
+        if hasattr(item.geometry, 'buildConvexHull'):
+            with suppress(RuntimeError, ValueError):  # flat ones stay what they are
+                item.geometry.buildConvexHull(True, 'Qt')
+                item.geometry = item.geometry.convex
+    locked = [arm.full_model.getJointId(name) for name in arm.held_joints]
+    if not locked:
+        return geometry
+    reference = np.zeros(arm.full_model.nq)
+    for name, place in arm.held_joints.items():
+        reference[arm.full_model.joints[arm.full_model.getJointId(name)].idx_q] = place
+    return pin.buildReducedModel(arm.full_model, geometry, locked, reference)[1]
+
+
+def _mesh(name: str, folders: tuple[Path, ...]) -> Path | None:
+    """Find a mesh of bounded size, by the longest end of its path that is there; or None."""
+    parts = Path(name.removeprefix('package://').removeprefix('file://')).parts
+    shared = [Path(part) / 'share' for part in os.environ.get(
+        'AMENT_PREFIX_PATH', '').split(os.pathsep) if part]
+    for first in range(len(parts)):
+        for folder in (*folders, *shared):
+            candidate = folder.joinpath(*parts[first:])
+            if (candidate.suffix.lower() in MESHES and candidate.is_file()
+                    and candidate.stat().st_size <= MAX_MESH_BYTES):
+                return candidate.resolve()
+    return None
+
+
+def _disabled(srdf: Path) -> set[frozenset[str]]:
+    try:
+        text = read_bounded(srdf, MAX_SRDF_BYTES).decode()
+    except (OSError, ValueError) as err:
+        msg = f'{srdf}: the SRDF cannot be read ({getattr(err, "strerror", None) or err})'
+        raise ArmError(msg) from None
+    return {frozenset((item.get('link1', ''), item.get('link2', '')))
+            for item in parse(text, str(srdf)).iter('disable_collisions')}

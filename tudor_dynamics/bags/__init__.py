@@ -12,16 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Bags: rosbag2 to and from numpy arrays; the one place that knows message layouts offline."""
-
-from tudor_dynamics.bags.labels import read_flags, read_wrenches
-from tudor_dynamics.bags.layouts.messages import JointStateSeries, WrenchSeries
-from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.reader import read_recording
-from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.writer import recording_series, write_bag
-
-__all__ = [
-    'JointStateSeries', 'Recording', 'WrenchSeries', 'open_bag', 'read_flags',
-    'read_recording', 'read_wrenches', 'recording_series', 'write_bag',
-]
+"""Bags: rosbag2 files to aligned arrays and back, without ROS."""

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What is in a bag, what it can be used for, and what is odd about it."""
+"""What is in a bag, what it can be used for, and what is implausible about it."""
 
 from __future__ import annotations
 
@@ -24,17 +24,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.alignment import gap_limit, increasing, split_at_gaps
-from tudor_dynamics.bags.guess import guess_plan
-from tudor_dynamics.bags.joint_states import DecodedTopic, LAYOUTS, load_joint_states
-from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.reader import assemble, planned_topics, stated_payload
-from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.sources import plan_from_arm, resolve, Sources
-from tudor_dynamics.bags.storage.raw import Bag
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.alignment import (
+    DecodedTopic, gap_limit, increasing, LAYOUTS, load_joint_states, split_at_gaps)
+from tudor_dynamics.bags.messages import JOINT_STATE
+from tudor_dynamics.bags.reader import assemble, guess_plan, planned_topics, stated_payload
+from tudor_dynamics.bags.recording import plan_from_arm, Recording, resolve, Sources
+from tudor_dynamics.bags.storage import Bag, Notes, open_bag
 from tudor_dynamics.errors import BagError
 
 

@@ -12,26 +12,141 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A bag becomes a Recording: found by name, ordered, aligned, split at gaps, checked."""
+"""A bag becomes a ``Recording``: found by name, ordered, aligned, split at gaps, checked."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.bags.assembly import Assembly
-from tudor_dynamics.bags.joint_states import DecodedTopic, load_joint_states
-from tudor_dynamics.bags.layouts.cdr_layout import JOINT_STATE
-from tudor_dynamics.bags.notes import Notes
-from tudor_dynamics.bags.opening import open_bag
-from tudor_dynamics.bags.plausibility import check_units, moving_joints, without_zero_velocities
-from tudor_dynamics.bags.recording import Oddities, Recording
-from tudor_dynamics.bags.sources import plan_from_arm, resolve, Sources
-from tudor_dynamics.bags.storage.raw import Bag
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.alignment import Assembly, DecodedTopic, increasing, load_joint_states
+from tudor_dynamics.bags.messages import (
+    decode, JOINT_STATE, wrench_layout, WRENCH_STAMPED, WrenchSeries)
+from tudor_dynamics.bags.recording import (
+    ChannelSource, check_units, MANY_TURNS, moving_joints, Oddities, plan_from_arm, Recording,
+    resolve, Sources, without_zero_velocities)
+from tudor_dynamics.bags.storage import Bag, Notes, open_bag
 from tudor_dynamics.errors import BagError, check_type
+
+
+# -- Ground truth of collisions in a bag: forces that were applied on purpose, and flags
+
+BOOL = 'std_msgs/msg/Bool'
+BOOL_BYTES = 5
+"""A Bool behind its encapsulation header."""
+
+
+def _topic_of(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> str | None:
+    """Find a topic of the first of some types; None where it is not there, or is empty."""
+    name = resolve(topic, bag.topics, str(path))
+    if name is None or not bag.topics[name].count:
+        return None
+    if bag.topics[name].msgtype != known[0]:
+        msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
+               f'{" or ".join(known)}; name another topic')
+        raise BagError(msg)
+    return name
+
+
+def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> WrenchSeries | None:
+    """
+    Read the wrenches of a bag.
+
+    Returns None where the bag has no such topic, or no message in it.
+    """
+    bag = open_bag(path)
+    name = _topic_of(bag, topic, (WRENCH_STAMPED,), path)
+    if name is None:
+        return None
+    raw = bag.read([name])[name]
+    try:
+        blocks = decode(raw.data, wrench_layout, name)
+    except BagError as err:
+        raise err.at(path) from None
+    if not blocks:
+        return None
+    order = np.argsort(np.concatenate([block.index for block in blocks]))
+    stamp = np.concatenate([block.stamp for block in blocks])[order]
+    values = np.concatenate([block.values('wrench') for block in blocks])[order]
+    keep = increasing(stamp).keep
+    names = np.concatenate([[block.layout.frame_id] * len(block.index) for block in blocks])
+    return WrenchSeries(name, stamp[keep], values[keep, :3], values[keep, 3:],
+                        tuple(names[order][keep].tolist()))
+
+
+def read_flags(
+    path: str | Path, topic: str, clock: str = 'joint_states',
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+    """
+    Read a Bool topic, which has no stamps of its own, on the header stamps of another.
+
+    Returns (n,) [ns], None where the bag has no such topic, or no message in it.
+    """
+    bag = open_bag(path)
+    name = _topic_of(bag, topic, (BOOL, WRENCH_STAMPED), path)
+    if name is None:
+        return None
+    raw = bag.read([name])[name]
+    if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
+        msg = f'{path}: topic {name} has messages that are no {BOOL}; the bag is damaged'
+        raise BagError(msg)
+    joints = resolve(clock, bag.topics, str(path))
+    shift = 0
+    if joints is not None:
+        known = load_joint_states(bag, [joints])[joints]
+        if known.stamp.any():
+            shift = int(np.median(known.stamp - known.log_time))
+    order = np.argsort(raw.log_time, kind='stable')
+    return raw.log_time[order] + shift, np.array([data[4] != 0 for data in raw.data])[order]
+
+
+# -- A plan from the topics of a bag, where no arm description is at hand
+
+STRAIN_WORDS = ('strain', 'gauge')
+"""A topic of JointState whose name has one of these carries strains, where no arm is given."""
+
+
+def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
+    """
+    Guess what an arm description would say, from the topics alone.
+
+    Returns None where no topic has positions.
+    """
+    def with_field(what: str) -> dict[str, list[str]]:
+        found = {}
+        for name, states in topics.items():
+            blocks = [block for block in states.blocks if block.layout.size(what)]
+            if blocks:
+                largest = max(blocks, key=lambda block: len(block.index))
+                found[name] = list(largest.layout.names)
+        return found
+
+    def is_strain(name: str) -> bool:
+        return any(word in name.lower() for word in STRAIN_WORDS)
+
+    topics = {name: states for name, states in topics.items() if states.msgtype == JOINT_STATE}
+    positions, efforts = with_field('position'), with_field('effort')
+    candidates = [name for name in positions if not is_strain(name)]
+    if not candidates:
+        return None
+    topic = max(candidates, key=lambda name: (name.endswith('joint_states'),
+                                              len(topics[name].stamp)))
+    joints = tuple(dict.fromkeys(positions[topic]))
+    sources = [name for name in (topic, *sorted(efforts))
+               if set(joints) <= set(efforts.get(name, ()))]
+    strains = {gauge: ChannelSource(name, gauge, 'position') for name, gauges in positions.items()
+               if is_strain(name) for gauge in gauges}
+    source = sources[0] if sources else topic
+    return Sources(topic, joints, (False,) * len(joints), (MANY_TURNS,) * len(joints),
+                   tuple(ChannelSource(source, joint, 'effort') for joint in joints),
+                   tuple(strains), tuple(strains.values()))
+
+
+# -- A bag becomes a Recording: found by name, ordered, aligned, split at gaps, checked
 
 MIN_SAMPLES = 50
 MIN_DURATION = 1.0

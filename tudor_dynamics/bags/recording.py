@@ -12,17 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What a bag becomes: aligned arrays of one arm's joints, efforts and strains."""
+"""A recording as aligned arrays, what is looked for in a bag, and whether values are plausible."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
+from tudor_dynamics.bags.messages import (
+    DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
+from tudor_dynamics.bags.storage import Notes, TopicInfo
+from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
 
+
+# -- What a bag becomes: aligned arrays of one arm's joints, efforts and strains
 
 @dataclass(frozen=True)
 class SetBack:
@@ -117,3 +127,241 @@ class Recording:
     def t(self) -> FloatArray:
         """Time since the first stamp [s]."""
         return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
+
+
+# -- What to look for in a bag: topics, names, and what is plausible, from an arm description
+
+MANY_TURNS = 4 * math.pi
+"""No revolute joint without limits in its description is taken to go farther than this [rad]."""
+UNLIMITED = 1e6
+"""Limits beyond this are none [rad or m]."""
+
+
+@dataclass(frozen=True)
+class ChannelSource:
+    """Where the values of one joint or gauge stand."""
+
+    topic: str  # as described (relative or absolute)
+    name: str  # name in the messages; in an array the place, from 0
+    field: str  # field of the messages: `effort`, `position`, `data`, or an interface
+    msgtype: str = JOINT_STATE  # type that the messages must have
+
+
+def channel_of(source: SourceSpec, name: str, field: str) -> ChannelSource:
+    """Give the channel that a description names."""
+    if source.index is not None:
+        return ChannelSource(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
+    if source.interface is not None:
+        return ChannelSource(source.topic, name, source.interface, DYNAMIC_JOINT_STATE)
+    return ChannelSource(source.topic, name, field)
+
+
+@dataclass(frozen=True)
+class Sources:
+    """What a recording is made of."""
+
+    joint_topic: str  # topic of the joint states, as described (relative or absolute)
+    joints: tuple[str, ...]  # names of the joints, in the order of the columns
+    prismatic: tuple[bool, ...]  # kind of each joint
+    # Largest plausible `|q|` of each joint [rad or m]; None where any is.
+    reach: tuple[float | None, ...]
+    efforts: tuple[ChannelSource, ...]  # where each joint's effort stands
+    gauges: tuple[str, ...] = ()  # names of the gauges
+    strains: tuple[ChannelSource, ...] = ()  # where each gauge's reading stands
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """All topics as described, each once."""
+        return tuple(dict.fromkeys((self.joint_topic, *(
+            channel.topic for channel in (*self.efforts, *self.strains)))))
+
+
+def plan_from_arm(arm: Arm) -> Sources:
+    """Make the plan of an arm."""
+    model = arm.full_model
+    prismatic, reach = [], []
+    for joint in arm.joints:
+        inner = model.joints[model.getJointId(joint.name)]
+        slides = inner.shortname().removeprefix('JointModel').startswith('P')
+        given = joint.limits or LimitSpec()
+        lower = (float(model.lowerPositionLimit[inner.idx_q]) if given.lower is None
+                 else given.lower)
+        upper = (float(model.upperPositionLimit[inner.idx_q]) if given.upper is None
+                 else given.upper)
+        bound: float | None = None
+        if max(-lower, upper) < UNLIMITED:
+            # Twice the limits: a soft limit overrun or a zero set elsewhere is no matter of units.
+            bound = 2 * max(abs(lower), abs(upper), upper - lower)
+        elif not slides and joint.type != 'continuous' and arm.spec.kinematics.urdf is None:
+            bound = MANY_TURNS
+        prismatic.append(slides)
+        reach.append(bound)
+    return Sources(
+        arm.spec.joint_topic, arm.active_joints, tuple(prismatic), tuple(reach),
+        tuple(channel_of(joint.effort, joint.name, 'effort') for joint in arm.joints),
+        arm.gauge_names,
+        tuple(channel_of(gauge, gauge.name, 'position') for gauge in arm.gauges))
+
+
+def resolve(
+    name: str, topics: Mapping[str, TopicInfo], path: str, msgtype: str = JOINT_STATE,
+) -> str | None:
+    """Find a topic of the description in a bag."""
+    relative = name.lstrip('/')
+    for candidate in (name, f'/{relative}', relative):
+        if candidate in topics:
+            return candidate
+    if name.startswith('/'):
+        return None
+    found = sorted(topic for topic, info in topics.items()
+                   if topic.endswith(f'/{relative}') and info.msgtype == msgtype)
+    if len(found) > 1:
+        msg = (f'topic {name} is in several namespaces ({", ".join(found)}); write one '
+               'of them in full in the arm description')
+        raise BagError(msg, place=path)
+    return found[0] if found else None
+
+
+# -- Do positions and velocities make sense: units, signs, and whether anything moves
+
+DEGREES = 180 / math.pi
+WINDOW = 0.1
+"""Over which displacement and integrated velocity are compared: longer than the lag of a velocity
+filter in a driver, shorter than a movement [s]."""
+MIN_DISPLACEMENT = 2e-3
+"""Less than this within a window is no movement to compare by [rad or m]."""
+MIN_WINDOWS = 5
+UNIT_TOLERANCE = 0.2
+MAX_SPREAD = 0.3
+FAST = 10.0
+"""Joints of arms seldom turn faster, but ten degrees a second are common [rad/s]."""
+FASTEST = 60.0
+"""No joint of an arm turns this fast, ten turns a second [rad/s]."""
+STILL = {False: 1e-3, True: 1e-4}
+"""A joint that moves less stands still, by prismatic or not [rad, m]; encoder noise is less."""
+
+
+@dataclass(frozen=True)
+class VelocityRatio:
+    """Displacement over integrated velocity of a joint."""
+
+    ratio: float  # median over windows with movement; 1 where position and velocity agree
+    spread: float  # median relative deviation from it
+
+
+def velocity_ratio(recording: Recording, joint: int) -> VelocityRatio | None:
+    """
+    Compare the position of a joint with its velocity.
+
+    Returns None where the joint moves too little to tell.
+    """
+    assert recording.dq is not None
+    width = max(1, round(WINDOW / recording.dt))
+    moved, integrated = [], []
+    for segment in recording.segments:
+        q, dq, t = recording.q[segment, joint], recording.dq[segment, joint], recording.t[segment]
+        if len(q) <= width:
+            continue
+        area = np.concatenate([[0.0], np.cumsum(np.diff(t) * (dq[1:] + dq[:-1]) / 2)])
+        moved.append(q[width:] - q[:-width])
+        integrated.append(area[width:] - area[:-width])
+    if not moved:
+        return None
+    x, y = np.concatenate(moved), np.concatenate(integrated)
+    significant = np.abs(y) > max(MIN_DISPLACEMENT, 0.2 * float(np.abs(y).max()))
+    if significant.sum() < MIN_WINDOWS or np.abs(x).max() < MIN_DISPLACEMENT / DEGREES:
+        return None
+    ratios = x[significant] / y[significant]
+    ratio = float(np.median(ratios))
+    deviation = float(np.median(np.abs(ratios - ratio)))
+    return VelocityRatio(ratio, deviation / abs(ratio) if ratio else math.inf)
+
+
+def _is_about(value: float, expected: float) -> bool:
+    return abs(value / expected - 1) < UNIT_TOLERANCE
+
+
+@np.errstate(over='ignore', invalid='ignore')  # a damaged value may be as large as any double
+def check_units(recording: Recording, plan: Sources, notes: Notes) -> None:
+    """
+    Refuse degrees, warn of velocities that do not go with the positions.
+
+    Degrees beside rad/s show in the ratio of displacement and velocity. Degrees in both only show
+    in their size: positions far outside the limits or beyond two turns, speeds that no arm has.
+    """
+    suspects = []
+    for column, (name, slides, reach) in enumerate(
+            zip(plan.joints, plan.prismatic, plan.reach, strict=True)):
+        size = float(np.percentile(np.abs(recording.q[:, column]), 95))
+        if not slides and reach is not None and size > reach:
+            suspects.append(f'{name} goes to {size:.4g}, beyond {reach:.4g} rad')
+        elif slides and reach is not None and size > reach:
+            notes.add(f'{name} goes to {size:.4g} m, twice its limits or more; check the units')
+        speed = _speed(recording, column)
+        if not slides and speed > FASTEST:
+            suspects.append(f'{name} turns at {speed:.4g} rad/s')
+        elif not slides and speed > FAST:
+            notes.add(f'{name} turns at {speed:.4g} rad/s, which is fast for an arm; make sure '
+                      'that positions are in rad, not in degrees')
+        if recording.dq is not None:
+            suspects += _check_velocity(recording, column, name, slides, notes)
+    if suspects:
+        msg = (f'looks like degrees ({"; ".join(suspects[:4])}); JointState is '
+               'in rad and rad/s: multiply by pi/180 and record again, or correct type and '
+               'limits in the arm description if the joint really moves so')
+        raise BagError(msg, place=recording.path)
+
+
+def without_zero_velocities(recording: Recording, plan: Sources, notes: Notes) -> Recording:
+    """Leave velocities out that are all zero for a joint that moves: nobody measures them."""
+    if recording.dq is None:
+        return recording
+    zero = tuple(name for name, moves, column in zip(
+        plan.joints, moving_joints(recording, plan.prismatic), recording.dq.T, strict=True)
+        if moves and not column.any())
+    if not zero:
+        return recording
+    notes.add(f'velocity of {", ".join(zero)} is zero throughout, though the joints move; '
+              'velocities are not used')
+    return replace(recording, dq=None,
+                   oddities=replace(recording.oddities, zero_velocities=zero))
+
+
+def _speed(recording: Recording, column: int) -> float:
+    """Give the speed that is exceeded in a tenth of the moving time [rad/s or m/s]."""
+    # Over windows, not samples: the steps of a coarse encoder at 1 kHz are no speed. A tenth, not
+    # the maximum: angles that wrap at pi jump now and then.
+    width = max(1, round(WINDOW / recording.dt))
+    speeds = [np.abs(recording.q[part][width:, column] - recording.q[part][:-width, column])
+              / (recording.t[part][width:] - recording.t[part][:-width])
+              for part in recording.segments if part.stop - part.start > width]
+    return float(np.percentile(np.concatenate(speeds), 90)) if speeds else 0.0
+
+
+def _check_velocity(
+    recording: Recording, column: int, name: str, slides: bool, notes: Notes,
+) -> list[str]:
+    found = velocity_ratio(recording, column)
+    if found is None:
+        return []
+    ratio, unit = found.ratio, 'm' if slides else 'rad'
+    if found.spread > MAX_SPREAD:
+        notes.add(f'velocity of {name} does not follow its position; it is used as it is: check '
+                  'the driver')
+    elif not slides and _is_about(abs(ratio), DEGREES):
+        return [f'position of {name} changes {ratio:.3g} times as fast as its velocity says']
+    elif not slides and _is_about(abs(ratio), 1 / DEGREES):
+        return [f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position']
+    elif _is_about(ratio, -1.0):
+        notes.add(f'velocity of {name} has the opposite sign of the derivative of its position')
+    elif not _is_about(ratio, 1.0):
+        notes.add(f'velocity of {name} is {1 / ratio:.3g} times the derivative of its position; '
+                  f'expected {unit}/s')
+    return []
+
+
+def moving_joints(recording: Recording, prismatic: Sequence[bool]) -> list[bool]:
+    """Say which joints move."""
+    low, high = np.percentile(recording.q, [1, 99], axis=0)
+    spans: FloatArray = high - low
+    return [bool(span > STILL[slides]) for span, slides in zip(spans, prismatic, strict=True)]

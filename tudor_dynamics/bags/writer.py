@@ -12,26 +12,145 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Arrays become a rosbag2: the same arrays, the same bytes; all of the bag or nothing."""
+"""Arrays or live messages become a rosbag2: the whole bag or nothing."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from io import BytesIO, FileIO
 from pathlib import Path
+import shutil
 import sqlite3
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.bags.layouts.messages import JointStateSeries, Series
+from tudor_dynamics.arm.description import Arm, refuse_interfaces
+from tudor_dynamics.bags.messages import JointStateSeries, Series
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.bags.storage.raw import one_line
+from tudor_dynamics.bags.storage import one_line, open_bag
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.files import whole
+from tudor_dynamics.files import scratch_folder, whole
+
+
+# -- The way back of a bag that is being written: what is safe on disk, and how to return to it.
+#
+# rosbags writes a bag for those who finish it. MCAP keeps up to a megabyte in memory, SQLite all
+# of the bag in one transaction; whoever is killed before the end has nothing, and whoever meets a
+# full disk has half a record at the end of the file. Here, what was saved stays.
+
+class Saver(Protocol):
+    """Way back of one storage."""
+
+    def save(self) -> None:
+        """Bring everything to disk."""
+
+    def restore(self) -> None:
+        """Forget what was written after the last `save`."""
+
+
+class WholeFile(FileIO):
+    """A file without buffer that writes all or raises; a buffer would keep what failed."""
+
+    def write(self, data: Any) -> int:
+        """Write all bytes; a disk that becomes full takes some of them first."""
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._some(rest):]
+        return len(data)
+
+    def _some(self, data: memoryview) -> int:
+        return super().write(data)
+
+
+class McapSaver:
+    """MCAP: a chunk is ended, and the file cut behind the last whole one."""
+
+    def __init__(self, writer: Any) -> None:
+        self._storage = storage = writer.storage
+        storage.bio.close()
+        storage.bio = WholeFile(storage.path, 'r+')
+        storage.bio.seek(0, 2)
+        self._new_chunk = type(storage.chunk)
+        self._mark()
+
+    def _mark(self) -> None:
+        storage = self._storage
+        self._saved = (storage.bio.tell(), len(storage.chunks), dict(storage.channel_stats),
+                       storage.message_start_time, storage.message_end_time)
+
+    def save(self) -> None:
+        """End the chunk."""
+        if self._storage.chunk.msgs:
+            self._storage.close_chunk()
+        self._mark()
+
+    def restore(self) -> None:
+        """Cut the file."""
+        storage = self._storage
+        end, chunks, counts, first, last = self._saved
+        storage.bio.seek(end)
+        storage.bio.truncate()
+        del storage.chunks[chunks:]
+        storage.channel_stats = dict.fromkeys(storage.channel_stats, 0) | counts
+        storage.message_start_time, storage.message_end_time = first, last
+        storage.chunk = self._new_chunk(2**63 - 1, 0, BytesIO(), defaultdict(list))
+
+
+class SqliteSaver:
+    """SQLite: a transaction is ended, or taken back."""
+
+    def __init__(self, writer: Any) -> None:
+        self._connection = writer.storage.conn
+        # what is not saved stays out of the file: a killed process leaves it whole
+        self._connection.execute('PRAGMA cache_spill = OFF')
+
+    def save(self) -> None:
+        """Commit."""
+        self._connection.commit()
+
+    def restore(self) -> None:
+        """Roll back."""
+        self._connection.rollback()
+
+
+class SavedWriter:
+    """rosbags' writer with a way back."""
+
+    def __init__(self, writer: Writer, storage: str) -> None:
+        self.writer: Any = writer
+        self._saver: Saver = McapSaver(writer) if storage == 'mcap' else SqliteSaver(writer)
+        self._mark()
+
+    def _mark(self) -> None:
+        writer = self.writer
+        self._saved = dict(writer.counts), writer.min_timestamp, writer.max_timestamp
+
+    def save(self) -> None:
+        """Bring everything to disk; what is there stays, whatever becomes of the process."""
+        self._saver.save()
+        self._mark()
+
+    def restore(self) -> None:
+        """Forget what was written after the last `save`."""
+        self._saver.restore()
+        counts, first, last = self._saved
+        self.writer.counts = dict.fromkeys(self.writer.counts, 0) | counts
+        self.writer.min_timestamp, self.writer.max_timestamp = first, last
+
+    @property
+    def count(self) -> int:
+        """Messages written."""
+        return sum(self.writer.counts.values())
+
+
+# -- Arrays become a rosbag2: the same arrays, the same bytes; all of the bag or nothing
 
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 METADATA_VERSION: Literal[9] = 9
@@ -165,3 +284,144 @@ def recording_series(
 
 def _full(namespace: str, topic: str) -> str:
     return topic if topic.startswith('/') else f'{namespace.rstrip("/")}/{topic}'
+
+
+# -- A bag on its way out, message by message, or on its way in; undecoded either way
+
+RESERVE, RESERVED = 'reserve', 1 << 20
+"""File and bytes that are kept for index and metadata."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """All messages of a bag in the order in which they were recorded."""
+
+    topics: dict[str, str]  # topic to message type
+    time: NDArray[np.int64]  # log times, (n,) [ns]
+    topic: list[str]  # topic of each message
+    data: list[bytes]  # messages as CDR buffers
+
+
+def read_track(path: str | Path, topics: Collection[str] = ()) -> Track:
+    """Read a bag for replay; topics: all by default."""
+    bag = open_bag(path)
+    wanted = [name if name.startswith('/') else f'/{name}' for name in topics]
+    missing = [name for name in wanted if name not in bag.topics]
+    if missing:
+        msg = (f'{path}: no topic {", ".join(missing)}; it has {", ".join(sorted(bag.topics))}')
+        raise BagError(msg)
+    found = bag.read(wanted or list(bag.topics))
+    time = np.concatenate([np.empty(0, np.int64), *(raw.log_time for raw in found.values())])
+    if not len(time):
+        msg = f'{path}: no messages; record again with the drivers running'
+        raise BagError(msg)
+    order = np.argsort(time, kind='stable').tolist()
+    names = [name for name, raw in found.items() for _ in raw.data]
+    data = [item for raw in found.values() for item in raw.data]
+    return Track({name: raw.msgtype for name, raw in found.items()}, time[order],
+                 [names[i] for i in order], [data[i] for i in order])
+
+
+class LiveWriter:
+    """
+    Writes messages as they come; the bag appears under its name when it is closed.
+
+    Until then it lies in a hidden directory beside. What was saved there can be read whatever
+    becomes of the process, see `open_bag`. A disk that becomes full ends the bag with what was
+    saved: room for that is kept from the start.
+    """
+
+    def __init__(self, path: str | Path, storage: str = 'mcap') -> None:
+        self.path = Path(path)
+        if self.path.exists() or self.path.is_symlink():
+            msg = f'{path}: exists already and is not overwritten; give another name or remove it'
+            raise BagError(msg)
+        scratch: Path | None = None
+        try:
+            scratch = scratch_folder(self.path)
+            (scratch / RESERVE).write_bytes(bytes(RESERVED))
+            writer = Writer(scratch / self.path.name, version=METADATA_VERSION,
+                            storage_plugin=PLUGINS[storage])
+            writer.open()
+            self._bag = SavedWriter(writer, storage)
+        except FAILURES as err:
+            if scratch is not None:
+                shutil.rmtree(scratch, ignore_errors=True)
+            msg = f'{path}: cannot be written ({reason(err)}); check path, rights and disk'
+            raise BagError(msg) from None
+        self._scratch = scratch
+        self._typestore = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, object] = {}
+        self._open = True
+
+    @property
+    def count(self) -> int:
+        """Messages written."""
+        return self._bag.count
+
+    def add(self, topic: str, msgtype: str) -> bool:
+        """Announce a topic; False for a type that this program does not know."""
+        if topic not in self._connections:
+            if msgtype not in self._typestore.types:
+                return False
+            with self._ending():
+                self._connections[topic] = self._bag.writer.add_connection(
+                    topic, msgtype, typestore=self._typestore)
+                self._bag.save()
+        return True
+
+    def write(self, topic: str, time: int, data: bytes) -> None:
+        """
+        Write a message of a topic that was announced; ``time`` in ns.
+
+        time [ns].
+        """
+        with self._ending():
+            self._bag.writer.write(self._connections[topic], time, data)
+
+    def save(self) -> None:
+        """Bring what was written to disk, where it outlives the process."""
+        with self._ending():
+            self._bag.save()
+
+    def close(self) -> None:
+        """Finish the bag and give it its name; without any message there is none."""
+        if self._open:
+            self.save()
+        if self._open:
+            self._finish('')
+
+    @contextmanager
+    def _ending(self) -> Iterator[None]:
+        """End the bag with what was saved if the disk takes no more."""
+        try:
+            yield
+        except FAILURES as err:
+            self._finish(f'cannot be written any more ({reason(err)})')
+
+    def _finish(self, failure: str) -> None:
+        """Finish the bag, and raise what has failed."""
+        self._open = False
+        made = self._scratch / self.path.name
+        try:
+            (self._scratch / RESERVE).unlink()
+            if failure:
+                self._bag.restore()
+            count = self._bag.count
+            try:
+                self._bag.writer.close()
+            except FAILURES as err:
+                failure = failure or f'cannot be finished ({reason(err)})'
+                self._bag.writer.abort()
+                (made / 'metadata.yaml.tmp').unlink(missing_ok=True)
+            if count:
+                made.rename(self.path)
+            shutil.rmtree(self._scratch, ignore_errors=True)
+        except FAILURES as err:
+            msg = (f'{self.path}: {failure or "cannot be finished"}; what was recorded is left in '
+                   f'{made} ({reason(err)})')
+            raise BagError(msg) from None
+        if failure:
+            msg = (f'{self.path}: {failure}; recording has ended, the {count} messages that were '
+                   'on disk are kept; make room and record on under another name')
+            raise BagError(msg)

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The ``tudor`` command, one file a subcommand."""
+"""The ``tudor`` command: a module for each subcommand."""

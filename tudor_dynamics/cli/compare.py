@@ -22,10 +22,8 @@ import numpy as np
 
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import load
-from tudor_dynamics.models.consistent.comparing import (
-    BodyRow, compare_bodies, errors_on, Side, side_of)
+from tudor_dynamics.identification.dataset import load, parse_choice
+from tudor_dynamics.models.comparison import BodyRow, compare_bodies, errors_on, Side, side_of
 from tudor_dynamics.typing import FloatArray
 
 EXAMPLES = """\

@@ -32,8 +32,8 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 from rich.table import Column, Table
 
 from tudor_dynamics.errors import printable, UsageError
-from tudor_dynamics.identification.finding import Finding
-from tudor_dynamics.identification.metrics import Score
+from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.validation import Score
 
 LEAST_TEXT = 10
 """Characters that a column of text keeps at least; longer text goes on in the next line."""

@@ -17,32 +17,85 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+import math
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.self_collision import SelfCollision
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.limits import SelfCollision
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.excitation.bounds import CLEARANCE
-from tudor_dynamics.excitation.expected import ExpectedError
-from tudor_dynamics.excitation.plan import (
-    bounds_of, default_highest, KINDS, make_plan, Plan, plan_of, Target, target_of_arm,
-    target_of_model)
-from tudor_dynamics.excitation.plan_files import PICTURE, plan_head, write_plan
-from tudor_dynamics.excitation.search import Order, STAGES
 from tudor_dynamics.files import whole
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.models.units import output_units
-from tudor_dynamics.report.planned_motion import write_motion_figure
+from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
+from tudor_dynamics.identification.excitation_plan import (
+    bounds_of, default_highest, ExcitationReport, KINDS, make_plan, Order, PICTURE, Plan,
+    plan_head, plan_of, STAGES, Target, target_of_arm, target_of_model, write_plan)
+from tudor_dynamics.identification.next_steps import Comparison
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.show.pictures import write_motion_figure
 from tudor_dynamics.signals.excitation import fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import FloatArray
+
+
+# -- How well motions show an arm's parameters, as a table and as plain values
+
+def condition_values(report: ExcitationReport) -> dict[str, Any]:
+    """Give the condition numbers of a motion as plain values."""
+    return {output: [{'channels': list(group.channels), 'condition': group.condition,
+                      'parameters': group.parameters, 'weakest': group.weakest}
+                     for group in groups]
+            for output, groups in (('effort', report.effort), ('strain', report.strain))}
+
+
+def print_conditions(names: Sequence[str], reports: Sequence[ExcitationReport]) -> None:
+    """Print the condition numbers of motions."""
+    table = new_table('condition numbers of the regressors: below 30 good, above 1000 poor',
+                      names=('motion', 'output', 'channels', 'shown least'),
+                      figures=('condition', 'parameters'))
+    for name, report in zip(names, reports, strict=True):
+        for output, groups in (('effort', report.effort), ('strain', report.strain)):
+            for group in groups:
+                table.add_row(name, output, ', '.join(group.channels), group.weakest,
+                              f'{group.condition:.1f}', str(group.parameters))
+        table.add_section()
+    print_table(table)
+
+
+# -- What a plan promised and what a fit reached, as a table
+
+def print_comparison(comparison: Comparison) -> None:
+    """Print standard errors expected and reached."""
+    table = new_table(
+        f'standard errors, expected by the plan and reached ({comparison.runs:.2g} runs of it)',
+        names=('parameter', 'unit'),
+        figures=('expected', 'by the noise\nthat was found', 'reached', 'reached /\nexpected'))
+    for item in comparison.promises:
+        name = item.name if item.output == 'effort' else f'{item.channels[0]}: {item.name}'
+        table.add_row(name, item.unit, *(
+            f'{value:.2g}' if math.isfinite(value) else '-' for value in (
+                item.expected, item.by_noise, item.reached, item.reached / item.expected)))
+    print_table(table)
+    ratios = comparison.ratios()
+    if not ratios:
+        return
+    for key, words in (('expected', 'the plan'), ('by_noise', 'the plan with the noise found')):
+        if key == 'expected' and not comparison.stated:
+            print('no noise was stated in the plan: its own column is for a noise of 1')
+            continue
+        print(f'reached over {words}: median {ratios[f"median_over_{key}"]:.2f}, '
+              f'{100 * ratios[f"within_30_percent_of_{key}"]:.0f} % of the parameters within 30 %')
+
+
+# -- ``tudor excite``: plan the motion to record, and say what it will show
 
 EXAMPLES = """\
 examples:

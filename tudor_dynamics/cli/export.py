@@ -23,17 +23,13 @@ from rich.console import Console
 
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.exporting.description import description_of
-from tudor_dynamics.exporting.elastic_drives import elastic_drives
-from tudor_dynamics.exporting.elastic_mjcf import elastic_mjcf, not_in_mjcf
-from tudor_dynamics.exporting.friction import simple_frictions
-from tudor_dynamics.exporting.mjcf import mjcf_of
-from tudor_dynamics.exporting.tables import csv_of, yaml_of
-from tudor_dynamics.exporting.urdf import urdf_of
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.models.consistent.full import full_parameters, FullParameters
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.comparison import full_parameters, FullParameters
 from tudor_dynamics.models.elastic.model import elastic_of
-from tudor_dynamics.models.storage.bundle_io import load_bundle
+from tudor_dynamics.show.description import csv_of, description_of, elastic_drives, yaml_of
+from tudor_dynamics.show.mjcf import elastic_mjcf, mjcf_of, not_in_mjcf
+from tudor_dynamics.show.urdf import simple_frictions, urdf_of
 
 EXAMPLES = """\
 examples:

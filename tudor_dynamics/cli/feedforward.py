@@ -23,16 +23,13 @@ from pathlib import Path
 
 import numpy as np
 
+from tudor_dynamics.bags.trajectory import is_table, read_trajectories, Sent, write_trajectories
 from tudor_dynamics.cli.console import new_table, print_table
 from tudor_dynamics.errors import TudorError, UsageError
-from tudor_dynamics.feedforward.feedforward import Feedforward, POSITIONS
-from tudor_dynamics.feedforward.resting import AT_REST
-from tudor_dynamics.feedforward.units import UNITS
-from tudor_dynamics.library.trajectory_files import (
-    is_table, read_trajectories, Sent, write_trajectories)
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.signals.splines import denser
+from tudor_dynamics.online.feedforward import AT_REST, Feedforward, POSITIONS, UNITS
+from tudor_dynamics.signals.motion_profile import denser
 
 EXAMPLES = """\
 examples:

@@ -24,36 +24,30 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from tudor_dynamics.arm import Arm, load_arm, PreprocessingSpec
-from tudor_dynamics.arm.loading import validation_message
-from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS
+from tudor_dynamics.arm.description import Arm, load_arm, validation_message
+from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec
 from tudor_dynamics.cli.console import (
     add_running, check_running, finite, new_table, print_findings, print_json, print_table,
     score_table, steps)
-from tudor_dynamics.cli.planned import print_comparison
-from tudor_dynamics.cluster import on_cluster
+from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.excitation.plan_files import read_plan
 from tudor_dynamics.files import read_bounded
-from tudor_dynamics.identification.bag_choice import check_choices, found_choices
-from tudor_dynamics.identification.bundling import bundle_of, figures
-from tudor_dynamics.identification.choice.outcome import choices_to_list
-from tudor_dynamics.identification.fit import DEFAULT_KINDS, FitResult, FitSettings
-from tudor_dynamics.identification.payloads import parse_payloads
-from tudor_dynamics.identification.planned import compare_with_plan
-from tudor_dynamics.identification.trainers import check_kinds
-from tudor_dynamics.identification.verdict import Grade
-from tudor_dynamics.identification.worth.assessment import assess, Assessment
-from tudor_dynamics.library.changing import change_bags
-from tudor_dynamics.library.from_bags import fit_bags, read_bags
-from tudor_dynamics.library.many_bags import fit_many, FROM, Streaming, streams, SUFFIX
-from tudor_dynamics.library.recorded_gauges import with_recorded_gauges
-from tudor_dynamics.models.estimation.estimators import ESTIMATORS
+from tudor_dynamics.identification.dataset import check_choices, found_choices, parse_payloads
+from tudor_dynamics.identification.excitation_plan import read_plan
+from tudor_dynamics.identification.fit import (
+    check_kinds, choices_to_list, DEFAULT_KINDS, FitResult, FitSettings)
+from tudor_dynamics.identification.loads import bundle_of, figures
+from tudor_dynamics.identification.many_bags import (
+    fit_many, FROM, Streaming, streams, SUFFIX, with_recorded_gauges)
+from tudor_dynamics.identification.next_steps import assess, Assessment, compare_with_plan
+from tudor_dynamics.identification.validation import Grade
+from tudor_dynamics.library import change_bags, fit_bags, read_bags
+from tudor_dynamics.models.bundle_io import check_target, load_bundle, save_bundle
+from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.regressor import STRAIN_FORMS
-from tudor_dynamics.models.storage.bundle_io import check_target, load_bundle, save_bundle
-from tudor_dynamics.models.units import output_units
-from tudor_dynamics.report.tables import headline
+from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
+from tudor_dynamics.parallel import on_cluster
+from tudor_dynamics.show.page import headline
 
 EXAMPLES = """\
 examples:
@@ -234,7 +228,7 @@ def run(args: argparse.Namespace) -> int:
         assessment = assess(result)
         bundle = bundle_of(result, assessment)
         clock.lap('collision thresholds')
-        from tudor_dynamics.report.page import report_bytes  # plots are slow to import
+        from tudor_dynamics.show.page import report_bytes  # plots are slow to import
 
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,

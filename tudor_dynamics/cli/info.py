@@ -26,13 +26,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
 from tudor_dynamics.cli.console import finite, new_table, print_findings, print_table
-from tudor_dynamics.doctor.examine import examine, look_at_samples
 from tudor_dynamics.errors import BagError, printable
-from tudor_dynamics.identification.finding import Finding
-from tudor_dynamics.signals.timing import retimed
+from tudor_dynamics.identification.doctor.examine import examine, look_at_samples
+from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.signals.preprocessing import retimed
 
 EXAMPLES = """\
 examples:

@@ -20,12 +20,11 @@ import argparse
 from pathlib import Path
 import sys
 
-from tudor_dynamics.arm.open_values import OPEN, spelled
+from tudor_dynamics.arm.description import OPEN, spelled
 from tudor_dynamics.errors import printable, UsageError
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.library.drafting.draft import check_draft, Draft, draft_of
-from tudor_dynamics.library.drafting.page import text_of
-from tudor_dynamics.library.drafting.questions import answer, question_of
+from tudor_dynamics.identification.drafting.draft import (
+    answer, check_draft, Draft, draft_of, question_of, text_of)
 
 EXAMPLES = """\
 examples:

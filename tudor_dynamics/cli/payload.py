@@ -20,18 +20,16 @@ import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import finite, new_table, print_json, print_table, steps
 from tudor_dynamics.errors import UsageError
-from tudor_dynamics.identification.bag_choice import parse_choice
-from tudor_dynamics.identification.dataset import BagData, load
-from tudor_dynamics.identification.payloads import parse_payloads
-from tudor_dynamics.identification.worth.carried import payload_of, telling
+from tudor_dynamics.identification.dataset import BagData, load, parse_choice, parse_payloads
+from tudor_dynamics.identification.loads import payload_of, telling
+from tudor_dynamics.load.offline import PayloadEstimate, Verdict
+from tudor_dynamics.load.rows import Source
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.monitoring.followed_load import follow_load
-from tudor_dynamics.payload.estimate import PayloadEstimate, Verdict
-from tudor_dynamics.payload.scale import Source
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.online.monitor import follow_load
 
 EXAMPLES = """\
 examples:

@@ -24,23 +24,18 @@ import time
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.cli.conditions import condition_values, print_conditions
+from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.cli.console import add_running, finite, new_table, print_json, print_table
-from tudor_dynamics.cluster import on_cluster
+from tudor_dynamics.cli.excite import condition_values, print_conditions
 from tudor_dynamics.errors import BagError, UsageError
-from tudor_dynamics.excitation.conditions import best_seed, excitation_report
-from tudor_dynamics.excitation.plan_files import read_motion
 from tudor_dynamics.files import write_whole
-from tudor_dynamics.simulation.loop.campaign import (
-    record_stimuli, steps_per_message, StimulusResult, StimulusSpec)
-from tudor_dynamics.simulation.loop.closed_loop import ClosedLoop
-from tudor_dynamics.simulation.loop.drive import Imperfections
-from tudor_dynamics.simulation.loop.load_changes import random_loads
-from tudor_dynamics.simulation.loop.signals import with_payload
-from tudor_dynamics.simulation.loop.stimulus_motion import (
-    played_motion, stimulus_motion, stimulus_seeds)
+from tudor_dynamics.identification.excitation_plan import best_seed, excitation_report, read_motion
+from tudor_dynamics.mechanics.campaign import (
+    played_motion, random_loads, record_stimuli, steps_per_message, stimulus_motion,
+    stimulus_seeds, StimulusResult, StimulusSpec)
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import Imperfections, with_payload
+from tudor_dynamics.parallel import on_cluster
 import yaml
 
 EXAMPLES = """\

@@ -26,22 +26,16 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import TudorWarning, UsageError
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism, Mechanism
-from tudor_dynamics.simulation.mechanics.motor_links import left_out, with_motors
-from tudor_dynamics.simulation.plant.modes import modes
-from tudor_dynamics.simulation.plant.outputs import Probe
-from tudor_dynamics.simulation.plant.plant import Plant
-from tudor_dynamics.simulation.plant.run import (
-    LARGEST_ROTATION, largest_rotation, Run, run_plant, simulate_with_scipy, Steps)
-from tudor_dynamics.simulation.studies.animation import animate, check_target
-from tudor_dynamics.simulation.studies.plots import (
-    pick_signal, plot_configuration, plot_signal, signal_names)
-from tudor_dynamics.simulation.studies.results import save_run
-from tudor_dynamics.simulation.studies.torque_input import (
-    force_signal, motion_signal, torque_signal)
+from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.plots import (
+    animate, check_target, pick_signal, plot_configuration, plot_signal, signal_names)
+from tudor_dynamics.mechanics.run import (
+    LARGEST_ROTATION, largest_rotation, modes, Probe, Run, run_plant, simulate_with_scipy, Steps)
+from tudor_dynamics.mechanics.study import force_signal, motion_signal, save_run, torque_signal
 
 EXAMPLES = """\
 examples:

@@ -24,15 +24,13 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.console import new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import elastic_of
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.models.tuning.design import design, fixed_ratios, Wish
-from tudor_dynamics.models.tuning.small_motion import TunedArm
-from tudor_dynamics.report.roc import picture_path
-from tudor_dynamics.report.schedule import write_schedule_figure
+from tudor_dynamics.models.tuning import design, fixed_ratios, TunedArm, Wish
+from tudor_dynamics.show.pictures import picture_path, write_schedule_figure
 
 EXAMPLES = """\
 examples:

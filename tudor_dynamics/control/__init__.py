@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Joint cascade and damper of link oscillations: for simulated and real arms alike."""
+"""Control laws: damper, cascade, limits, references, reactions."""

@@ -29,11 +29,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.drives import DamperSpec, MotorSpec
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.hardware import DamperSpec, MotorSpec
 from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.control.envelope import Envelope
+from tudor_dynamics.control.guards import Envelope
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.typing import FloatArray
 

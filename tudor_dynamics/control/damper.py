@@ -12,33 +12,144 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Damper: a joint yields with a speed proportional to the mean-free strain of its link.
-
-The law of Malzahn, Reinhart and Bertram, a linear feedback of mean-free strain per joint, without
-any model. Strain counts positive for the load that the joint holds, so the joint yields with the
-opposite sign: the hub follows the tip. The mean has to go because the load of gravity would move
-the joint away from its reference.
-
-A gauge whose signal is missing, stale, stuck or implausible is faded out: its last good share
-goes to zero within the fade time, and comes back only after the gauge was well for a while.
-"""
+"""Damper: a joint yields in proportion to the mean-free strain of its link; test of its sign."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import butter, sosfiltfilt
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.control.damper_law import (
-    CORNER, damper_law, GAIN, MEAN, MOVING_CORNER, SETTINGS, STATES, STATUS, WINDOW)
-from tudor_dynamics.errors import ArmError
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.errors import ArmError, SignalError
 from tudor_dynamics.typing import FloatArray
 
+
+# -- One step of the damper of one joint, compiled: for hardware and for simulation alike
+
+# Columns of the settings of one joint.
+GAIN = 0  # speed per strain, with its sign [rad/s per unit of the gauge]
+CORNER = 1  # angular corner frequency of the DC blocker [rad/s]
+WINDOW = 2  # samples of the moving average, 0 for the DC blocker
+SPEED_LIMIT = 3  # [rad/s]
+DEAD_TIME = 4  # without any change of the reading [s]
+STALE_TIME = 5  # without any reading [s]
+MAX_RATE = 6  # fastest plausible change [unit/s]
+MAX_STRAIN = 7  # largest plausible reading [unit]
+FADE_TIME = 8  # [s]
+RECOVERY = 9  # the gauge must be well for so long [s]
+MOVING_CORNER = 10  # takes the place of CORNER while the reference moves [rad/s]
+SETTINGS = 11
+# Columns of the state of one joint.
+MEAN, LAST, UNCHANGED, AGE, WELL, WEIGHT, GOOD, STATUS, SUM, COUNT, HEAD, SEEN = range(12)
+STATES = 12
+
+
+MOVES = 0.1
+"""Part of the planned speed at which a reference counts as moving in full."""
+
+
+@compiled
+def moving_share(dq_ref: float, planned: float) -> float:
+    """Give how much a reference moves, from 0 at rest to 1; its speeds in [rad/s]."""
+    return min(abs(dq_ref) / (MOVES * planned), 1.0)
+
+
+@compiled
+def damper_law(
+    settings: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
+    saturated: bool, moving: float,
+) -> float:
+    """
+    Give the yielding speed of one joint.
+
+    settings, state (SETTINGS,), past (window,), dt [s]; returns speed [rad/s].
+    """
+    state[AGE] += dt
+    state[UNCHANGED] += dt
+    fault = 0
+    if fresh:
+        if not math.isfinite(strain):
+            fault = 3
+        elif abs(strain) > settings[MAX_STRAIN] or (
+                state[SEEN] > 0.0
+                and abs(strain - state[LAST]) > settings[MAX_RATE] * state[AGE]):
+            fault = 6
+        if fault != 3:
+            if strain != state[LAST] or state[SEEN] == 0.0:
+                state[UNCHANGED] = 0.0
+            state[LAST], state[SEEN] = strain, 1.0
+    elif state[AGE] > settings[STALE_TIME]:
+        fault = 4
+    elif state[SEEN] == 0.0:
+        fault = 3
+    elif state[STATUS] >= 3.0:
+        fault = int(state[STATUS])
+    if fault == 0 and state[UNCHANGED] > settings[DEAD_TIME]:
+        fault = 5
+    if fault > 0:
+        state[WELL] = 0.0
+        state[COUNT], state[SUM], state[HEAD] = 0.0, 0.0, 0.0
+        if fresh:
+            state[AGE] = 0.0
+    elif fresh:
+        if state[WELL] == 0.0:
+            state[MEAN] = strain
+        # Soon after the start the mean is that of what was seen, later that of the DC blocker.
+        corner = settings[CORNER] + moving * (settings[MOVING_CORNER] - settings[CORNER])
+        share = 1.0 - math.exp(-corner * state[AGE])
+        state[WELL] += state[AGE]
+        if state[WELL] < settings[RECOVERY]:
+            share = max(share, state[AGE] / state[WELL])
+        window = int(settings[WINDOW])
+        if window == 0:
+            state[MEAN] += share * (strain - state[MEAN])
+        else:
+            head = int(state[HEAD])
+            if state[COUNT] >= window:
+                state[SUM] -= past[head]
+            else:
+                state[COUNT] += 1.0
+            past[head] = strain
+            state[SUM] += strain
+            state[HEAD] = (head + 1) % window
+            state[MEAN] = state[SUM] / state[COUNT]
+        state[GOOD] = strain - state[MEAN]
+        state[AGE] = 0.0
+    if fault > 0:
+        status = fault
+    elif state[WELL] < settings[RECOVERY]:
+        status = 1
+    else:
+        status = 2 if saturated else 0
+    state[STATUS] = status
+    change = dt / settings[FADE_TIME]
+    if status == 0:
+        state[WEIGHT] = min(state[WEIGHT] + change, 1.0)
+    else:
+        state[WEIGHT] = max(state[WEIGHT] - change, 0.0)
+    # A reading that stands still is trusted less and less before the gauge counts as dead.
+    trust = min(max(2.0 - 2.0 * state[UNCHANGED] / settings[DEAD_TIME], 0.0), 1.0)
+    speed = state[WEIGHT] * trust * settings[GAIN] * state[GOOD]
+    limit = settings[SPEED_LIMIT]
+    return min(max(speed, -limit), limit)
+
+
+# -- Damper: a joint yields with a speed proportional to the mean-free strain of its link.
+#
+# The law of Malzahn, Reinhart and Bertram, a linear feedback of mean-free strain per joint,
+# without any model. Strain counts positive for the load that the joint holds, so the joint yields
+# with the opposite sign: the hub follows the tip. The mean has to go because the load of gravity
+# would move the joint away from its reference.
+#
+# A gauge whose signal is missing, stale, stuck or implausible is faded out: its last good share
+# goes to zero within the fade time, and comes back only after the gauge was well for a while.
 
 class Status(IntEnum):
     """What the damper of one joint does, and why it does not damp."""
@@ -194,3 +305,130 @@ class Damper:
         return np.array([
             damper_law(self.settings[j], self.state[j], self.past[j], self.dt, float(values[j]),
                        bool(new[j]), bool(limited[j]), moving) for j in range(count)])
+
+
+# -- Self-test of the damper's sign, for a user of real hardware.
+#
+# A gauge that was glued or wired the other way round turns the damper into an exciter. The test
+# makes a small step of one joint without the damper and again with a share of its gain, a small
+# one first: with the right sign the link must come to rest sooner. The arm is reached through one
+# function that the caller gives, so that the same test runs on hardware and in simulation.
+
+STEP = math.radians(3.0)
+"""Step that the test asks for [rad]."""
+SHARES = (0.25, 0.5, 1.0)
+"""Parts of the damper's gain; the next one where the last told nothing."""
+CLEAR = 0.9
+"""With the right sign the decay lasts at most this part of the time without the damper."""
+HIGH_PASS = 0.7
+"""Slow motion of the joint does not count as ringing [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StepResponse:
+    """Strain after a small step."""
+
+    dt: float  # sample time [s]
+    strain: FloatArray  # from the end of the step on, 3 s or more, (samples,)
+
+
+class Sign(Enum):
+    """Outcome of the test."""
+
+    RIGHT = 'right'
+    WRONG = 'wrong'
+    UNCLEAR = 'unclear'
+
+
+@dataclass(frozen=True)
+class SignResult:
+    """Result for one joint."""
+
+    joint: str  # name of the joint
+    sign: Sign  # outcome of the test
+    # Mean time of the ringing's energy without the damper and with it [s].
+    without: float
+    damped: float
+    text: str  # one sentence for the user
+
+
+Measure = Callable[[str, float, float], StepResponse]
+"""Takes joint, step [rad] and share of the damper's gain; makes the step, returns the strain."""
+
+
+def ringing(response: StepResponse) -> FloatArray:
+    """Take slow motion out of a response."""
+    if len(response.strain) * response.dt < 2.0:
+        msg = (f'a response of {len(response.strain) * response.dt:g} s is too short to see a '
+               'decay; record 3 s or more')
+        raise SignalError(msg)
+    sos = butter(2, HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
+    values = response.strain - response.strain[-len(response.strain) // 4:].mean()
+    return np.asarray(sosfiltfilt(sos, values), dtype=float)
+
+
+def decay_time(response: StepResponse, noise: float = 0.0) -> float:
+    """
+    Give the mean time of the energy of the ringing: short for a quick decay.
+
+    Returns [s].
+    """
+    energy = ringing(response) ** 2 - noise
+    t = np.arange(energy.size) * response.dt
+    total = float(energy.sum())
+    return float((t * energy).sum() / total) if total > 0.0 else float(t[-1])
+
+
+def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
+    """
+    Say whether a running response grows: the reason to stop a test at once.
+
+    strain (samples,), dt [s]; returns False as long as less than a second has been seen.
+    """
+    values = np.asarray(strain, dtype=float)
+    half = int(round(0.5 / dt))
+    if values.size < 2 * half:
+        return False
+    return bool(np.ptp(values[-half:]) > factor * np.ptp(values[:half]))
+
+
+def check_sign(
+    joint: str, measure: Measure, *, step: float = STEP, shares: Sequence[float] = SHARES,
+    rest: StepResponse | None = None,
+) -> SignResult:
+    """Test the sign of one joint's damper: step [rad]."""
+    if not shares:
+        msg = 'no share of the gain to test with; give at least one'
+        raise SignalError(msg)
+    noise = float(np.var(ringing(rest))) if rest is not None else 0.0
+    plain = measure(joint, step, 0.0)
+    peak = float(np.abs(ringing(plain)).max())
+    if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
+        text = 'the link hardly rang; take a larger step, or one that ends sooner'
+        return SignResult(joint, Sign.UNCLEAR, 0.0, 0.0, f'{joint}: {text}')
+    for share in shares:
+        result = _compare(joint, plain, measure(joint, -step, share), noise)
+        if result.sign is not Sign.UNCLEAR:
+            break
+    return result
+
+
+def _compare(
+    joint: str, plain: StepResponse, damped: StepResponse, noise: float,
+) -> SignResult:
+    # the arm may have rung when its rest was recorded: what is left at the end is noise at most
+    end = ringing(damped)[-len(damped.strain) // 4:]
+    before = decay_time(plain, noise)
+    after = decay_time(damped, min(noise, float(np.mean(end ** 2))))
+    louder = (np.sqrt(np.mean(ringing(damped)[-len(damped.strain) // 3:] ** 2))
+              > 1.2 * np.sqrt(np.mean(ringing(plain)[-len(plain.strain) // 3:] ** 2)))
+    change = f'the ringing lasts {after:.2f} s instead of {before:.2f} s'
+    if louder or after * CLEAR >= before:
+        sign, text = Sign.WRONG, (
+            f'{change}: the damper excites the link; turn the sign of the gauge (strain counts '
+            'positive for the load that the joint holds), and leave the damper off before')
+    elif after <= CLEAR * before:
+        sign, text = Sign.RIGHT, f'{change}: the sign is right'
+    else:
+        sign, text = Sign.UNCLEAR, f'{change}: too little to tell; take a larger gain'
+    return SignResult(joint, sign, before, after, f'{joint}: {text}')

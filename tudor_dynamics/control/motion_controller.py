@@ -12,35 +12,45 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Who commands the joints: follows a reference, holds the arm, or stands still, never beyond limits.
-
-``dq_ref + K_p (q_ref - q) + damper``, through the motion envelope. All times are handed in, so
-that a robot and a simulated clock see the same object.
-"""
+"""Who commands the joints: follows a reference, holds, or stands still, within limits."""
 
 from __future__ import annotations
 
 from collections import Counter
+from enum import IntEnum
 import math
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
-from tudor_dynamics.control.adaptation import Adaptation
-from tudor_dynamics.control.damper import arm_damping, Damper
-from tudor_dynamics.control.damper_law import moving_share
-from tudor_dynamics.control.envelope import Envelope
-from tudor_dynamics.control.guards.encoder_watch import EncoderWatch
-from tudor_dynamics.control.guards.following import Following, NEAR_TIME
-from tudor_dynamics.control.guards.reference_gate import ReferenceGate
-from tudor_dynamics.control.guards.takeover import Takeover
-from tudor_dynamics.control.loop_gains import learned_period, LoopGains
-from tudor_dynamics.control.state import State
+from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
+from tudor_dynamics.control.gains import Adaptation, learned_period, LoopGains
+from tudor_dynamics.control.guards import (
+    EncoderWatch, Envelope, Following, NEAR_TIME, ReferenceGate, Takeover)
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
+
+
+# -- What the joints of a controlled arm do
+
+class State(IntEnum):
+    """What the joints do, and why not more."""
+
+    HOLDING = 0
+    """They stand, or brake to where they will: there is no reference that may be followed."""
+    FOLLOWING = 1
+    """They follow the reference."""
+    FAULT = 2
+    """They stand until they are told to begin anew: encoders cannot be believed."""
+
+
+# -- Who commands the joints: follows a reference, holds the arm, or stands still, never beyond
+#    limits.
+#
+# ``dq_ref + K_p (q_ref - q) + damper``, through the motion envelope. All times are handed in, so
+# that a robot and a simulated clock see the same object.
 
 WATCH = 0.01
 """Period at which `MotionController.watch` wants to be called [s]."""

@@ -12,12 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Reference motion that leaves no ringing: shaped by impulses, or planned by the modes on its path.
-
-A move that is interrupted (a collision, a halt) brakes as planned motion does, at once and without
-shaping; so does a new target in the middle of a move that was planned by the modes.
-"""
+"""Reference motion without ringing: shaped by impulses, or planned by modes."""
 
 from __future__ import annotations
 
@@ -30,11 +25,10 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tudor_dynamics.control.schedule import Schedule
+from tudor_dynamics.control.gains import Schedule
 from tudor_dynamics.errors import SignalError, SimulationError, UsageError
-from tudor_dynamics.signals.impulse_shaper import impulses, ImpulseShaper
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
-from tudor_dynamics.signals.shaped_profile import PathModes, plan_shaped, Profile
+from tudor_dynamics.signals.shaping import impulses, ImpulseShaper, PathModes, plan_shaped, Profile
 from tudor_dynamics.typing import FloatArray
 
 SHAPINGS = ('none', 'zv', 'zvd', 'elastic')

@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Identification: dataset, metrics, fit, validation, verdict, report."""
+"""From bags to judged models: datasets, choices, validation, verdicts, planned excitation."""

@@ -12,24 +12,182 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recordings made ready for models: which bags, which part of them, filtered how."""
+"""Recordings ready for models: which bags and parts, with which payload, filtered how."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import glob
+import os
+from pathlib import Path
+import re
+from typing import Any, Protocol
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.bags import read_recording, Recording
-from tudor_dynamics.errors import FitError, UsageError
-from tudor_dynamics.identification.bag_choice import BagChoice
-from tudor_dynamics.identification.standstill import motion_span, standstill_note
-from tudor_dynamics.models.training import Blocks, Inputs, TrainingBlock
-from tudor_dynamics.signals import prepare, Stretch
-from tudor_dynamics.signals.timing import retimed, Timing
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.storage import bags_below, natural
+from tudor_dynamics.errors import check_type, FitError, UsageError
+from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, TrainingBlock
+from tudor_dynamics.models.payload import SAME
+from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing
 from tudor_dynamics.typing import FloatArray
+
+
+# -- Where a recording moves, but for standstill in the middle
+
+STANDSTILL = 2e-3
+"""Part of the largest motion of any joint that is no motion yet."""
+STANDSTILL_KEPT = 0.5
+"""Standstill beside the motion that stays, for what swings out and breaks away [s]."""
+
+
+def motion_span(recording: Recording) -> tuple[float, float]:
+    """
+    Find where a recording moves, but for standstill in the middle.
+
+    A joint that stands is held by friction that no model knows the sign of, and a long wait
+    before or behind the motion would count as much as the motion.
+
+    Returns begin, end [s].
+    """
+    t, q = recording.t, recording.q
+    bound = STANDSTILL * max(float(np.ptp(q, axis=0).max(initial=0.0)), 1e-300)
+    away = np.flatnonzero(np.any(np.abs(q - q[0]) > bound, axis=1))
+    back = np.flatnonzero(np.any(np.abs(q - q[-1]) > bound, axis=1))
+    if not len(away):
+        return 0.0, float(t[-1])
+    begin, end = float(t[away[0]]) - STANDSTILL_KEPT, float(t[back[-1]]) + STANDSTILL_KEPT
+    return (begin if begin > STANDSTILL_KEPT else 0.0,
+            end if end < t[-1] - STANDSTILL_KEPT else float(t[-1]))
+
+
+def standstill_note(recording: Recording, span: tuple[float, float]) -> str:
+    """Say what of a recording is left out because nothing moves: span [s]."""
+    parts = [f'{length:.1f} s at the {end}' for length, end in (
+        (span[0], 'begin'), (float(recording.t[-1]) - span[1], 'end')) if length > 0.0]
+    return f'standstill of {" and ".join(parts)} is left out' if parts else ''
+
+
+# -- Which bag, and which part of it: as arguments of commands name it
+
+Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+
+
+@dataclass(frozen=True)
+class BagChoice:
+    """A bag, or a part of it by time."""
+
+    path: str  # bag directory or file
+    # Part used, as fractions of its duration, or since its first sample [s].
+    begin: float = 0.0
+    end: float = 1.0
+    seconds: bool = False  # whether begin and end are times
+    # Of the recording, where it was read; needed to compare times with fractions [s].
+    duration: float | None = field(default=None, compare=False)
+
+    def overlaps(self, other: BagChoice) -> bool:
+        """
+        Say whether another choice of the same recording has samples of this one.
+
+        Times and fractions can be compared once one of the two was read; before, they are not
+        said to overlap.
+        """
+        duration = self.duration or other.duration
+        if self.seconds == other.seconds:
+            own, others = (self.begin, self.end), (other.begin, other.end)
+        elif duration is None:
+            return False
+        else:
+            own, others = self.span(duration), other.span(duration)
+        return own[0] < others[1] and others[0] < own[1]
+
+    def span(self, duration: float) -> tuple[float, float]:
+        """Give begin and end as times: duration [s]; returns begin, end [s]."""
+        scale = 1.0 if self.seconds else duration
+        return self.begin * scale, self.end * scale
+
+    def __str__(self) -> str:
+        """Write the choice as it is written on the command line."""
+        if self.seconds:
+            return f'{self.path}@{self.begin:g}s-{self.end:g}s'
+        if (self.begin, self.end) == (0.0, 1.0):
+            return self.path
+        return f'{self.path}@{100 * self.begin:g}-{100 * self.end:g}%'
+
+
+def parse_choice(text: str) -> BagChoice:
+    """Read a bag argument: ``PATH``, ``PATH@BEGIN-END%`` or ``PATH@BEGINs-ENDs``."""
+    timed = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)s-(\d+(?:\.\d+)?)s', text)
+    if timed is not None:
+        begin, end = float(timed[2]), float(timed[3])
+        if not begin < end < float('inf'):
+            msg = (f'{text}: the part {timed[2]}s-{timed[3]}s is empty; give the earlier time '
+                   f'first, such as {timed[1]}@5s-50s')
+            raise UsageError(msg)
+        return BagChoice(timed[1], begin, end, seconds=True)
+    match = re.fullmatch(r'(.+)@(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)%', text)
+    if match is None:
+        return BagChoice(text)
+    begin, end = float(match[2]) / 100.0, float(match[3]) / 100.0
+    if not 0.0 <= begin < end <= 1.0:
+        msg = (f'{text}: the part {match[2]}-{match[3]}% is empty or outside 0-100%; give two '
+               f'shares of the bag, the smaller first, such as {match[1]}@0-60%')
+        raise UsageError(msg)
+    return BagChoice(match[1], begin, end)
+
+
+def choices(bags: Paths, name: str = 'bags') -> list[BagChoice]:
+    """Read the names of bags, one or several."""
+    if isinstance(bags, (str, os.PathLike)):
+        bags = [bags]
+    advice = 'give the path of a bag, or a list of paths'
+    check_type(bags, (list, tuple), name, advice)
+    for bag in bags:
+        check_type(bag, (str, os.PathLike), f'one of {name}', advice)
+    return [parse_choice(os.fspath(bag)) for bag in bags]
+
+
+def found_choices(texts: Sequence[str]) -> list[BagChoice]:
+    """Read bag arguments, among them folders of bags and patterns such as ``'bags/2026-*'``."""
+    found: list[BagChoice] = []
+    for text in texts:
+        choice = parse_choice(text)
+        if os.path.lexists(choice.path) or not glob.has_magic(choice.path):
+            paths = [Path(choice.path)]
+        else:
+            paths = sorted(map(Path, glob.glob(choice.path)), key=natural)
+            if not paths:
+                raise UsageError(f'{text}: no file has such a name', remedy='name a bag, or a '
+                                 'folder of bags')
+        below = [bag for path in paths for bag in bags_below(path)]
+        found += [choice] if below == [Path(choice.path)] else [
+            replace(choice, path=str(bag)) for bag in below]
+    return found
+
+
+def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> None:
+    """Refuse parts of one bag that overlap."""
+    if not training:
+        msg = 'there is no bag to learn from: give the path of one, better of several'
+        raise UsageError(msg)
+    known: dict[Path, list[BagChoice]] = {}
+    for number, other in enumerate((*training, *test)):
+        same = known.setdefault(Path(other.path).resolve(), [])
+        for one in same:
+            if one.overlaps(other):
+                msg = (f'{one} and {other} overlap: the same samples twice, or in training and '
+                       'test; name parts that do not overlap, such as BAG@0-60% and BAG@60-100%')
+                raise UsageError(msg)
+        if number < len(training):
+            same.append(other)
+
+
+# -- Recordings made ready for models: which bags, which part of them, filtered how
 
 OUTPUTS = ('effort', 'strain')
 
@@ -186,3 +344,120 @@ def refuse_copies(training: Sequence[BagData], test: Sequence[BagData]) -> None:
 def common_outputs(data: Sequence[BagData]) -> tuple[str, ...]:
     """Say which outputs all the bags have."""
     return tuple(output for output in OUTPUTS if data and all(bag.has(output) for bag in data))
+
+
+# -- What is known of a bag once it was read: for bundles, pages and JSON, without its samples
+
+@dataclass(frozen=True)
+class BagFacts:
+    """A bag that was used."""
+
+    bag: str  # bag, or part of one, as it was given
+    checksum: str  # SHA-256 over its storage files
+    # Samples as recorded, and those that are left after decimation.
+    recorded: int
+    used: int
+    # Length [s] and samples per second as recorded [Hz].
+    duration: float
+    rate: float
+    gaps: int = 0  # number of gaps
+    longest_gap: float = 0.0  # length of the longest [s]
+    # Cause to messages that were left out.
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    payload: float | None = None  # mass at the tip, where it is known [kg]
+    warnings: tuple[str, ...] = ()  # what is odd about it
+
+    def as_dict(self) -> dict[str, Any]:
+        """Say which bag was used, so that it can be found and checked again."""
+        facts = {'bag': self.bag, 'sha256': self.checksum, 'samples': self.used,
+                 'duration': round(self.duration, 6), 'dropped': dict(self.dropped)}
+        return facts if self.payload is None else {**facts, 'payload': self.payload}
+
+
+@dataclass(frozen=True)
+class Unused:
+    """A bag that was left out."""
+
+    bag: str  # bag, or part of one, as it was given
+    why: str  # what is wrong with it, on one line
+
+    def __str__(self) -> str:
+        """Write it on one line."""
+        return self.why if self.why.startswith(self.bag) else f'{self.bag}: {self.why}'
+
+
+def facts_of(bag: BagData) -> BagFacts:
+    """Give what is known of a bag."""
+    recording = bag.recording
+    t, parts = recording.t, recording.segments
+    holes = [float(t[after.start] - t[before.stop - 1])
+             for before, after in zip(parts, parts[1:], strict=False)]
+    return BagFacts(
+        str(bag.choice), recording.checksum, len(t), bag.samples, float(t[-1]),
+        1.0 / recording.dt, len(holes), max(holes, default=0.0), dict(recording.dropped),
+        bag.payload, recording.warnings)
+
+
+# -- Which payload each bag was recorded with, and models that know of it
+
+class Loaded(Protocol):
+    """A bag of which it is said what the arm carried."""
+
+    @property
+    def choice(self) -> BagChoice:
+        """Bag, or part of one."""
+
+    @property
+    def payload(self) -> float | None:
+        """Mass at the tip, where it is known [kg]."""
+
+
+def parse_payloads(texts: Sequence[str], choices: Sequence[BagChoice]) -> dict[str, float]:
+    """Read ``BAG=KG`` arguments [kg]."""
+    known = {str(Path(choice.path).resolve()) for choice in choices}
+    found = {}
+    for text in texts:
+        path, mark, number = text.rpartition('=')
+        try:
+            mass = float(number)
+        except ValueError:
+            mass = -1.0
+        if not mark or not 0.0 <= mass < float('inf'):
+            msg = (f'--payload-of {text}: expected BAG=KG with a mass of 0 or more, such as '
+                   'run1=0.2')
+            raise UsageError(msg)
+        resolved = str(Path(path).resolve())
+        if resolved not in known:
+            msg = f'--payload-of {text}: {path} is none of the bags of this command'
+            raise UsageError(msg)
+        found[resolved] = mass
+    return found
+
+
+def payload_range(training: Sequence[Loaded], test: Sequence[Loaded]) -> Range | None:
+    """
+    Find the payloads of a fit.
+
+    Returns least and largest payload of the training bags [kg], None where they do not differ.
+    """
+    masses = [bag.payload for bag in training if bag.payload is not None]
+    if not masses or max(masses) - min(masses) < SAME:
+        return None
+    unknown = [str(bag.choice) for bag in (*training, *test) if bag.payload is None]
+    if unknown:
+        msg = (f'the training bags have payloads of {min(masses):g} to {max(masses):g} kg, but '
+               f'that of {", ".join(unknown)} is not known: say so with --payload-of BAG=KG, or '
+               'use --ignore-payload')
+        raise UsageError(msg)
+    return min(masses), max(masses)
+
+
+def model_for(model: Model, bag: BagData) -> Model:
+    """Put the payload of a bag into a model that knows of payloads; others stay as they are."""
+    if model.payload_range is not None:
+        if bag.payload is None:
+            msg = (f'{bag.choice}: its payload is not known, and the model needs it: give '
+                   '--payload KG, or --payload-of BAG=KG')
+            raise UsageError(msg)
+        return model.at(bag.payload)
+    return model

@@ -12,37 +12,216 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From bags to models with a verdict: the offline tool's main job, without its command line."""
+"""From datasets to fitted and judged models."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from types import MappingProxyType
+from typing import Any, Protocol
 import warnings
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm, PreprocessingSpec
-from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
-from tudor_dynamics.identification.bag_facts import BagFacts, facts_of, Unused
-from tudor_dynamics.identification.choice.outcome import Choice
-from tudor_dynamics.identification.dataset import BagData, common_outputs, OUTPUTS
-from tudor_dynamics.identification.elastic.result import Identified
-from tudor_dynamics.identification.elastic.trainer import Searches
-from tudor_dynamics.identification.finding import Finding
-from tudor_dynamics.identification.noise import noise_floor
-from tudor_dynamics.identification.ringing import find_ringing, Ringing
-from tudor_dynamics.identification.trainers import blank, check_kinds, Trainer, trainer_of
-from tudor_dynamics.identification.unseen import Case, Left, left_out, unseen_cases
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.errors import check_type, FitError, SignalError, TudorWarning, UsageError
+from tudor_dynamics.identification.dataset import (
+    BagData, BagFacts, common_outputs, facts_of, model_for, OUTPUTS, part, training_blocks, Unused)
+from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.elastic_problem import Identified
+from tudor_dynamics.identification.elastic_trainer import ElasticTrainer, Searches
+from tudor_dynamics.identification.ringdowns import find_ringing, Ringing
 from tudor_dynamics.identification.validation import (
-    random_split, validate, validate_unseen, Validation)
-from tudor_dynamics.identification.verdict import judge_model, Verdict
+    judge_model, noise_floor, random_split, validate, validate_unseen, Validation, Verdict)
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.estimation.estimators import ESTIMATORS
+from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.regressor import STRAIN_FORMS
 from tudor_dynamics.typing import FloatArray, Progress
 
+
+# -- What was chosen, and what it brought: for people and for files
+
+@dataclass(frozen=True)
+class Choice:
+    """One thing that was left open."""
+
+    what: str  # what was to be chosen
+    # What it came to, and what it is compared with, in words.
+    chosen: str
+    instead: str
+    # Relative error on the parts that were left out, with the one and with the other [%].
+    error: float
+    error_instead: float
+
+    def __str__(self) -> str:
+        """Write what was chosen and what it brought."""
+        if self.chosen == self.instead:
+            return f'{self.what}: {self.chosen} (nothing else pays)'
+        return (f'{self.what}: {self.chosen} ({self.error:.1f} % error on parts left out, with '
+                f'{self.instead} {self.error_instead:.1f} %)')
+
+
+def choices_to_list(made: Sequence[Choice]) -> list[dict[str, Any]]:
+    """Give choices as plain values, for JSON and bundles."""
+    return [{**asdict(choice), 'error': round(choice.error, 3),
+             'error_instead': round(choice.error_instead, 3)} for choice in made]
+
+
+# -- Free motion that a model has not seen, as much of it as thresholds want.
+#
+# What a model is judged by is often short: one test bag, or the end of an only one. The residuals
+# of a threshold may come from training bags as well, each predicted by a model of the others.
+
+Case = tuple[Model, BagData]
+Left = tuple[list[BagData], BagData]
+ENOUGH = 160.0
+"""Motion of which thresholds hardly profit from more [s]."""
+PARTS = 5
+"""Into which an only bag is cut."""
+SHORTEST = 4.0
+"""Parts shorter than this are not worth their ends, in which filters settle [s]."""
+
+
+def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> list[Left]:
+    """
+    Leave out each training bag once, or each part of an only one.
+
+    Returns an empty list where the only bag is too short.
+    """
+    bags = list(training)
+    if len(bags) > 1:
+        return [(bags[:i] + bags[i + 1:], bag) for i, bag in enumerate(bags)]
+    count = min(PARTS, int(bags[0].recording.t[-1] / SHORTEST))
+    found: list[Left] = []
+    for i in range(count if count > 1 else 0):
+        begin, end = i / count, (i + 1) / count
+        try:
+            rest = [part(bags[0], *piece, preprocessing)
+                    for piece in ((0.0, begin), (end, 1.0)) if piece[0] < piece[1]]
+            found.append((rest, part(bags[0], begin, end, preprocessing)))
+        except SignalError:
+            continue  # a part in which nothing is long enough
+    return found
+
+
+def unseen_cases(
+    fit: Callable[[Sequence[BagData]], Model], model: Model, validation: Validation,
+    others: Sequence[Left], output: str,
+) -> tuple[Case, ...]:
+    """Collect bags with models that have not seen them, until there is enough motion."""
+    cases = list(validation.cases)
+    if model.has_memory:
+        return tuple(cases)
+    judged = {bag.choice.path for _, bag in cases}
+    if others and all(bag.choice.path in judged for _, bag in others):
+        if len({bag.choice.path for _, bag in others}) > 1:
+            return tuple(cases)  # each was left out already
+        cases = []
+    for known, bag in others:
+        if sum(float(item.recording.t[-1]) for _, item in cases) >= ENOUGH:
+            break
+        cases.append((model_for(fit(known), bag), bag))
+    return tuple(cases)
+
+
+# -- How each kind of model is fitted to bags: most from rows, some from whole stretches
+
+class Trainer(Protocol):
+    """Fits models of one kind to all bags, then to parts of them."""
+
+    identified: Identified | None
+    """What was found out about the arm from all bags; None for a kind that says nothing of it."""
+    searches: Mapping[tuple[str, ...], Identified]
+    """The same by names of bags, for the parts as well."""
+
+    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
+        """
+        Do together what several fits will have to begin with.
+
+        Parameters
+        ----------
+        parts : sequence of sequence of BagData
+            Bags of each fit to come, all of them first.
+
+        """
+
+    def fit(self, bags: Sequence[BagData], output: str) -> Model:
+        """
+        Fit the model of one output.
+
+        Parameters
+        ----------
+        bags : sequence of BagData
+            Bags to learn from.
+        output : {'effort', 'strain'}
+            Output to be learned.
+
+        Returns
+        -------
+        Model
+            Fitted model.
+
+        """
+
+
+def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
+    """Build a model that is not fitted yet."""
+    made = KINDS[kind].model if settings.payloads is None else KINDS[kind].of_payloads
+    assert made is not None and issubclass(made, MemorylessModel)
+    return made.new(arm, output, settings)
+
+
+class RowTrainer:
+    """Fits models without a memory to rows of motion."""
+
+    identified: Identified | None = None
+    searches: Mapping[tuple[str, ...], Identified] = MappingProxyType({})
+
+    def __init__(self, kind: str, arm: Arm, settings: ModelSettings) -> None:
+        self.kind, self.arm, self.settings = kind, arm, settings
+        self._known: dict[str, dict[tuple[str, bool], Any]] = {}
+
+    def prepare(self, parts: Sequence[Sequence[BagData]]) -> None:
+        """Do nothing: each fit takes an instant, and keeps what it knows of each bag."""
+
+    def fit(self, bags: Sequence[BagData], output: str) -> Model:
+        """Fit the model of one output; see ``Trainer``."""
+        with_payload = self.settings.payloads is not None
+        model = blank(self.kind, self.arm, output, self.settings)
+        parts = {str(bag.choice): training_blocks(
+            [bag], output, with_payload=with_payload, inputs=model.inputs) for bag in bags}
+        return model.fit_parts(parts, self._known.setdefault(output, {}))
+
+
+TRAINERS = {'elastic': ElasticTrainer}
+"""Trainers of the kinds that learn from whole stretches; rows do for all others."""
+
+
+def check_kinds(
+    kinds: Iterable[str], arm: Arm, bags: Sequence[BagData] | None = None,
+) -> None:
+    """Refuse an arm or bags that a kind cannot learn from, before hours of work and not after."""
+    for kind in kinds:
+        if kind in TRAINERS:
+            TRAINERS[kind].check(arm, bags)
+
+
+def trainer_of(
+    kind: str, arm: Arm, settings: ModelSettings, progress: Callable[[str], None],
+    kept: BagData | None, known: Searches | None = None,
+    warm: Mapping[str, float] | None = None,
+) -> Trainer:
+    """Give the trainer of a kind."""
+    if kind in TRAINERS:
+        return TRAINERS[kind](arm, settings.payloads, progress, warm, kept, known)
+    return RowTrainer(kind, arm, settings)
+
+
+# -- From bags to models with a verdict: the offline tool's main job, without its command line
 
 DEFAULT_KINDS = ('analytical',)
 """The elastic model takes longer, and needs to know the links."""

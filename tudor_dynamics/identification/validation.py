@@ -12,32 +12,296 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Validation: what a model is worth on motion that it has not seen.
-
-By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
-time, so that leaving out single samples at random shows a model nearly the same samples twice.
-That split is offered for comparison, and called optimistic.
-"""
+"""Validation on unseen motion: metrics, noise, verdicts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
+from enum import Enum
 from functools import reduce
+import math
 import operator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.identification.dataset import BagData
-from tudor_dynamics.identification.metrics import Score, Tally, tally
-from tudor_dynamics.identification.payloads import model_for
-from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.training import Inputs
+from tudor_dynamics.identification.dataset import BagData, model_for
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Inputs, Model
+from tudor_dynamics.models.estimation import Products, rescaled, squared_residuals
+from tudor_dynamics.signals.preprocessing import noise_gain
 from tudor_dynamics.typing import FloatArray
 
+
+# -- Figures by which predictions are judged, per channel and over all channels.
+#
+# *Fit* is everywhere ``100 (1 - |y - yhat| / |y - mean y|)``. What Malzahn et al. call fit has the
+# predictions in the denominator; it is called by the number of their equation, Eq. (18).
+
+@dataclass(frozen=True)
+class ChannelScore:
+    """Figures of one channel."""
+
+    rmse: float  # root mean square error, in the unit of the output
+    # `100 (1 - |y - yhat| / |y - mean y|)` [%]; NaN where the measured values never change.
+    fit: float
+    relative_error: float  # `|y - yhat| / |y|`; NaN where the measured values are zero
+    # Root mean square error while the joint moves, and while it stands, in the unit of the output;
+    # None where it never does, or it is not known.
+    moving_rmse: float | None = None
+    standing_rmse: float | None = None
+
+
+@dataclass(frozen=True)
+class Score:
+    """
+    Figures over all channels of an output.
+
+    Attributes
+    ----------
+    samples : int
+        Number of samples.
+    rmse : float
+        Root of the mean square over samples and channels, in the unit of the output.
+    sigma_e : float
+        Standard deviation over the samples of the Euclidean norm of the error. That of Malzahn
+        et al., Table I, is unknown: for strain it exceeds the RMSE up to 1.52 times, which
+        neither a pooled standard deviation nor this one, at most sqrt(2) for two channels, can.
+    fit : float
+        ``100 (1 - |y - yhat| / |y - mean y|)``, the mean per channel, norms over all channels [%].
+        NaN where no channel changes.
+    fit_printed : float
+        Eq. (18) of Malzahn et al. as printed, ``|yhat - mean y|`` in the denominator [%].
+    relative_error : float
+        ``|y - yhat| / |y|``.
+    channels : dict of str to ChannelScore
+        Figures of each channel.
+
+    """
+
+    samples: int
+    rmse: float
+    sigma_e: float
+    fit: float
+    fit_printed: float
+    relative_error: float
+    channels: dict[str, ChannelScore]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the figures as JSON-ready dictionary."""
+        return asdict(self)
+
+
+def _ratio(error: float, reference: float, size: float = 0.0) -> float:
+    """Error relative to a reference; that of a constant signal of some size is only rounding."""
+    return error / reference if reference > 1e-12 * size else float('nan')
+
+
+@dataclass(frozen=True, eq=False)
+class Tally:
+    """What figures need of a prediction: sums, which those of several recordings add up to."""
+
+    n: int  # number of samples
+    # Means of what was measured and predicted, in their units, (channels,).
+    mean: FloatArray
+    predicted_mean: FloatArray
+    # Squares about these means, summed, (channels,).
+    spread: FloatArray
+    predicted_spread: FloatArray
+    error: FloatArray  # squared errors, summed, (channels,)
+    # Mean of the Euclidean norm of the error; squares about it, summed.
+    length: float
+    length_spread: float
+    # (3, channels): samples at which the joint moves; squared errors of these, and of those at
+    # which it stands, summed; None where unknown.
+    moving: FloatArray | None
+
+    def __add__(self, other: Tally) -> Tally:
+        """Join two predictions (Chan, Golub and LeVeque, 1983, eq. 1.5)."""
+        n = self.n + other.n
+        part, both = other.n / n, self.n * other.n / n
+
+        def mean(one: Any, two: Any) -> Any:
+            return one + part * (two - one)
+
+        def spread(one: Any, two: Any, one_mean: Any, two_mean: Any) -> Any:
+            return one + two + both * (two_mean - one_mean) ** 2
+
+        return Tally(
+            n, mean(self.mean, other.mean), mean(self.predicted_mean, other.predicted_mean),
+            spread(self.spread, other.spread, self.mean, other.mean),
+            spread(self.predicted_spread, other.predicted_spread, self.predicted_mean,
+                   other.predicted_mean),
+            self.error + other.error, mean(self.length, other.length),
+            spread(self.length_spread, other.length_spread, self.length, other.length),
+            None if self.moving is None or other.moving is None else self.moving + other.moving)
+
+    def score(self, names: Sequence[str]) -> Score:
+        """Give the figures."""
+        squares = self.spread + self.n * self.mean**2
+        printed = self.predicted_spread + self.n * (self.predicted_mean - self.mean) ** 2
+        moves, moved, stood = (np.zeros((3, len(names))) if self.moving is None else self.moving)
+        stands = self.n - moves if self.moving is not None else moves
+        channels = {
+            name: ChannelScore(
+                rmse=math.sqrt(self.error[i] / self.n),
+                fit=_fit(self.error[i], self.spread[i], squares[i]),
+                relative_error=_ratio(math.sqrt(self.error[i]), math.sqrt(squares[i])),
+                moving_rmse=math.sqrt(moved[i] / moves[i]) if moves[i] else None,
+                standing_rmse=math.sqrt(stood[i] / stands[i]) if stands[i] else None)
+            for i, name in enumerate(names)}
+        error, square = float(self.error.sum()), float(squares.sum())
+        return Score(
+            samples=self.n, rmse=math.sqrt(error / self.n / len(names)),
+            sigma_e=math.sqrt(self.length_spread / self.n),
+            fit=_fit(error, float(self.spread.sum()), square),
+            fit_printed=_fit(error, float(printed.sum()), square),
+            relative_error=_ratio(math.sqrt(error), math.sqrt(square)), channels=channels)
+
+
+def _fit(error: float, spread: float, square: float) -> float:
+    return 100.0 * (1.0 - _ratio(math.sqrt(error), math.sqrt(spread), math.sqrt(square)))
+
+
+def tally(
+    measured: FloatArray, predicted: FloatArray, moving: NDArray[np.bool_] | None = None,
+) -> Tally:
+    """
+    Sum up a prediction.
+
+    measured, predicted (samples, channels) [its unit], moving (samples, channels).
+    """
+    if measured.shape != predicted.shape or measured.ndim != 2 or not len(measured):
+        msg = (f'measured has shape {measured.shape}, predicted {predicted.shape}; '
+               'expected two equal shapes (n_samples, n_channels) with samples')
+        raise FitError(msg)
+    squares = (measured - predicted) ** 2
+    length = np.sqrt(squares.sum(axis=1))
+    return Tally(
+        len(measured), measured.mean(axis=0), predicted.mean(axis=0), _about_mean(measured),
+        _about_mean(predicted), squares.sum(axis=0), float(length.mean()),
+        float(_about_mean(length)), None if moving is None else np.array(
+            [moving.sum(axis=0), np.where(moving, squares, 0.0).sum(axis=0),
+             np.where(moving, 0.0, squares).sum(axis=0)]))
+
+
+def _about_mean(values: FloatArray) -> FloatArray:
+    return np.asarray(np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+
+
+def score(
+    measured: FloatArray, predicted: FloatArray, names: Sequence[str],
+    moving: NDArray[np.bool_] | None = None,
+) -> Score:
+    """
+    Judge a prediction.
+
+    Parameters
+    ----------
+    measured, predicted : ndarray of shape (n_samples, n_channels)
+        Outputs in their units.
+    names : sequence of str
+        Names of the channels.
+    moving : ndarray of bool, shape (n_samples, n_channels), optional
+        Whether the joint of each channel moves.
+
+    Returns
+    -------
+    Score
+        Figures per channel and over all.
+
+    Raises
+    ------
+    FitError
+        If shapes differ or there is no sample.
+
+    """
+    return tally(measured, predicted, moving).score(names)
+
+
+def rounded(score: Score, digits: int = 6) -> dict[str, Any]:
+    """Give a score as plain values without digits that mean nothing."""
+    def shorten(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: shorten(item) for key, item in value.items()}
+        return float(f'{value:.{digits}g}') if isinstance(value, float) else value
+    return dict(shorten(score.as_dict()))
+
+
+# -- Errors of an analytical model on a part of the data, from what that part came to alone
+
+@dataclass(frozen=True, eq=False)
+class PartErrors:
+    """Errors on a part."""
+
+    # (channels,): squared errors and squared outputs, summed, in the unit of the output squared.
+    squares: FloatArray
+    power: FloatArray
+    n: FloatArray  # number of samples, (channels,)
+
+
+def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> PartErrors:
+    """Judge a model by products."""
+    found = np.zeros((3, len(model.channels)))
+    for group, products in zip(model.groups_, part, strict=True):
+        for i, (channel, own) in enumerate(zip(group.base.channels, products, strict=True)):
+            scaled = own
+            if group.constants is not None:
+                scaled = rescaled(own, model.regressor.scaled[group.base.kept],
+                                  group.constants.values[i])
+            found[:, channel] = (squared_residuals(scaled, group.estimate.parameters),
+                                 scaled.gram[-1, -1], own.n)
+    return PartErrors(*found)
+
+
+# -- What no model can explain: the noise of the sensors, behind the filters of a fit
+
+ORDER = 5
+"""Differences that leave nothing of a motion, and all of white noise."""
+NORMAL = 0.6827
+"""Share of a normal distribution within one standard deviation."""
+
+
+def noise_floor(data: Sequence[BagData], output: str, spec: PreprocessingSpec) -> FloatArray:
+    """
+    Estimate the noise that the samples of a validation have.
+
+    White noise alone is seen: what is smooth from sample to sample, such as hum or a sensor with
+    a filter of its own, is not, so that the floor is a lower bound.
+
+    Returns (channels,) [its unit].
+    """
+    scale = float(np.sqrt(_squares(ORDER)))
+    found = []
+    for bag in data:
+        raw = getattr(bag.recording, output)
+        for s in bag.stretches:
+            first = int(np.searchsorted(bag.recording.stamp, s.stamp[0]))
+            differences = np.diff(raw[first:first + len(s.t)], ORDER, axis=0)
+            if not len(differences):
+                continue
+            found.append(noise_gain(s, spec) * np.quantile(
+                np.abs(differences), NORMAL, axis=0) / scale)
+    return np.median(found, axis=0) if found else np.zeros(0)
+
+
+def _squares(order: int) -> float:
+    """Sum the squares of the coefficients of a difference."""
+    weights = np.array([1.0])
+    for _ in range(order):
+        weights = np.convolve(weights, [1.0, -1.0])
+    return float(np.sum(weights**2))
+
+
+# -- Validation: what a model is worth on motion that it has not seen.
+#
+# By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
+# time, so that leaving out single samples at random shows a model nearly the same samples twice.
+# That split is offered for comparison, and called optimistic.
 
 STANDING = 0.02
 """Slower joints stand [rad/s or m/s]."""
@@ -170,3 +434,132 @@ def random_split(
     item = Trace('random half', np.concatenate(times)[~train], np.concatenate(stamps)[~train],
                  value[~train], model.predict(motion[~train]))
     return _summary([item], model.channels, 'random half of the samples (optimistic)')
+
+
+# -- A verdict in words: may this model be used to predict, and why
+
+GOOD_FIT = 85.0
+USABLE_FIT = 60.0
+USABLE_ERROR = 15.0
+"""Relative error up to which a model is of use where the output hardly varies [%]."""
+NOISE_LIMITED = 1.25
+"""Times the noise of the sensor up to which an error is all that there is to get."""
+LARGEST_CONDITION = 1e4
+LARGEST_GAP = 10.0
+
+
+class Grade(Enum):
+    """How far a model can be trusted."""
+
+    GOOD = 'good'
+    USABLE = 'usable'
+    DO_NOT_USE = 'do not use'
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A level and its reasons."""
+
+    level: Grade  # how far the model can be trusted
+    # Why; the first one names the figure that decides.
+    reasons: tuple[str, ...] = field(default=())
+    channels: dict[str, Grade] = field(default_factory=dict)  # the same of each channel
+
+    def __str__(self) -> str:
+        """Write level and reasons on one line."""
+        return f'{self.level.value}: {"; ".join(self.reasons)}'
+
+
+def level_of(score: Score | ChannelScore, noise: float = 0.0) -> Grade:
+    """Judge figures; noise [unit of the output]: 0 where it is not known."""
+    if score.fit >= GOOD_FIT:
+        return Grade.GOOD
+    limited = noise > 0.0 and score.rmse <= NOISE_LIMITED * noise
+    if score.fit >= USABLE_FIT:
+        return Grade.GOOD if limited else Grade.USABLE
+    if 100.0 * score.relative_error <= USABLE_ERROR:
+        return Grade.USABLE
+    return Grade.DO_NOT_USE
+
+
+def judge(
+    validation: Validation,
+    training_fit: float,
+    *,
+    condition: float = 1.0,
+    unexcited: Sequence[str] = (),
+    noise: Sequence[float] = (),
+) -> Verdict:
+    """
+    Judge a model by its validation and by what its training data could show.
+
+    training_fit [%]; noise [its unit]: empty where it is not known.
+    """
+    scores = validation.score.channels
+    floors = dict(zip(scores, noise, strict=True)) if len(noise) else dict.fromkeys(scores, 0.0)
+    still = [name for name, item in scores.items() if math.isnan(item.fit)]
+    if len(still) == len(scores):
+        return Verdict(Grade.DO_NOT_USE, (_dead(still, validation.method),),
+                       dict.fromkeys(scores, Grade.DO_NOT_USE))
+    levels = {name: Grade.DO_NOT_USE if name in still else level_of(item, floors[name])
+              for name, item in scores.items()}
+    total = math.sqrt(sum(floor**2 for floor in floors.values()) / len(floors))
+    level = level_of(validation.score, total)
+    reasons = [_figures(validation)]
+    reasons += [f'{name}: {_limited(scores[name], floors[name])}' for name in scores
+                if name not in still
+                and scores[name].rmse <= NOISE_LIMITED * floors[name]]
+    doubts = [_dead(still, validation.method)] if still else []
+    doubts += [f'channel {name} alone has {scores[name].fit:.1f} %, relative error '
+               f'{100.0 * scores[name].relative_error:.0f} %: '
+               f'{"do not use it" if levels[name] is Grade.DO_NOT_USE else "usable"}'
+               for name in sorted(scores, key=lambda key: scores[key].fit)
+               if name not in still and _worse(levels[name], level)]
+    if training_fit - validation.score.fit > LARGEST_GAP:
+        doubts.append(f'{training_fit - max(validation.score.fit, -1e6):.0f} points worse than '
+                      'in training: the bags differ, or are too short')
+    if unexcited:
+        shown = ', '.join(unexcited[:3]) + (' ...' if len(unexcited) > 3 else '')
+        doubts.append(f'the motion does not excite {shown}: trust it on similar motion only')
+    elif condition > LARGEST_CONDITION:
+        doubts.append(f'condition number {condition:.0f}: richer motion would pin the parameters')
+    if level is Grade.GOOD and any(
+            not text.endswith(': usable') for text in doubts):
+        level = Grade.USABLE
+    return Verdict(level, tuple(reasons + doubts), levels)
+
+
+def _worse(one: Grade, other: Grade) -> bool:
+    order = list(Grade)
+    return order.index(one) > order.index(other)
+
+
+def _figures(validation: Validation) -> str:
+    fit = max(validation.score.fit, -1e6)
+    bound = (f'>= {GOOD_FIT:g}' if fit >= GOOD_FIT else
+             f'{USABLE_FIT:g} to {GOOD_FIT:g}' if fit >= USABLE_FIT else f'< {USABLE_FIT:g}')
+    shown = math.floor(10.0 * fit) / 10.0  # never rounded up over a bound
+    return (f'fit {shown:.1f} % ({bound}) on {validation.method}, relative error '
+            f'{100.0 * validation.score.relative_error:.1f} %')
+
+
+def _limited(score: ChannelScore, noise: float) -> str:
+    return (f'an error of {score.rmse:.3g} at a noise of {noise:.3g} is all that there is to get')
+
+
+def _dead(channels: Sequence[str], method: str) -> str:
+    return (f'{", ".join(channels)} never changed on {method}: a dead sensor has no fit; do not '
+            f'use {"this channel" if len(channels) == 1 else "these channels"}')
+
+
+def judge_model(
+    model: Model, validation: Validation, training_fit: float, noise: Sequence[float] = (),
+) -> Verdict:
+    """
+    Judge a model, by its conditioning as well where it has one.
+
+    training_fit [%], noise [its unit].
+    """
+    known = model.conditioning()
+    return judge(validation, training_fit, condition=known.condition,
+                 unexcited=known.unexcited, noise=noise)

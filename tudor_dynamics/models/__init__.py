@@ -12,10 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Models: regressors, base parameters, estimators, analytical model, ELM, model bundle."""
-
-from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
-
-__all__ = ['AnalyticalModel', 'EffortRegressor', 'ExtremeLearningMachine', 'StrainRegressor']
+"""Models: regressors, base parameters, and the kinds of models that bags are fitted with."""

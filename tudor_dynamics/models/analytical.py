@@ -29,21 +29,17 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
-from tudor_dynamics.models.base import Conditioning
-from tudor_dynamics.models.base_parameters import base_sets, BaseSet, random_inputs
-from tudor_dynamics.models.estimation.estimators import (
-    ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, solve)
-from tudor_dynamics.models.estimation.products import Products, summed
-from tudor_dynamics.models.estimation.torque_constants import find_constants, rescaled
+from tudor_dynamics.models.base import Blocks, check_block, check_motion, Conditioning
+from tudor_dynamics.models.bundle_parts import (
+    AnalyticalPart, Group, groups_of, groups_to_list, on_all_columns, read)
+from tudor_dynamics.models.estimation import (
+    ESTIMATORS, find_constants, huber_weights, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
+    summed)
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.regressor import plain_regressor, Regressor
-from tudor_dynamics.models.storage.coefficients import (
-    Group, groups_of, groups_to_list, on_all_columns)
-from tudor_dynamics.models.storage.parts import AnalyticalPart, read
-from tudor_dynamics.models.training import Blocks, check_block, check_motion
-from tudor_dynamics.models.units import output_units
+from tudor_dynamics.models.regressor import (
+    base_sets, BaseSet, output_units, plain_regressor, random_inputs, Regressor)
 from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 

@@ -12,22 +12,88 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The contract of models: what each of them offers, whatever is inside."""
+"""The contract of models, and the blocks of motion that they learn from."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.models.presliding import Trail
-from tudor_dynamics.signals import Stretch
+from tudor_dynamics.models.friction import Trail
+from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
+
+
+# -- What models learn from: blocks of motion with their outputs, checked
+
+@dataclass(frozen=True, eq=False)
+class TrainingBlock:
+    """Motion and the outputs that belong to it."""
+
+    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    motion: FloatArray
+    output: FloatArray  # measured outputs after decimation, (kept, channels)
+    # Brings rows of `motion` to rows of `output`; None where they belong together as is.
+    decimation: Decimation | None = None
+
+
+Blocks = Callable[[], Iterable[TrainingBlock]]
+Inputs = Callable[[Stretch], FloatArray]
+"""What a model takes of a stretch, a row a sample."""
+
+
+def block_of(motion: FloatArray, output: FloatArray) -> Blocks:
+    """
+    Wrap two arrays as training data of one block, after a check of their shapes.
+
+    output (samples, channels) [its unit]; motion (samples, inputs): ``[q, dq, ddq]`` and what else
+    the model takes, in columns.
+    """
+    motion, output = np.asarray(motion, dtype=float), np.asarray(output, dtype=float)
+    if motion.ndim != 2 or output.ndim != 2 or len(motion) != len(output):
+        msg = (f'motion has shape {motion.shape} and output {output.shape}; expected '
+               '(n_samples, 3 n_joints) and (n_samples, n_channels)')
+        raise FitError(msg)
+    if not (np.all(np.isfinite(motion)) and np.all(np.isfinite(output))):
+        msg = 'motion or output has values that are not finite; leave such samples out'
+        raise FitError(msg)
+    return lambda: [TrainingBlock(motion, output)]
+
+
+def check_block(block: TrainingBlock, n_inputs: int | None, channels: tuple[str, ...]) -> None:
+    """
+    Refuse a block whose columns are not those of the model.
+
+    n_inputs: None where the model takes any number.
+    """
+    if n_inputs is not None:
+        check_motion(block.motion, n_inputs)
+    if block.output.ndim != 2 or block.output.shape[1] != len(channels):
+        msg = (f'output has shape {block.output.shape}; expected (n_samples, {len(channels)}) for '
+               f'the channels {list(channels)}')
+        raise FitError(msg)
+
+
+def check_motion(motion: FloatArray, n_inputs: int, fewer: int | None = None) -> None:
+    """
+    Refuse motion whose columns are not those of the model.
+
+    motion (samples, inputs): ``[q, dq, ddq]`` and what else the model takes, in columns.
+    """
+    if motion.ndim != 2 or motion.shape[1] not in (n_inputs, fewer):
+        msg = (f'motion has shape {motion.shape}; expected (n_samples, {n_inputs}): positions, '
+               f'velocities, accelerations of {n_inputs // 3} joints')
+        raise FitError(msg)
+
+
+# -- The contract of models: what each of them offers, whatever is inside
 
 Range = tuple[float, float]
 """Least and largest payload [kg]."""

@@ -28,11 +28,11 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy import linalg
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
+from tudor_dynamics.models.base import Blocks, check_block, check_motion, TrainingBlock
+from tudor_dynamics.models.bundle_parts import ElmPart, MAX_COEFFICIENT, read
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
-from tudor_dynamics.models.storage.parts import ElmPart, MAX_COEFFICIENT, read
-from tudor_dynamics.models.training import Blocks, check_block, check_motion, TrainingBlock
 from tudor_dynamics.typing import FloatArray
 
 ROWS_AT_A_TIME = 2048

@@ -22,11 +22,10 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.models.base import Live, Model, Range, SLIDING
-from tudor_dynamics.models.presliding import Bristles, Trail
-from tudor_dynamics.models.training import block_of, Blocks, TrainingBlock
-from tudor_dynamics.signals import Stretch
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.models.base import block_of, Blocks, Live, Model, Range, SLIDING, TrainingBlock
+from tudor_dynamics.models.friction import Bristles, Trail
+from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
 Learner = TypeVar('Learner', bound='MemorylessModel')

@@ -29,19 +29,17 @@ import warnings
 import numpy as np
 import pinocchio as pin
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import Range
-from tudor_dynamics.models.base_parameters import BaseSet, PAYLOAD
+from tudor_dynamics.models.bundle_parts import Group, groups_of, PayloadElmPart, PayloadPart, read
 from tudor_dynamics.models.elm import channels_of, ExtremeLearningMachine, restored
-from tudor_dynamics.models.estimation.estimators import Estimate
+from tudor_dynamics.models.estimation import Estimate
 from tudor_dynamics.models.memoryless import ModelSettings
 from tudor_dynamics.models.regressor import (
-    EffortRegressor, plain_regressor, Regressor, StrainRegressor)
+    BaseSet, EffortRegressor, PAYLOAD, plain_regressor, Regressor, StrainRegressor)
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
-from tudor_dynamics.models.storage.coefficients import Group, groups_of
-from tudor_dynamics.models.storage.parts import PayloadElmPart, PayloadPart, read
 from tudor_dynamics.typing import FloatArray
 
 SAME = 1e-6

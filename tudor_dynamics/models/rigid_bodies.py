@@ -32,9 +32,8 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.simulation.mechanics.vector import cross, turn_back
-from tudor_dynamics.small_arrays import unowned
+from tudor_dynamics.compiled import compiled, unowned
+from tudor_dynamics.mechanics.small_algebra import cross, turn_back
 from tudor_dynamics.typing import FloatArray, IndexArray
 
 # Pinocchio's order of the parameters of a body: mass, first moments, inertia about the joint.

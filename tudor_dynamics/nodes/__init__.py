@@ -12,4 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""ROS 2 nodes: parameters, topics and diagnostics around objects that know no ROS."""
+"""ROS 2 nodes: parameters, topics, diagnostics; a module for each node."""

@@ -29,16 +29,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.arm.sources import refuse_interfaces
+from tudor_dynamics.arm.description import load_arm, refuse_interfaces
 from tudor_dynamics.errors import SimulationError, TudorError
+from tudor_dynamics.mechanics.hardware import Floor
+from tudor_dynamics.mechanics.rig import ArmProcess
 from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.simulation.loop.arm_process import ArmProcess
-from tudor_dynamics.simulation.loop.floor import Floor
 
 BEHIND = 0.2
 """A process that is so late gives up real time instead of hurrying [s]."""

@@ -25,7 +25,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from tudor_dynamics.bags.live import LiveWriter
+from tudor_dynamics.bags.writer import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
 from tudor_dynamics.nodes.common.runner import EndingNode, run

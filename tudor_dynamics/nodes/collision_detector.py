@@ -22,17 +22,16 @@ from functools import partial
 import sys
 from typing import Any
 
+from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import Watch
+from tudor_dynamics.nodes.common.detection import LoadNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.common.load_node import LoadNode
-from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
+from tudor_dynamics.nodes.common.messages import (
+    JointSample, MotionReader, NamedReader, PointSample)
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.common.wire import JointSample, PointSample
-from tudor_dynamics.small_arrays import all_finite
+from tudor_dynamics.online.monitor import warm_up, Watch
+from tudor_dynamics.online.streams import Motion
 
 WAITING = 200
 """Motions that may wait for their prediction."""

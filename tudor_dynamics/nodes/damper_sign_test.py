@@ -39,10 +39,9 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
 from tudor_dynamics.arm.limits import hard_limits
-from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.control.sign_test import check_sign, grows, Sign, SignResult, StepResponse
+from tudor_dynamics.control.damper import check_sign, grows, Sign, SignResult, StepResponse
 from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.base import strong, weak
 from tudor_dynamics.nodes.common.interfaces import JOINT_TRAJECTORY

@@ -24,18 +24,15 @@ from typing import Any
 from sensor_msgs.msg import JointState
 
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.gathering import Gathering
-from tudor_dynamics.monitoring.payload_stage import CarriedLoad
-from tudor_dynamics.monitoring.predictor import Predictor
-from tudor_dynamics.monitoring.settings import MonitorSettings
-from tudor_dynamics.monitoring.warm_up import warm_up
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.common.listened import ListenedPublishers
-from tudor_dynamics.nodes.common.messages import MotionReader, NamedReader
-from tudor_dynamics.nodes.common.model_node import ModelNode
-from tudor_dynamics.nodes.common.payload_port import PayloadPort
+from tudor_dynamics.nodes.common.messages import (
+    JointSample, JointStateEncoder, ListenedPublishers, MotionReader, NamedReader, PointSample)
+from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, PointSample
+from tudor_dynamics.online.load import CarriedLoad
+from tudor_dynamics.online.monitor import MonitorSettings, warm_up
+from tudor_dynamics.online.prediction import Predictor
+from tudor_dynamics.online.streams import Gathering
 
 
 class DynamicsPredictorNode(ModelNode):

@@ -27,18 +27,16 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.feedforward.feedforward import Feedforward
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.payload_stage import CarriedLoad
 from tudor_dynamics.nodes.common.base import DEPTH, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
-    floats, joint_state, NamedReader, nanoseconds, time_message)
-from tudor_dynamics.nodes.common.model_node import ModelNode
-from tudor_dynamics.nodes.common.payload_port import PayloadPort
+    floats, joint_state, JointSample, NamedReader, nanoseconds, time_message)
+from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.common.wire import JointSample
+from tudor_dynamics.online.feedforward import Feedforward
+from tudor_dynamics.online.load import CarriedLoad
 
 
 class FeedforwardNode(ModelNode):

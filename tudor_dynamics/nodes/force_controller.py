@@ -28,18 +28,17 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from tudor_dynamics.arm import Arm, load_arm
-from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.contact.static_strain import StaticStrain
-from tudor_dynamics.control.force.controller import ForceController, ForceSettings, Phase
+from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
+from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.monitoring.stamps import StampGate
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, RESET, RETREAT, TIP_FORCE, WANTED_FORCE)
 from tudor_dynamics.nodes.common.messages import joint_state, NamedReader, nanoseconds
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.online.contact_levers import StaticStrain
+from tudor_dynamics.online.streams import StampGate
 
 SILENT = 0.1
 """Strains that are older than positions by more are missing; a longer gap between positions is an

@@ -24,18 +24,17 @@ from typing import Any
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.monitoring.state_filter import LowPass, StateFilter
-from tudor_dynamics.monitoring.warm_up import warm_up_filter
+from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.nodes.common.base import DEEP, TudorNode
 from tudor_dynamics.nodes.common.interfaces import (
     FILTERED_JOINT_STATES, JOINT_MOTION, JOINT_STATES, RESET)
-from tudor_dynamics.nodes.common.listened import ListenedPublishers
-from tudor_dynamics.nodes.common.messages import NamedReader
+from tudor_dynamics.nodes.common.messages import (
+    JointSample, JointStateEncoder, ListenedPublishers, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
+from tudor_dynamics.online.monitor import warm_up_filter
+from tudor_dynamics.online.streams import LowPass, StateFilter
 
 
 class JointStateFilterNode(TudorNode):

@@ -26,15 +26,12 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.monitoring.monitor import Monitor
-from tudor_dynamics.monitoring.settings import Found
-from tudor_dynamics.monitoring.warm_up import warm_up
-from tudor_dynamics.monitoring.watch import Watch
+from tudor_dynamics.nodes.common.detection import LoadNode
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
-from tudor_dynamics.nodes.common.load_node import LoadNode
-from tudor_dynamics.nodes.common.messages import NamedReader
+from tudor_dynamics.nodes.common.messages import (
+    JointSample, JointStateEncoder, MotionEncoder, NamedReader)
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.nodes.common.wire import JointSample, JointStateEncoder, MotionEncoder
+from tudor_dynamics.online.monitor import Found, Monitor, warm_up, Watch
 
 
 class MonitorNode(LoadNode):

@@ -28,8 +28,7 @@ from rclpy.parameter import Parameter
 from rclpy.validate_namespace import validate_namespace
 
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
-from tudor_dynamics.nodes.common.guarded import GuardedNode
+from tudor_dynamics.nodes.common.base import ERROR, GuardedNode, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
 

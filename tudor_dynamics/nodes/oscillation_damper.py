@@ -29,22 +29,17 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tudor_dynamics.arm import load_arm
-from tudor_dynamics.arm.sources import refuse_interfaces
-from tudor_dynamics.control.adaptation import Adaptation
-from tudor_dynamics.control.damper import MEANING, Status
-from tudor_dynamics.control.damper_law import SEEN, STATUS
-from tudor_dynamics.control.motion_controller import MotionController, WATCH
-from tudor_dynamics.control.schedule import load_schedule
-from tudor_dynamics.control.state import State
+from tudor_dynamics.arm.description import load_arm, refuse_interfaces
+from tudor_dynamics.control.damper import MEANING, SEEN, STATUS, Status
+from tudor_dynamics.control.gains import Adaptation, load_schedule
+from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.monitoring.stamps import StampGate
-from tudor_dynamics.nodes.common.base import ERROR, latched, STALE, TudorNode, WARN
-from tudor_dynamics.nodes.common.clock_watch import ClockWatch
+from tudor_dynamics.nodes.common.base import ClockWatch, ERROR, latched, STALE, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
 from tudor_dynamics.nodes.common.runner import run
+from tudor_dynamics.online.streams import StampGate
 
 BRAKING = 2.0
 """A process that ends waits no longer than this for the arm to stand [s]."""

@@ -29,15 +29,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
-from tudor_dynamics.arm import load_arm
+from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
-from tudor_dynamics.control.reaction import yielding_speed
-from tudor_dynamics.control.reference_source import ReferenceSource
-from tudor_dynamics.control.schedule import load_schedule
+from tudor_dynamics.control.gains import load_schedule
+from tudor_dynamics.control.references import ReferenceSource, yielding_speed
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.models.tuning.refined_moves import refiner_of
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.tuning import refiner_of
 from tudor_dynamics.nodes.common.base import latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)

@@ -12,12 +12,4 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
-"""Signals: differentiation filters, decimation, preprocessing of recordings."""
-
-from tudor_dynamics.signals.filters import CausalDifferentiator, FilteredStates
-from tudor_dynamics.signals.offline import zero_phase
-from tudor_dynamics.signals.preprocessing import Block, Decimation, prepare, Stretch
-
-__all__ = ['Block', 'CausalDifferentiator', 'Decimation', 'FilteredStates', 'Stretch', 'prepare',
-           'zero_phase']
+"""Signals: filters, preprocessing, motion profiles, input shaping, excitation."""

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
 from tudor_dynamics.signals.motion_profile import (

@@ -12,31 +12,215 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Online planner of sin^2 motions: a new target at any time, no step in the acceleration.
-
-Each change of speed is one pulse of acceleration a sin^2(pi t/T), so that the jerk is bounded and
-little of the motion lies at the eigenfrequencies of an elastic link: two pulses and a stretch of
-constant speed between them make a move. A target that arrives inside a pulse either lets it go on
-to its end or lets the acceleration fade out along a cosine squared first, whatever is sooner
-there.
-"""
+"""Motion profiles: sin^2 moves with a new target at any time, and splines through points."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
-from tudor_dynamics.signals.motion_law import (
-    CLOCK, FIRST, follow_all, follow_plan, PLAN, plan_motion, Q, stopping_distance, TARGET)
 from tudor_dynamics.typing import FloatArray
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BPoly
+
+
+# -- Planning and following of sin^2 motions of one joint, compiled
+
+# Columns of the plan of one joint: where it began, then segments.
+TARGET, CLOCK, Q = range(3)
+FIRST = 3  # duration, speed at the start, acceleration, kind of each segment
+SEGMENTS = 5
+PLAN = FIRST + 4 * SEGMENTS
+
+PULSE, FADE = 0.0, 1.0
+JERK = 20.0  # 1/s, times the acceleration limit: only pulses shorter than 0.16 s get smaller
+
+
+@compiled
+def _segment(kind: float, a: float, v: float, length: float, t: float) -> tuple[
+        float, float, float]:
+    """Give distance, speed and acceleration inside a segment."""
+    if length <= 0.0:
+        return 0.0, v, 0.0
+    if kind == PULSE:
+        w = 2.0 * math.pi / length
+        return (v * t + 0.25 * a * t * t + 0.5 * a / (w * w) * (math.cos(w * t) - 1.0),
+                v + 0.5 * a * (t - math.sin(w * t) / w), 0.5 * a * (1.0 - math.cos(w * t)))
+    w = math.pi / length
+    return (v * t + 0.25 * a * t * t + 0.5 * a / (w * w) * (1.0 - math.cos(w * t)),
+            v + 0.5 * a * (t + math.sin(w * t) / w), 0.5 * a * (1.0 + math.cos(w * t)))
+
+
+@compiled
+def _pulse_time(change: float, a_max: float) -> float:
+    """Give the duration of the pulse for a change of speed, within acceleration and jerk."""
+    return max(2.0 * change / a_max, math.sqrt(2.0 * math.pi * change / (JERK * a_max)))
+
+
+@compiled
+def stopping_distance(speed: float, a_max: float) -> float:
+    """Give the way [rad] on which one pulse takes a speed [rad/s] to rest."""
+    return 0.5 * speed * _pulse_time(abs(speed), a_max)
+
+
+@compiled
+def _two_pulses(v: float, peak: float, a_max: float) -> float:
+    """Give the distance of the pulses v -> peak -> 0."""
+    return 0.5 * ((v + peak) * _pulse_time(peak - v, a_max) + peak * _pulse_time(peak, a_max))
+
+
+@compiled
+def _approach(plan: NDArray, at: int, distance: float, speed: float, v_max: float, a_max: float,
+              ) -> None:
+    """Fill the four segments from ``at`` on: from a speed without acceleration to rest."""
+    # In the direction in which the arm still has to go once it has braked.
+    braking = _pulse_time(abs(speed), a_max)
+    stop = stopping_distance(speed, a_max)
+    sign = 1.0 if distance >= stop else -1.0
+    d, v = sign * distance, sign * speed
+    k = FIRST + 4 * at
+    plan[k] = 0.0
+    if v < 0.0:
+        # It brakes at once and turns only then: one pulse through both would stop later.
+        plan[k], plan[k + 1], plan[k + 2], plan[k + 3] = (
+            braking, speed, -2.0 * speed / braking, PULSE)
+        d, v = sign * (distance - stop), 0.0
+    # Two pulses, v -> peak -> 0; the distance grows with the peak.
+    low, high = v, max(v_max, v)
+    cruise = 0.0
+    if _two_pulses(v, high, a_max) <= d:
+        low = high
+        cruise = (d - _two_pulses(v, high, a_max)) / high
+    for _ in range(60):
+        peak = 0.5 * (low + high)
+        if _two_pulses(v, peak, a_max) < d:
+            low = peak
+        else:
+            high = peak
+    peak = 0.5 * (low + high)
+    up, down = _pulse_time(peak - v, a_max), _pulse_time(peak, a_max)
+    rows = ((up, v, 2.0 * (peak - v) / max(up, 1e-12)), (cruise, peak, 0.0),
+            (down, peak, -2.0 * peak / max(down, 1e-12)))
+    for i in range(3):
+        k += 4
+        plan[k], plan[k + 1], plan[k + 2] = rows[i][0], sign * rows[i][1], sign * rows[i][2]
+        plan[k + 3] = PULSE
+
+
+@compiled
+def _lasts(plan: NDArray) -> float:
+    """Give the time to the end of a plan."""
+    total = -plan[CLOCK]
+    for i in range(SEGMENTS):
+        total += plan[FIRST + 4 * i]
+    return total
+
+
+@compiled
+def plan_motion(plan: NDArray, q: float, dq: float, ddq: float, target: float, v_max: float,
+                a_max: float) -> None:
+    """
+    Plan from the present state of motion to rest at a target.
+
+    The acceleration either fades out first, with the jerk of the present pulse, or the pulse goes
+    on to its end, whatever leads to the target sooner. An arm that brakes and has to turn back
+    goes on to brake: it stops no later than it was to before.
+
+    q, dq, ddq [rad, rad/s, rad/s^2], target [rad], v_max, a_max [rad/s, rad/s^2]; writes plan
+    (PLAN,).
+    """
+    inside, begun, length, first, push, kind = False, plan[CLOCK], 0.0, 0.0, 0.0, PULSE
+    for i in range(SEGMENTS):
+        k = FIRST + 4 * i
+        if begun < plan[k]:
+            inside = True
+            length, first, push, kind = plan[k], plan[k + 1], plan[k + 2], plan[k + 3]
+            break
+        begun -= plan[k]
+    fade = 0.0
+    if ddq != 0.0:
+        fade = math.pi * 0.25 * v_max / a_max * min(abs(ddq) / a_max, 1.0)
+        if inside and push != 0.0:
+            fade = (0.5 if kind == PULSE else 1.0) * length * abs(ddq / push)
+        if ddq * dq > 0.0 and abs(ddq) * fade > 2.0 * (v_max - abs(dq)):
+            fade = 2.0 * max(v_max - abs(dq), 0.0) / abs(ddq)
+        fade = max(fade, 1e-9)
+    for i in range(PLAN):
+        plan[i] = 0.0
+    plan[TARGET], plan[Q] = target, q
+    plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = fade, dq, ddq, FADE
+    moved, speed, _ = _segment(FADE, ddq, dq, fade, fade)
+    _approach(plan, 1, target - q - moved, speed, v_max, a_max)
+    if not inside or push == 0.0:
+        return
+    soonest = _lasts(plan)
+    kept = plan.copy()
+    moved, _, _ = _segment(kind, push, first, length, begun)
+    whole, speed, _ = _segment(kind, push, first, length, length)
+    plan[CLOCK], plan[Q] = begun, q - moved
+    plan[FIRST], plan[FIRST + 1], plan[FIRST + 2], plan[FIRST + 3] = length, first, push, kind
+    _approach(plan, 1, target - q + moved - whole, speed, v_max, a_max)
+    turns = push * dq < 0.0 and (target - q + moved - whole) * dq <= 0.0
+    if _lasts(plan) > soonest and not turns:
+        for i in range(PLAN):
+            plan[i] = kept[i]
+
+
+@compiled
+def follow_plan(plan: NDArray, dt: float) -> tuple[float, float, float]:
+    """Advance a plan by a step [s] and give position, velocity and acceleration."""
+    plan[CLOCK] += dt
+    t, q = plan[CLOCK], plan[Q]
+    for i in range(SEGMENTS):
+        k = FIRST + 4 * i
+        length = plan[k]
+        inside = min(t, length)
+        moved, speed, push = _segment(plan[k + 3], plan[k + 2], plan[k + 1], length, inside)
+        q += moved
+        t -= length
+        if t < 0.0:
+            return q, speed, push
+    return plan[TARGET], 0.0, 0.0
+
+
+@compiled
+def follow_all(
+    switches: NDArray, targets: NDArray, v_max: NDArray, a_max: NDArray, dt: float,
+    q: NDArray, dq: NDArray, ddq: NDArray,
+) -> None:
+    """Fill the reference from its first row on; each joint follows its own targets."""
+    plan = np.zeros(PLAN)
+    for j in range(q.shape[1]):
+        plan_motion(plan, q[0, j], 0.0, 0.0, q[0, j], v_max[j], a_max[j])
+        due = 0
+        for k in range(q.shape[0]):
+            if k > 0:
+                q[k, j], dq[k, j], ddq[k, j] = follow_plan(plan, dt)
+            while due < switches.shape[1] and switches[j, due] <= k * dt + 1e-12:
+                if targets[j, due] != plan[TARGET]:
+                    plan_motion(plan, q[k, j], dq[k, j], ddq[k, j], targets[j, due], v_max[j],
+                                a_max[j])
+                due += 1
+
+
+# -- Online planner of sin^2 motions: a new target at any time, no step in the acceleration.
+#
+# Each change of speed is one pulse of acceleration a sin^2(pi t/T), so that the jerk is bounded
+# and little of the motion lies at the eigenfrequencies of an elastic link: two pulses and a
+# stretch of constant speed between them make a move. A target that arrives inside a pulse either
+# lets it go on to its end or lets the acceleration fade out along a cosine squared first, whatever
+# is sooner there.
 
 @dataclass(frozen=True, eq=False)
 class Reference:
@@ -208,3 +392,73 @@ def follow_targets(
     q[0] = start
     follow_all(padded[0], padded[1], limits.velocity, limits.acceleration, dt, q, dq, ddq)
     return Reference(dt, q, dq, ddq)
+
+
+# -- Splines through the points of a trajectory, as joint_trajectory_controller lays them.
+#
+# Between two points that both have velocities and accelerations lies a quintic, between two that
+# both have velocities a cubic, and a straight line otherwise (ros2_controllers,
+# joint_trajectory_controller, "Trajectory Representation").
+
+MOST_POINTS = 1_000_000
+"""Of a trajectory that is made denser; five minutes of a 3 kHz loop."""
+
+
+def spline(trajectory: Trajectory) -> BPoly:
+    """Lay polynomials between points; returns positions of all joints over the time [s]."""
+    from scipy.interpolate import BPoly  # slow to import, and few fits have a plan
+
+    given = (trajectory.q, trajectory.dq, trajectory.ddq)
+    return BPoly.from_derivatives(
+        trajectory.t, np.stack([field for field in given if field is not None], axis=1))
+
+
+def states(trajectory: Trajectory) -> FloatArray:
+    """
+    Give the motion at the points.
+
+    Where velocities or accelerations are not given, they are those of the splines; where the
+    splines on both sides of a point differ, the mean of both, since the controller draws a
+    straight line from effort to effort. The arm rests before the first point and behind the last,
+    which the controller holds: there what is not given is zero.
+
+    Returns (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    """
+    given = (trajectory.dq, trajectory.ddq)
+    return np.hstack([trajectory.q, *(
+        _at_points(trajectory, order) if field is None else field
+        for order, field in enumerate(given, start=1))])
+
+
+def _at_points(trajectory: Trajectory, order: int) -> FloatArray:
+    """Give a derivative at the points: the mean of both sides, none at the ends."""
+    values = np.zeros_like(trajectory.q)
+    if len(trajectory.t) < 3 or (order == 2 and trajectory.dq is None):
+        return values
+    derivative = spline(trajectory).derivative(order)
+    inner, widths = trajectory.t[1:-1], np.diff(trajectory.t)
+    # the spline takes a point for the begin of the next piece: just before it, for the last one
+    before = derivative(inner - 1e-9 * widths[:-1])
+    values[1:-1] = 0.5 * (before + derivative(inner))
+    return values
+
+
+def denser(trajectory: Trajectory, rate: float) -> Trajectory:
+    """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
+    seconds = float(trajectory.t[-1] - trajectory.t[0])
+    if not 0.0 < rate < float('inf') or seconds * rate > MOST_POINTS:
+        msg = (f'{seconds:g} s at {rate:g} points per second; expected a rate above zero and '
+               f'at most {MOST_POINTS} points')
+        raise SignalError(msg)
+    if len(trajectory.t) < 2:
+        return trajectory
+    t = np.linspace(trajectory.t[0], trajectory.t[-1], max(1, round(seconds * rate)) + 1)
+    curve = spline(trajectory)
+    q, dq = np.asarray(curve(t)), np.asarray(curve.derivative(1)(t))
+    # of straight lines there is no second derivative
+    ddq = np.zeros_like(q) if trajectory.dq is None else np.asarray(curve.derivative(2)(t))
+    q[[0, -1]] = trajectory.q[[0, -1]]
+    for given, values in ((trajectory.dq, dq), (trajectory.ddq, ddq)):
+        if given is None:
+            values[[0, -1]] = 0.0
+    return Trajectory(trajectory.joints, t, q, dq, ddq)

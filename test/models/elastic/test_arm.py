@@ -25,14 +25,14 @@ import numpy as np
 import pytest
 from sample_arms import gauge, LENGTH_1, LENGTH_2, planar_arm
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.run import Probe
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.gear import gear
+from tudor_dynamics.models.elastic.kernel import gear
 from tudor_dynamics.models.elastic.parameters import EDGE
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.plant.outputs import Probe
-from tudor_dynamics.simulation.plant.plant import Plant
 
 G = 9.81
 EI = 2.06e11 * 0.015 * 0.004**3 / 12

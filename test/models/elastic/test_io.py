@@ -26,12 +26,11 @@ from elastic_making import blade_arm, even, GAINS, OFFSETS, travel
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import PreprocessingSpec
+from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError, NotFittedError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.storage.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
+from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 
 ARM = blade_arm()
 PHYSICAL = (PhysicalParameter('bending(j1)', 15.25, 'N m^2', 0.125, True),

@@ -24,12 +24,12 @@ from elastic_making import blade, blade_arm, lone_arm
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm import Arm, load_arm
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.mechanics.mechanism import build_mechanism
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.run import modes
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.statics import DDZ, DZ, FORCE, residual, Z
-from tudor_dynamics.simulation.mechanics.mechanism import build_mechanism
-from tudor_dynamics.simulation.plant.modes import modes
-from tudor_dynamics.simulation.plant.plant import Plant
+from tudor_dynamics.models.elastic.kernel import DDZ, DZ, FORCE, residual, Z
 from tudor_dynamics.typing import FloatArray
 
 CONFIG = Path(__file__).parents[3] / 'config'

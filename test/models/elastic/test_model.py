@@ -18,16 +18,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from elastic_making import blade_arm, even, FloatArray, GAINS, OFFSETS, recorded, travel
+from elastic_making import blade_arm, even, GAINS, OFFSETS, recorded, travel
 import numpy as np
 import pytest
 
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.fitted import PhysicalParameter
-from tudor_dynamics.models.elastic.live import LiveElastic
-from tudor_dynamics.models.elastic.model import ElasticModel
+from tudor_dynamics.models.elastic.model import ElasticModel, LiveElastic, PhysicalParameter
 from tudor_dynamics.models.friction import friction_columns
+from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0
 ARM = blade_arm(joints=[{'name': 'j1', 'friction': ['viscous', 'coulomb']},

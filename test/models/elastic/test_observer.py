@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
-from elastic_making import blade_arm, even, FloatArray, pushed, stepwise
+from elastic_making import blade_arm, even, pushed, stepwise
 import numpy as np
 import pytest
 
 from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.typing import FloatArray
 
 RATE, SECONDS = 100.0, 6.0
 DEVIATION = np.array([0.02, 0.02])

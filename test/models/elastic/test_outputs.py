@@ -16,15 +16,14 @@
 
 from __future__ import annotations
 
-from elastic_making import blade, gauge
+from elastic_making import blade
 import numpy as np
 import pytest
-from sample_arms import planar_arm
+from sample_arms import gauge, planar_arm
 
 from tudor_dynamics.errors import NotFittedError
 from tudor_dynamics.models.elastic.arm import Response
-from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.elastic.outputs import live_output
+from tudor_dynamics.models.elastic.model import ElasticModel, live_output
 
 FRICTION = [
     ({}, {}),

@@ -21,14 +21,13 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.identification.elastic.record import Knowledge, Record
-from tudor_dynamics.identification.elastic.search import identify, knowledge_of
+from tudor_dynamics.identification.elastic_problem import Knowledge, Record
+from tudor_dynamics.identification.elastic_search import identify, knowledge_of
 from tudor_dynamics.models.elastic.arm import DrivenArm
-from tudor_dynamics.models.elastic.gear import LOOSE, TIGHT
+from tudor_dynamics.models.elastic.kernel import LOOSE, TIGHT
 from tudor_dynamics.models.elastic.model import ElasticModel
 from tudor_dynamics.models.elastic.parameters import (
-    in_words, ParameterKind, PHYSICAL, physical_unit)
-from tudor_dynamics.models.elastic.physics import Physics
+    in_words, ParameterKind, PHYSICAL, physical_unit, Physics)
 
 ARM = blade_arm()
 RATE = 100.0

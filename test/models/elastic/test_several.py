@@ -16,15 +16,14 @@
 
 from __future__ import annotations
 
-from elastic_making import blade_arm, even, FloatArray, travel
+from elastic_making import blade_arm, even, travel
 import numpy as np
 import pytest
 
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import LANES
-from tudor_dynamics.models.elastic.arm import SAMPLE
-from tudor_dynamics.models.elastic.corrected import CorrectedArm
-from tudor_dynamics.models.elastic.several import follow_motions, follow_together
+from tudor_dynamics.models.elastic.arm import CorrectedArm, follow_motions, follow_together, SAMPLE
+from tudor_dynamics.typing import FloatArray
 
 ARM = blade_arm()
 RATE = 100.0

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import pytest
 
-from tudor_dynamics.nodes.common.clock_watch import ClockWatch
+from tudor_dynamics.nodes.common.base import ClockWatch
 
 SECOND = 1_000_000_000
 

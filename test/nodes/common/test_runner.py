@@ -25,7 +25,7 @@ import time
 from patience import PATIENCE
 import pytest
 from ros_world import World
-from tudor_dynamics.nodes.common.listened import ListenedPublishers, LOOK
+from tudor_dynamics.nodes.common.messages import ListenedPublishers, LOOK
 from tudor_dynamics.nodes.common.runner import Halt, spin_for
 
 BUSY = """

@@ -26,7 +26,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.nodes.common.wire import (
+from tudor_dynamics.nodes.common.messages import (
     JointStateDecoder, JointStateEncoder, MotionDecoder, MotionEncoder)
 
 NAMES = st.lists(st.text(st.characters(codec='utf-8', exclude_characters='\0'), max_size=6),

@@ -13,4 +13,4 @@
 # limitations under the License.
 
 
-"""The elastic model: an arm that follows measured positions, and its outputs."""
+"""The elastic model: an arm whose flexible links follow measured positions."""

@@ -12,39 +12,146 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-An arm whose joints follow measured positions: flexible links, elastic gears with play.
-
-The plant of the simulator in the few coordinates that a recording shows: each gear's twist, and
-each flexible link bent by one element in the planes that gauges see. One cubic element carries a
-link's static shape under any end load exactly and its first mode within 0.5 %.
-"""
+"""An elastic arm whose joints follow measured positions, alone or several at once."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tudor_dynamics.arm import Arm
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.hardware import InertiaPart
+from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.equations import LOADS
+from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge
+from tudor_dynamics.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.models.elastic import kernel, observer
-from tudor_dynamics.models.elastic.gear import Gears, SPRING_FLOATS
-from tudor_dynamics.models.elastic.kernel import Driven, Drives, Gauges
-from tudor_dynamics.models.elastic.observer import seen_rows, white_force
-from tudor_dynamics.models.elastic.parameters import apply, change, described
-from tudor_dynamics.models.elastic.physics import Physics
-from tudor_dynamics.models.elastic.setup import (
-    moment_rows, moving_coordinates, place_gauges, reduced_mechanism, spring_coordinates)
-from tudor_dynamics.models.elastic.small_motion import Linearised, tangents
-from tudor_dynamics.models.elastic.statics import (
-    DAMPING, Equations, MATRICES, STIFFNESS, VECTORS, Z)
+from tudor_dynamics.models.elastic.kernel import (
+    DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move, sense,
+    SPRING_FLOATS, STIFFNESS, tables_of, tangents, VECTORS, Z)
+from tudor_dynamics.models.elastic.observer import observe, seen_rows, white_force
+from tudor_dynamics.models.elastic.parameters import apply, change, described, Physics
 from tudor_dynamics.signals.filters import low_pass
-from tudor_dynamics.simulation.mechanics.loads import LOADS
-from tudor_dynamics.simulation.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.typing import FloatArray
+
+
+# -- What a driven arm is made of: its reduced links, its gauges, the coordinates that move
+
+def reduced_mechanism(arm: Arm) -> Mechanism:
+    """Build the arm with one linear element a link; what lies within a link goes to its end."""
+    links = []
+    for link in arm.spec.links:
+        beam = link.flexible
+        if beam is not None:
+            lumped = tuple(
+                part if isinstance(part.node, str) else part.model_copy(
+                    update={'node': 'tip' if 2 * part.node >= beam.elements else 'base'})
+                for part in beam.lumped)
+            beam = beam.model_copy(update={'elements': 1, 'stretch': False, 'lumped': lumped})
+        links.append(link.model_copy(update={'flexible': beam}))
+    payload = arm.spec.payload or InertiaPart(mass=0.0)
+    mechanism = build_mechanism(replace(arm, spec=arm.spec.model_copy(
+        update={'links': tuple(links), 'payload': payload})))
+    if not mechanism.beams:
+        msg = (f'{arm.source}: no link is flexible; give links with flexible: to use the elastic '
+               'model')
+        raise SimulationError(msg)
+    return mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class GaugePlaces:
+    """Gauges on the bodies of a mechanism."""
+
+    body: NDArray[np.int64]  # body that each sits on, (gauges,)
+    place: FloatArray  # distance from the beam's start, (gauges,) [m]
+    axis: NDArray[np.int64]  # (gauges,): component of the moment that bends it: 1 or 2
+    sign: FloatArray  # (gauges,): makes the moment positive for the load that the joint holds
+    share: tuple[float, ...]  # bending stiffness about that axis over that about the beam's z axis
+    joint: tuple[str, ...]  # joint of the link
+
+    def damping(self, values: Mapping[str, float]) -> FloatArray:
+        """Give the moment by rate of curvature at each gauge, from damping alone [N m^2 s]."""
+        return np.array([share * (values['beta'] * values[f'bending({joint})'])
+                         for share, joint in zip(self.share, self.joint, strict=True)])
+
+
+def place_gauges(mechanism: Mechanism, arm: Arm) -> GaugePlaces:
+    """Find the gauges' places on a mechanism."""
+    places = [place_gauge(mechanism, arm, gauge) for gauge in arm.gauges]
+    joints = tuple(gauge.joint for gauge in arm.gauges)
+    beams = [mechanism.beams[joint] for joint in joints]
+    return GaugePlaces(
+        np.array([place.body for place in places], dtype=np.int64),
+        np.array([place.distance for place in places], dtype=float),
+        np.array([place.axis for place in places], dtype=np.int64),
+        np.array([place.sign for place in places], dtype=float),
+        tuple((beam.EIz if place.axis == 2 else beam.EIy) / beam.EIz
+              for place, beam in zip(places, beams, strict=True)), joints)
+
+
+def spring_coordinates(mechanism: Mechanism, arm: Arm) -> NDArray[np.int64]:
+    """Give the coordinate of each active joint."""
+    return np.array([int(mechanism.q_index[mechanism.joints.index(name)])
+                     for name in arm.active_joints], dtype=np.int64)
+
+
+def moving_coordinates(
+    mechanism: Mechanism, gauges: GaugePlaces, springs: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """
+    Give the coordinates that move: gears, and bending in the planes that gauges see.
+
+    springs (joints,); returns (moving,).
+    """
+    axes = gauges.axis.tolist()
+    seen = set(axes) or {1, 2}
+    free = springs.tolist()
+    for joint in mechanism.beams:
+        own = {axis for axis, of in zip(axes, gauges.joint, strict=True) if of == joint}
+        first = int(mechanism.body_int[mechanism.body_of[joint], at.FIRST])
+        for plane in sorted(own or seen):
+            free += [first + 1, first + 5] if plane == 2 else [first + 2, first + 4]
+    return np.array(sorted(free), dtype=np.int64)
+
+
+def moment_rows(
+    mechanism: Mechanism, gauges: GaugePlaces, free: NDArray[np.int64],
+) -> FloatArray:
+    """
+    Give the moment at each gauge by coordinate: stiffness times curvature of the cubic.
+
+    free (moving,); returns (gauges, moving).
+    """
+    rows = np.zeros((len(gauges.body), free.size))
+    floats = mechanism.body_float
+    for g, body in enumerate(gauges.body):
+        length = floats[body, at.LENGTH]
+        place = gauges.place[g] / length
+        bend = (12.0 * place - 6.0) / length**2
+        turn = (6.0 * place - 2.0) / length
+        first = int(mechanism.body_int[body, at.FIRST])
+        if gauges.axis[g] == 2:
+            stiff, parts = floats[body, at.EIZ], ((first + 1, -bend), (first + 5, turn))
+        else:
+            stiff, parts = floats[body, at.EIY], ((first + 2, bend), (first + 4, turn))
+        for coordinate, factor in parts:
+            rows[g, np.flatnonzero(free == coordinate)] = gauges.sign[g] * stiff * factor
+    return rows
+
+
+# -- An arm whose joints follow measured positions: flexible links, elastic gears with play.
+#
+# The plant of the simulator in the few coordinates that a recording shows: each gear's twist, and
+# each flexible link bent by one element in the planes that gauges see. One cubic element carries a
+# link's static shape under any end load exactly and its first mode within 0.5 %.
 
 INNER_STEP = 2.5e-3
 """Longest inner step [s]: 1 % of phase at 15 Hz."""
@@ -211,3 +318,197 @@ class DrivenArm:
     def _linearise(self) -> None:
         observer.linearise(self.loaded, self.mechanism.tip, *self._small, self._pushed,
                            *self.arrays)
+
+
+# -- A driven arm that measured strain draws back to the measured motion, with given gains.
+#
+# An arm that follows positions alone forgets an error only as fast as its vibrations die out, and
+# one with play in its gears never forgets where small differences grow. Corrected a little, it
+# forgets them within a time one can choose. The gains are those of the observer along a reference;
+# kept as they are, errors remain a smooth function of the parameters.
+
+class CorrectedArm(DrivenArm):
+    """A driven arm, and what draws it towards measured moments; see ``DrivenArm``."""
+
+    def gains_along(
+        self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,
+        bandwidth: float, before: FloatArray | None = None,
+    ) -> FloatArray:
+        """
+        Observe a motion, and keep the gains of the observer.
+
+        q (samples, joints) [rad or m], measured (samples, gauges) [N m], deviation (gauges,)
+        [N m], bandwidth [1/s], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of the
+        motion just before, which nothing corrects; returns (samples, 3, moving, gauges).
+        """
+        measured, lag, self._physics.lag = self.ahead(dt, measured), self._physics.lag, 0.0
+        try:
+            return self._gains_along(q, dt, measured, deviation, bandwidth, before)
+        finally:
+            self._physics.lag = lag
+
+    def _gains_along(
+        self, q: FloatArray, dt: FloatArray, measured: FloatArray, deviation: FloatArray,
+        bandwidth: float, before: FloatArray | None,
+    ) -> FloatArray:
+        self.follow(q[:1], np.zeros(1))
+        self.start_observer(deviation, bandwidth)
+        self.begin(before)
+        gains = np.zeros((len(q), 3, self.size, measured.shape[1]))
+        done = observe(
+            np.ascontiguousarray(q), np.ascontiguousarray(dt), self.inner, self.loaded,
+            np.ascontiguousarray(measured), self._deviation**2 * SAMPLE, self._noise, SAMPLE,
+            self.mechanism.tip, self._seen, gains, *self.arrays)
+        if done < len(q):
+            msg = (f'{self.arm.name}: the elastic model diverges after {done} of {len(q)} '
+                   'samples, or cannot be linearised there')
+            raise SimulationError(msg)
+        return gains
+
+    def begin(self, before: FloatArray | None) -> None:
+        """Follow the motion before what counts, if there was any."""
+        if before is not None and len(before):
+            earlier = before[:, 0].copy()
+            earlier[0] = 0.0
+            self.follow(before[:, 1:], earlier)
+
+    def follow_towards(
+        self, q: FloatArray, dt: FloatArray, measured: FloatArray, gains: FloatArray,
+    ) -> Response:
+        """
+        Follow motion, drawn towards measured moments.
+
+        q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
+        (samples, 3, moving, gauges); dt (samples,) [s]: 0 to begin anew, at rest.
+        """
+        found = self.prompt(q, dt, self.ahead(dt, measured), gains)
+        return Response(self.late(found.moment, dt), found.torque)
+
+    def ahead(self, dt: FloatArray, measured: FloatArray) -> FloatArray:
+        """
+        Give what will be read a lag later: what draws the arm was there before it is read.
+
+        dt (samples,) [s], measured (samples, gauges) [N m].
+        """
+        lag = self._physics.lag
+        if lag <= 0.0:
+            return measured
+        t = np.cumsum(dt)
+        return np.column_stack([np.interp(t + lag, t, column) for column in measured.T])
+
+
+# -- Several arms of one description, or several motions of one arm, side by side
+
+TOO_FAR = 1e6
+"""Where a state has gone beyond all bounds, as in ``kernel.advance``."""
+
+
+@compiled
+def follow_several(
+    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
+    moment: NDArray, torque: NDArray, *arrays: NDArray,
+) -> int:
+    """
+    Follow a stretch of samples with several arms side by side, which have begun before it.
+
+    q, dt, inner, loaded, gains: no time is 0.
+    """
+    shown, read, passed = in_lanes((measured, moment, torque))
+    driven = tables_of(in_lanes(arrays))
+    for k in range(q.shape[0]):
+        if not move(driven, q[k], dt[k], inner, loaded):
+            return k
+        look(driven, loaded, k, shown, gains, read, passed)
+    return q.shape[0]
+
+
+def follow_together(
+    arms: Sequence[CorrectedArm], q: FloatArray, dt: FloatArray,
+    measured: Sequence[FloatArray] | None = None, gains: FloatArray = NO_GAINS,
+) -> list[FloatArray | None]:
+    """
+    Follow one motion with several arms at once, in hardly more time than with one.
+
+    q (samples, joints) [rad or m], measured (samples, gauges) [N m], gains
+    (samples, 3, moving, gauges), dt (samples,) [s]; returns (samples, gauges) [N m], None for one
+    that finds no equilibrium, or diverges.
+    """
+    towards = [np.zeros((len(q), 0))] * len(arms) if measured is None else [
+        arm.ahead(dt, one) for arm, one in zip(arms, measured, strict=True)]
+    begun: dict[int, FloatArray] = {}
+    end = len(q) if len(arms) == 1 else 1
+    for i, arm in enumerate(arms):
+        try:
+            begun[i] = arm.prompt(q[:end], dt[:end], towards[i][:end], gains).moment
+        except SimulationError:
+            continue
+    found = begun
+    if end < len(q):
+        rest = _behind_the_first(arms, [*begun], q[1:], dt[1:], towards, gains[1:])
+        found = {i: np.vstack([begun[i], moment]) for i, moment in rest.items()}
+    return [arm.late(found[i], dt) if i in found else None for i, arm in enumerate(arms)]
+
+
+def _behind_the_first(
+    arms: Sequence[CorrectedArm], lanes: list[int], q: FloatArray, dt: FloatArray,
+    towards: Sequence[FloatArray], gains: FloatArray,
+) -> dict[int, FloatArray]:
+    """Follow from the second sample on; who diverges is left out, and the rest begins again."""
+    while lanes:
+        arrays = [side_by_side(same) if same[0].dtype == float else same[0].copy()
+                  for same in zip(*[arms[i].arrays for i in lanes], strict=True)]
+        moment = np.zeros((len(q), len(arms[0].gauges.body), LANES))
+        done = follow_several(
+            np.ascontiguousarray(q), np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded,
+            side_by_side([towards[i][1:] for i in lanes]), gains, moment,
+            np.zeros((len(q), q.shape[1], LANES)), *arrays)
+        if done == len(q):
+            return {i: np.ascontiguousarray(moment[:, :, lane]) for lane, i in enumerate(lanes)}
+        size = np.abs(arrays[0]).sum(axis=(0, 1))[:len(lanes)]
+        # a matrix that cannot be factorised leaves no trace: then the widest state goes
+        lost = ~(size < TOO_FAR) if not np.all(size < TOO_FAR) else size == size.max()
+        lanes = [i for i, gone in zip(lanes, lost, strict=True) if not gone]
+    return {}
+
+
+@compiled
+def follow_paths(
+    q: NDArray, dt: float, inner: float, loaded: bool, moment: NDArray, torque: NDArray,
+    *arrays: NDArray,
+) -> int:
+    """
+    Follow several motions with one arm each, side by side, which have begun before them.
+
+    q (samples, springs, LANES), dt [s].
+    """
+    paths, read, passed = in_lanes((q, moment, torque))
+    driven = tables_of(in_lanes(arrays))
+    for k in range(paths.shape[0]):
+        if not move(driven, paths[k], dt, inner, loaded):
+            return k
+        sense(driven, loaded, read[k], passed[k])
+    return paths.shape[0]
+
+
+def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray:
+    """
+    Follow several motions from one pose, eight of them in hardly more time than one.
+
+    motions (motions, samples, joints) [rad or m], dt [s]; returns (motions, samples, gauges)
+    [N m].
+    """
+    rest = arm.prompt(motions[0, :1], np.zeros(1), np.zeros((1, 0)), NO_GAINS).moment
+    found = []
+    for first in range(0, len(motions), LANES):
+        group = motions[first:first + LANES, 1:]
+        arrays = [side_by_side([array]) if array.dtype == float else array.copy()
+                  for array in arm.arrays]
+        moment = np.zeros((group.shape[1], len(arm.gauges.body), LANES))
+        done = follow_paths(side_by_side(list(group)), dt, arm.inner, arm.loaded, moment,
+                            np.zeros((*group.shape[1:], LANES)), *arrays)
+        if done < group.shape[1]:
+            raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
+                                  f'{group.shape[1]} samples of a planned motion')
+        found.append(np.moveaxis(moment, -1, 0)[:len(group)])
+    moments = np.concatenate(found)
+    return np.concatenate([np.broadcast_to(rest, (len(moments), *rest.shape)), moments], axis=1)

@@ -12,34 +12,293 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-A mechanism whose joints follow measured positions through elastic gears, compiled.
-
-The drive's side of each gear is given as a path, so the links' side is a coordinate with a spring
-to a moving end; no acceleration of the measured joint enters. Generalised-alpha steps of fixed
-cost: the mass matrix once a sample, two Newton corrections a step, whatever the state. That keeps
-the result a smooth function of the parameters, which are identified by differences.
-"""
+"""The driven elastic arm, compiled: gears with play, beam shortening, statics, small motion."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from tudor_dynamics.compiled import compiled
-from tudor_dynamics.models.elastic.gear import gear, Gears
-from tudor_dynamics.models.elastic.shortening import shorten_mass
-from tudor_dynamics.models.elastic.statics import (
-    ACC, DDZ, DZ, Equations, factorise, FORCE, MASS, OLD_ACC, OLD_DDZ, residual, settle, Z)
-from tudor_dynamics.simulation.mechanics.chain import Chain
-from tudor_dynamics.simulation.mechanics.cholesky import solve
-from tudor_dynamics.simulation.mechanics.generalised_alpha import (
-    alpha_step, averaged, place_after, speed_after)
-from tudor_dynamics.simulation.mechanics.loads import section_loads
-from tudor_dynamics.simulation.mechanics.mass import Composite, mass_matrix
-from tudor_dynamics.small_arrays import unowned
+from tudor_dynamics.compiled import compiled, unowned
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.chain import Chain
+from tudor_dynamics.mechanics.equations import hermite_slope, inverse_dynamics, section_loads
+from tudor_dynamics.mechanics.integrator import alpha_step, averaged, place_after, speed_after
+from tudor_dynamics.mechanics.mass import Composite, mass_matrix
+from tudor_dynamics.mechanics.small_algebra import cholesky, solve
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Elastic gears with play, its edges rounded so that the torque is smooth, compiled
+
+STIFF = 0  # of the gear [N m/rad]
+PLAY = 1  # half of the backlash [rad]
+ROUND = 2  # over which the edge of the play is rounded [rad]
+TIGHT = 3  # damping where the teeth touch [N m s/rad]
+LOOSE = 4  # damping inside the play [N m s/rad]
+SPRING_FLOATS = 5
+
+
+class Gears(NamedTuple):
+    """Gears of the driven joints."""
+
+    springs: NDArray  # stiffness, play and damping of each, (springs, SPRING_FLOATS)
+    place: NDArray  # coordinate of each, (springs,)
+    # Position and speed of the drives, (springs,).
+    aim: NDArray
+    aim_rate: NDArray
+
+
+@compiled
+def gear(row: NDArray, twist: float, rate: float) -> tuple[float, float, float]:
+    """Give torque, stiffness and damping of a gear with play at a twist [N m, per rad(/s)]."""
+    below, above = twist - row[PLAY], twist + row[PLAY]
+    low = math.sqrt(below * below + row[ROUND] * row[ROUND])
+    high = math.sqrt(above * above + row[ROUND] * row[ROUND])
+    share = 1.0 + 0.5 * (below / low - above / high)
+    damping = row[LOOSE] + (row[TIGHT] - row[LOOSE]) * share
+    torque = row[STIFF] * (twist + 0.5 * (low - high)) + damping * rate
+    return torque, row[STIFF] * share, damping
+
+
+# -- Beams of one element that keep their length: bending draws the end in, and pressure bends on.
+#
+# The axial coordinate is no freedom of its own but follows from bending, in motion, forces and
+# mass matrix alike. A beam whose STRETCH is below zero is linear, and nothing draws it in.
+
+@compiled
+def shortening_rows(v: NDArray, first: int, length: float) -> tuple[float, float, float, float]:
+    """Give what bending does along a beam of one element, by coordinates 1, 5, 2, 4 of its end."""
+    gy = hermite_slope((0.0, 0.0, v[first + 1], v[first + 5]), length)
+    gz = hermite_slope((0.0, 0.0, v[first + 2], -v[first + 4]), length)
+    return gy[2], gy[3], gz[2], -gz[3]
+
+
+@compiled
+def shorten(
+    z: NDArray, dz: NDArray, ddz: NDArray, body_int: NDArray, body_float: NDArray,
+) -> None:
+    """
+    Draw the ends of bent beams in, before ``inverse_dynamics``.
+
+    A beam keeps its length, so bending by w draws its end in by s = w' G w / 2: the axial
+    coordinate is no freedom but -s, its rates those of -s.
+    """
+    for b in range(body_int.shape[0]):
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
+            continue
+        k, length = body_int[b, at.FIRST], body_float[b, at.LENGTH]
+        g1, g5, g2, g4 = shortening_rows(z, k, length)
+        r1, r5, r2, r4 = shortening_rows(dz, k, length)
+        z[k] = -0.5 * (g1 * z[k + 1] + g5 * z[k + 5] + g2 * z[k + 2] + g4 * z[k + 4])
+        dz[k] = -(g1 * dz[k + 1] + g5 * dz[k + 5] + g2 * dz[k + 2] + g4 * dz[k + 4])
+        ddz[k] = -(g1 * ddz[k + 1] + g5 * ddz[k + 5] + g2 * ddz[k + 2] + g4 * ddz[k + 4]
+                   + r1 * dz[k + 1] + r5 * dz[k + 5] + r2 * dz[k + 2] + r4 * dz[k + 4])
+
+
+@compiled
+def add_shortening(
+    z: NDArray, body_int: NDArray, body_float: NDArray, force: NDArray,
+) -> None:
+    """
+    Add what a beam's normal force does to its bending, after ``inverse_dynamics``.
+
+    The row of the axial displacement holds the force that the end needs along the beam; by
+    virtual work it acts on each bending coordinate times the rate at which that draws the end in.
+    """
+    for b in range(body_int.shape[0]):
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
+            continue
+        k = body_int[b, at.FIRST]
+        pressure = -force[k]
+        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
+        force[k + 1] += pressure * g1
+        force[k + 5] += pressure * g5
+        force[k + 2] += pressure * g2
+        force[k + 4] += pressure * g4
+
+
+@compiled
+def shorten_mass(z: NDArray, body_int: NDArray, body_float: NDArray, mass: NDArray) -> None:
+    """
+    Turn the mass matrix into that of beams which keep their length.
+
+    A congruence, so it stays positive: with the shortening in the forces alone, the corrections
+    of a strongly bent arm would not converge.
+    """
+    for b in range(body_int.shape[0]):
+        if body_int[b, at.FLEXIBLE] == 0 or body_float[b, at.STRETCH] < 0.0:
+            continue
+        k = body_int[b, at.FIRST]
+        g1, g5, g2, g4 = shortening_rows(z, k, body_float[b, at.LENGTH])
+        for j in range(mass.shape[0]):
+            along = mass[k, j]
+            mass[k + 1, j] -= g1 * along
+            mass[k + 5, j] -= g5 * along
+            mass[k + 2, j] -= g2 * along
+            mass[k + 4, j] -= g4 * along
+        for j in range(mass.shape[0]):
+            along = mass[j, k]
+            mass[j, k + 1] -= g1 * along
+            mass[j, k + 5] -= g5 * along
+            mass[j, k + 2] -= g2 * along
+            mass[j, k + 4] -= g4 * along
+
+
+# -- What is missing for a driven arm's motion to be a true one, and how it rests, compiled
+
+Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_DDZ, OLD_ACC = range(8)
+VECTORS = 8
+MASS, STIFFNESS, DAMPING = range(3)
+MATRICES = 3
+
+
+class Equations(NamedTuple):
+    """State of a driven arm, and what its equations are solved with."""
+
+    vectors: NDArray  # state of all coordinates, (VECTORS, n)
+    matrices: NDArray  # stiffness and damping, and room for the mass matrix, (MATRICES, n, n)
+    # Working memory of the factorisation, (m, m).
+    factor: NDArray
+    delta: NDArray
+    free: NDArray  # coordinates that move, (m,)
+
+
+@compiled
+def residual(vectors: NDArray, gears: Gears, chain: Chain, loaded: bool) -> None:
+    """Write into FORCE what is missing for the present motion to be a true one."""
+    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
+    inverse_dynamics(z, dz, vectors[DDZ], chain, loaded, 1.0, force)
+    add_shortening(z, chain.body_int, chain.body_float, force)
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        force[i] += gear(gears.springs[s], z[i] - gears.aim[s], dz[i] - gears.aim_rate[s])[0]
+
+
+@compiled
+def factorise(
+    equations: Equations, gears: Gears, speed_gain: float, place_gain: float,
+) -> bool:
+    """Factorise M + speed_gain C + place_gain K over the free coordinates."""
+    matrices, factor, free = equations.matrices, equations.factor, equations.free
+    mass, stiffness, damping = matrices[MASS], matrices[STIFFNESS], matrices[DAMPING]
+    for a in range(free.shape[0]):
+        i = free[a]
+        for c in range(a + 1):
+            j = free[c]
+            factor[a, c] = (speed_gain * damping[i, j] + place_gain * stiffness[i, j])
+            if speed_gain > 0.0:
+                factor[a, c] += mass[i, j]
+    for s in range(gears.place.shape[0]):
+        i = gears.place[s]
+        _, slope, rate_slope = gear(
+            gears.springs[s], equations.vectors[Z, i] - gears.aim[s], 0.0)
+        for a in range(free.shape[0]):
+            if free[a] == i:
+                factor[a, a] += speed_gain * rate_slope + place_gain * slope
+    return cholesky(factor)
+
+
+@compiled
+def settle(equations: Equations, gears: Gears, chain: Chain, loaded: bool) -> bool:
+    """
+    Bend gears and links as they rest where the drives stand.
+
+    Returns False where no equilibrium was found.
+    """
+    vectors, factor, delta, free = (
+        equations.vectors, equations.factor, equations.delta, equations.free)
+    for row in (DZ, DDZ, ACC, OLD_DDZ, OLD_ACC):
+        vectors[row, :] = 0.0
+    for a in range(free.shape[0]):
+        vectors[Z, free[a]] = 0.0
+    for s in range(gears.place.shape[0]):
+        vectors[Z, gears.place[s]] = gears.aim[s]
+    residual(vectors, gears, chain, loaded)
+    for _ in range(200):
+        if not factorise(equations, gears, 0.0, 1.0):
+            return False
+        for a in range(free.shape[0]):
+            delta[a] = -vectors[FORCE, free[a]]
+        solve(factor, delta)
+        largest, downhill = 0.0, 0.0
+        for a in range(free.shape[0]):
+            largest = max(largest, abs(delta[a]))
+            downhill += delta[a] * vectors[FORCE, free[a]]
+        if not math.isfinite(largest):
+            return False
+        # A weak part or a play lets it overshoot: back to where the way down ends.
+        done, step = 0.0, min(1.0, 0.2 / max(largest, 1e-300))
+        for _ in range(30):
+            for a in range(free.shape[0]):
+                vectors[Z, free[a]] += (step - done) * delta[a]
+            done = step
+            residual(vectors, gears, chain, loaded)
+            uphill = 0.0
+            for a in range(free.shape[0]):
+                uphill += delta[a] * vectors[FORCE, free[a]]
+            if largest < 1e-9 or uphill <= -0.5 * downhill:
+                break
+            step *= min(0.9, max(0.1, downhill / (downhill - uphill)))
+        if largest < 1e-9:
+            return True
+    return False
+
+
+# -- Small motion of a driven arm about an equilibrium: what it is linear in, drives held
+
+NUDGE = 1e-6
+"""Of coordinates and rates, for the differences: far below a play's rounding [rad, m, 1/s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Small motion about an equilibrium, drives held."""
+
+    # (m, m): of the coordinates that move; with weight, and with the gears as they stand there.
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+
+
+@compiled
+def tangents(
+    equations: Equations, gears: Gears, chain: Chain, loaded: bool, result: NDArray,
+) -> None:
+    """
+    Differentiate the missing forces by coordinates, rates and accelerations, from rest.
+
+    Writes result (3, m, m).
+    """
+    vectors, free = equations.vectors, equations.free
+    force = vectors[FORCE]
+    for kind in range(3):
+        # linear in the accelerations: there a large nudge is as exact, and rounds less
+        nudge = 1.0 if kind == 2 else NUDGE
+        row = vectors[Z] if kind == 0 else (vectors[DZ] if kind == 1 else vectors[DDZ])
+        for c in range(free.shape[0]):
+            here = row[free[c]]
+            for side in range(2):
+                sign = 1.0 - 2.0 * side
+                row[free[c]] = here + sign * nudge
+                residual(vectors, gears, chain, loaded)
+                for a in range(free.shape[0]):
+                    result[kind, a, c] += sign * force[free[a]] / (2.0 * nudge)
+            row[free[c]] = here
+    # what follows from the coordinates that move is still that of the last nudge
+    residual(vectors, gears, chain, loaded)
+
+
+# -- A mechanism whose joints follow measured positions through elastic gears, compiled.
+#
+# The drive's side of each gear is given as a path, so the links' side is a coordinate with a
+# spring to a moving end; no acceleration of the measured joint enters. Generalised-alpha steps of
+# fixed cost: the mass matrix once a sample, two Newton corrections a step, whatever the state.
+# That keeps the result a smooth function of the parameters, which are identified by differences.
 
 CORRECTIONS = 2
 RHO = 0.8  # of the integrator: waves that no sample shows die out

@@ -12,32 +12,461 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-Elastic model: strain and effort of a flexible arm with its oscillation in them.
-
-Where the analytical model takes the links as rigid, this one lets them bend: the equivalent
-rigid-link system of Gasparetto et al., its joints driven by measured positions through elastic
-gears, carries the oscillation as its own state.
-"""
+"""The elastic model: strain and effort, offline and sample by sample, as plain values and back."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+import math
+from typing import Any, TypeVar
 
 import numpy as np
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.models.base import Model
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
+from tudor_dynamics.models.base import check_motion, Model, Range, SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.elastic.effort import friction_jumps
-from tudor_dynamics.models.elastic.fitted import FittedElastic, PhysicalParameter
-from tudor_dynamics.models.elastic.io import elastic_from_dict, elastic_to_dict
-from tudor_dynamics.models.elastic.live import LiveElastic
+from tudor_dynamics.models.bundle_parts import ElasticPart, read
+from tudor_dynamics.models.elastic.arm import DrivenArm, Response
+from tudor_dynamics.models.elastic.parameters import physical_unit
+from tudor_dynamics.models.friction import friction_columns, friction_names, JointTerms
 from tudor_dynamics.models.payload import check_payload
-from tudor_dynamics.signals import Stretch
+from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
+
+# -- What makes up the effort of an elastic arm's motor: torque of its gear, its rotor, friction
+
+def _has_offset(names: tuple[str, ...]) -> bool:
+    """Say whether friction terms make a constant: an offset, or a Coulomb term each way."""
+    return any(name.startswith(('offset(', 'coulomb+(')) for name in names)
+
+
+def effort_columns(arm: Arm) -> tuple[tuple[str, ...], ...]:
+    """Name what makes up the effort of each joint."""
+    return tuple(
+        ('torque', f'Ia({joint.name})', *friction_names(joint),
+         *(() if _has_offset(friction_names(joint)) else ('offset',)))
+        for joint in arm.joints)
+
+
+def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatArray]:
+    """
+    Give what makes up the effort of each joint.
+
+    motion (samples, 3 joints): ``[q, dq, ddq]`` of the same samples
+    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, columns).
+    """
+    n = len(arm.joints)
+    rows = []
+    for i, joint in enumerate(arm.joints):
+        dq, ddq = motion[:, n + i], motion[:, 2 * n + i]
+        columns = [response.torque[:, i], ddq, *friction_columns(joint, dq).T]
+        if not _has_offset(friction_names(joint)):
+            columns.append(np.ones(len(motion)))
+        rows.append(np.column_stack(columns))
+    return rows
+
+
+def friction_jumps(arm: Arm, coefficients: Sequence[FloatArray]) -> FloatArray:
+    """
+    Give half of what each effort jumps by where its joint begins to slide, either way.
+
+    Returns (joints,).
+    """
+    jumps = []
+    for joint, values in zip(arm.joints, coefficients, strict=True):
+        forward, backward = friction_columns(joint, np.array([SLIDING, -SLIDING]))
+        jumps.append(0.5 * abs(float((forward - backward) @ values[2:2 + len(forward)])))
+    return np.array(jumps)
+
+
+# -- What an elastic model has learned, and what it makes of motion.
+#
+# What a gauge reads is a gain times the moment that bends it, and an offset. What a motor needs is
+# the torque of its gear, the inertia of its rotor and friction, each times a coefficient that
+# carries the unit of the effort.
+
+@dataclass(frozen=True)
+class PhysicalParameter:
+    """One physical parameter of an elastic arm."""
+
+    name: str  # name, see `DrivenArm.parameters`
+    value: float  # value in the unit below
+    unit: str  # unit of the value
+    # Standard deviation of the value; NaN where it was not identified [unit].
+    standard_error: float = float('nan')
+    shown: bool = False  # whether the recordings say more about it than the description did
+
+
+class FittedElastic:
+    """
+    Parameters of an elastic arm, and coefficients of its strain or effort.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with ``links``.
+    output : {'effort', 'strain'}
+        What it predicts.
+    physical : tuple of PhysicalParameter
+        Physical parameters that differ from the description.
+    payload_range : (float, float), optional
+        Least and largest payload of the training bags [kg]; None where it was one payload, which
+        is then part of ``physical``.
+
+    Attributes
+    ----------
+    columns : tuple of tuple of str
+        Columns of each channel.
+    coefficients_ : tuple of ndarray, or None
+        Coefficients of each channel on its columns.
+    standard_errors_ : tuple of ndarray, or None
+        Their standard deviations.
+    noise_ : ndarray of shape (n_channels,), or None
+        Standard deviation of what it leaves over of the training data, in their units.
+
+    """
+
+    def __init__(
+        self, arm: Arm, output: str, physical: tuple[PhysicalParameter, ...] = (), *,
+        payload_range: Range | None = None,
+    ) -> None:
+        self.arm = arm
+        self.output = output
+        self.physical = physical
+        self.payload_range = payload_range
+        self.n_joints = len(arm.active_joints)
+        self.coefficients_: tuple[FloatArray, ...] | None = None
+        self.standard_errors_: tuple[FloatArray, ...] | None = None
+        self.noise_: FloatArray | None = None
+        if output == 'strain':
+            self.channels = arm.gauge_names
+            self.columns: tuple[tuple[str, ...], ...] = (
+                ('moment', 'offset'),) * len(self.channels)
+        else:
+            self.channels = arm.active_joints
+            self.columns = effort_columns(arm)
+        self._driven: DrivenArm | None = None
+
+    def __repr__(self) -> str:
+        """Write outputs and the physical parameters that were identified."""
+        state = '' if self.coefficients_ is not None else ', not fitted'
+        found = [f'  {parameter.name} = {parameter.value:.4g} {parameter.unit}'
+                 for parameter in self.physical]
+        return '\n'.join([f'{type(self).__name__}({", ".join(self.channels)}{state})', *found])
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Physical parameters by name, SI units."""
+        return {parameter.name: parameter.value for parameter in self.physical}
+
+    def along(
+        self, motion: FloatArray, dt: FloatArray, before: FloatArray | None = None,
+    ) -> FloatArray:
+        """
+        Predict the outputs along a gapless motion that begins at rest.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
+            m/s^2].
+        dt : ndarray of shape (n_samples,)
+            Time since the sample before [s]; the first counts only with ``before``.
+        before : ndarray of shape (n_earlier, 1 + n_joints), optional
+            ``[dt, q]`` of the motion just before, without which oscillations that began there
+            are unknown.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        Raises
+        ------
+        NotFittedError
+            If the model has no coefficients yet.
+        FitError
+            If the motion is that of another number of joints.
+        SimulationError
+            If the parameters are impossible for this motion.
+
+        """
+        motion = np.asarray(motion, dtype=float)
+        check_motion(motion, 3 * self.n_joints)
+        if self._driven is None:
+            self._driven = driven_arm(self.arm, self.values)
+        response = follow_motion(self._driven, motion[:, :self.n_joints], dt, before)
+        return self.outputs(response, motion)
+
+    def outputs(self, response: Response, motion: FloatArray) -> FloatArray:
+        """
+        Turn moments and torques into outputs.
+
+        Parameters
+        ----------
+        response : Response
+            What gauges and gears feel.
+        motion : ndarray of shape (n_samples, 3 n_joints)
+            ``[q, dq, ddq]`` of the same samples [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_channels)
+            Outputs in their units.
+
+        """
+        if self.coefficients_ is None:
+            msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
+            raise NotFittedError(msg)
+        if self.output == 'strain':
+            gains = np.array(self.coefficients_)
+            return np.asarray(response.moment * gains[:, 0] + gains[:, 1])
+        return np.column_stack([
+            rows @ values for rows, values in
+            zip(effort_rows(self.arm, response, motion), self.coefficients_, strict=True)])
+
+
+def follow_motion(
+    driven: DrivenArm, q: FloatArray, dt: FloatArray, before: FloatArray | None = None,
+) -> Response:
+    """
+    Follow a gapless motion from rest.
+
+    q (samples, joints) [rad or m], dt (samples,) [s]; before (earlier, 1 + joints): ``[dt, q]`` of
+    the motion just before.
+    """
+    q, dt = np.asarray(q, dtype=float), np.array(dt, dtype=float)
+    if before is not None and len(before):
+        earlier = before[:, 0].copy()
+        earlier[0] = 0.0
+        driven.follow(before[:, 1:], earlier)
+    else:
+        dt[0] = 0.0
+    return driven.follow(q, dt)
+
+
+def driven_arm(arm: Arm, values: Mapping[str, float]) -> DrivenArm:
+    """Build the driven arm of a model."""
+    try:
+        driven = DrivenArm(arm)
+        driven.set_parameters(values)
+    except SimulationError as err:
+        msg = f'the elastic model cannot be used: {err}'
+        raise ModelError(msg) from None
+    return driven
+
+
+# -- Elastic models to plain values and back, checked on the way in
+
+Elastic = TypeVar('Elastic', bound=FittedElastic)
+
+
+def elastic_to_dict(model: FittedElastic) -> dict[str, Any]:
+    """Turn a fitted elastic model into plain values."""
+    if (model.coefficients_ is None or model.standard_errors_ is None
+            or model.noise_ is None):
+        msg = 'the elastic model has no coefficients yet: fit it before saving it'
+        raise NotFittedError(msg)
+    content: dict[str, Any] = {
+        'units': output_units(model.arm, model.output),
+        'physical': [
+            {'name': p.name, 'value': float(p.value), 'unit': p.unit,
+             'standard_error': None if math.isnan(p.standard_error) else float(p.standard_error),
+             'shown': p.shown} for p in model.physical],
+        'channels': [
+            {'channel': channel, 'residual_std': float(noise),
+             'coefficients': [
+                 {'column': column, 'value': float(value), 'standard_error': float(error)}
+                 for column, value, error in zip(columns, values, errors, strict=True)]}
+            for channel, columns, values, errors, noise in zip(
+                model.channels, model.columns, model.coefficients_, model.standard_errors_,
+                model.noise_, strict=True)]}
+    if model.payload_range is not None:
+        content['payload_range'] = [float(value) for value in model.payload_range]
+    return content
+
+
+def elastic_from_dict(
+    made: type[Elastic], content: dict[str, Any], arm: Arm, output: str,
+) -> Elastic:
+    """Build an elastic model from plain values."""
+    part = read(ElasticPart, content)
+    physical = tuple(PhysicalParameter(
+        item.name, item.value, item.unit,
+        math.nan if item.standard_error is None else item.standard_error, item.shown)
+        for item in part.physical)
+    model = made(arm, output, physical, payload_range=part.payload_range)
+    known = driven_arm(arm, model.values).parameters  # refuses unknown names and values
+    for parameter in physical:
+        if parameter.name in known and parameter.unit != physical_unit(arm, parameter.name):
+            msg = (f'parameter {parameter.name} in {parameter.unit!r}; expected '
+                   f'{physical_unit(arm, parameter.name)!r}')
+            raise ModelError(msg)
+    channels = tuple(item.channel for item in part.channels)
+    columns = tuple(tuple(row.column for row in item.coefficients) for item in part.channels)
+    if channels != model.channels or columns != model.columns:
+        msg = (f'{output} channels {list(channels)} with the columns {list(columns)} where '
+               f'{list(model.channels)} with {list(model.columns)} were expected')
+        raise ModelError(msg)
+    model.coefficients_, model.standard_errors_ = (tuple(
+        np.array([getattr(row, value) for row in item.coefficients]) for item in part.channels)
+        for value in ('value', 'standard_error'))
+    model.noise_ = np.array([item.residual_std for item in part.channels])
+    return model
+
+
+# -- Outputs of elastic models for one sample at a time, without the arrays many samples need
+
+LiveOutput = Callable[[Response, FloatArray], FloatArray]
+"""Response at one sample and its ``[q, dq, ddq]`` to the outputs, shape (n_channels,)."""
+
+
+def live_output(model: FittedElastic) -> LiveOutput:
+    """Prepare the outputs of a model, the same numbers as ``FittedElastic.outputs`` gives."""
+    if model.coefficients_ is None:
+        msg = 'the elastic model has no coefficients yet: fit it, or load a bundle'
+        raise NotFittedError(msg)
+    return (_strain(model.coefficients_) if model.output == 'strain' else
+            _effort(model, model.coefficients_))
+
+
+def _strain(coefficients: tuple[FloatArray, ...]) -> LiveOutput:
+    gains, offsets = np.array(coefficients).T.copy()
+
+    def outputs(response: Response, row: FloatArray) -> FloatArray:
+        return np.asarray(response.moment[0] * gains + offsets)
+    return outputs
+
+
+def _effort(model: FittedElastic, coefficients: tuple[FloatArray, ...]) -> LiveOutput:
+    joints = model.arm.joints
+    n = len(joints)
+    torque, inertia = np.array([values[:2] for values in coefficients]).T.copy()
+    constant = np.array([
+        values[-1] if columns[-1] == 'offset' else 0.0
+        for values, columns in zip(coefficients, model.columns, strict=True)])
+    friction = [values[2:len(values) - (columns[-1] == 'offset')]
+                for values, columns in zip(coefficients, model.columns, strict=True)]
+    table = np.zeros((n, max(1, *(len(values) for values in friction))))
+    for i, values in enumerate(friction):
+        table[i, :len(values)] = values
+    # the inertia of the rotor is a column of every joint here, and added below
+    terms = JointTerms([joint.model_copy(update={'rotor_inertia': False}) for joint in joints],
+                       [0] * n, np.ones(n))
+
+    def outputs(response: Response, row: FloatArray) -> FloatArray:
+        effort = response.torque[0] * torque + row[2 * n:] * inertia + constant
+        terms.add(row[None], table, effort[None])
+        return np.asarray(effort)
+    return outputs
+
+
+# -- Elastic models sample by sample, with or without an observer that measured strain corrects
+
+OBSERVERS = ('off', 'ringing')
+BANDWIDTH = 8.0
+"""Rate at which the observer forgets what it does not know the cause of [1/s]."""
+
+
+class LiveElastic:
+    """
+    Elastic models of one arm, sample by sample, on one simulated arm.
+
+    What a push leaves behind, an oscillation that no joint's motion explains, stays in the state
+    of a model that only follows the joints. The observer takes it over from measured strain: an
+    extended Kalman filter, slow enough that a collision shows in the innovation first.
+
+    bandwidth [1/s].
+    """
+
+    def __init__(
+        self, models: Mapping[str, FittedElastic], observer: str = 'off',
+        bandwidth: float = BANDWIDTH,
+    ) -> None:
+        if observer not in OBSERVERS:
+            msg = f'observer {observer!r} is unknown; expected one of {list(OBSERVERS)}'
+            raise ModelError(msg)
+        if not models:
+            msg = 'no elastic model was given'
+            raise ModelError(msg)
+        self.observer = observer
+        self.observing = observer != 'off'
+        self._outputs = {output: live_output(model) for output, model in models.items()}
+        first = next(iter(models.values()))
+        if any(model.values != first.values for model in models.values()):
+            msg = 'the elastic models of effort and strain belong to different arms; fit again'
+            raise ModelError(msg)
+        self._n_joints = first.n_joints
+        self._driven: DrivenArm = driven_arm(first.arm, first.values)
+        self._gauges: FloatArray | None = None
+        if observer != 'off':
+            strain = models.get('strain')
+            if strain is None or strain.coefficients_ is None or strain.noise_ is None:
+                msg = ('the observer needs an elastic model of the strain, and the bundle has '
+                       'none; fit it to bags with strain, or switch the observer off')
+                raise ModelError(msg)
+            self._gauges = np.array(strain.coefficients_)
+            if np.any(self._gauges[:, 0] == 0.0):
+                msg = 'a gauge of the elastic model has the gain 0; fit again'
+                raise ModelError(msg)
+            self._driven.start_observer(
+                strain.noise_ / np.abs(self._gauges[:, 0]), bandwidth)
+        self._moment: FloatArray | None = None
+        self._strain: FloatArray | None = None
+        self._since = 0.0
+        self._lost = False
+
+    def measure(self, strain: FloatArray) -> None:
+        """
+        Give the strain that was measured at the newest sample; it counts with the next step.
+
+        strain (gauges,) [its unit]: NaN for a gauge that does not count.
+        """
+        self._strain = strain
+
+    def step(
+        self, dt: float, row: FloatArray, wanted: Collection[str] | None = None,
+    ) -> dict[str, FloatArray] | None:
+        """Go to the next sample and predict; see ``Live``."""
+        step = np.array([0.0 if self._lost else dt])
+        self._lost = False
+        try:
+            if self._gauges is not None:
+                self._observe(float(step[0]))
+            response = self._driven.follow(row[None, :self._n_joints], step)
+        except SimulationError:
+            self._lost = True
+            return None
+        self._moment = response.moment[0]
+        return {output: outputs(response, row) for output, outputs in self._outputs.items()
+                if wanted is None or output in wanted}
+
+    def _observe(self, dt: float) -> None:
+        """Correct the state behind the sample before by what was measured there."""
+        assert self._gauges is not None
+        strain, self._strain = self._strain, None
+        if dt <= 0.0:
+            self._driven.forget()
+            self._since = 0.0
+            return
+        if strain is not None and self._moment is not None and self._since > 0.0:
+            measured = (strain - self._gauges[:, 1]) / self._gauges[:, 0]
+            if not self._driven.correct(measured - self._moment, self._since):
+                msg = 'the elastic model cannot be linearised'
+                raise SimulationError(msg)
+            self._since = 0.0
+        self._since += dt
+
+
+# -- Elastic model: strain and effort of a flexible arm with its oscillation in them.
+#
+# Where the analytical model takes the links as rigid, this one lets them bend: the equivalent
+# rigid-link system of Gasparetto et al., its joints driven by measured positions through elastic
+# gears, carries the oscillation as its own state.
 
 class ElasticModel(FittedElastic, Model):
     """Strain or effort of an elastic arm; see ``FittedElastic`` for what it is made of."""

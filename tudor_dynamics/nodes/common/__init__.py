@@ -13,4 +13,4 @@
 # limitations under the License.
 
 
-"""What the nodes share: base, messages, topics and parameters, diagnostics."""
+"""What nodes share."""

@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What all nodes share: parameters from one table, quality of service, diagnostics, services."""
+"""What all nodes share: parameters, quality of service, diagnostics, clocks, logs."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+import re
 import time
+import traceback
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
 from rclpy.clock import Clock, ClockType
@@ -30,6 +33,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
@@ -38,10 +42,204 @@ from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
-from tudor_dynamics.nodes.common.level_log import LevelLog
-from tudor_dynamics.nodes.common.meter import Meter
-from tudor_dynamics.nodes.common.wire import (
+from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
+
+
+# -- Changes of a node's diagnosis in its log: one line each
+
+NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
+         DiagnosticStatus.ERROR: 'ERROR', DiagnosticStatus.STALE: 'STALE'}
+FAULTS = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+REPEAT = 5.0
+"""Time before another fault of the same level is logged [s]."""
+
+
+class LevelLog:
+    """
+    Logs changes of the level, and from time to time another fault of the same level.
+
+    steady: clock that never stops [s].
+    """
+
+    def __init__(self, logger: Any, steady: Callable[[], float]) -> None:
+        self._logger, self._steady = logger, steady
+        self._level: bytes | None = None
+        self._text = ''
+        self._at = 0.0
+
+    def take(self, level: bytes, message: str) -> None:
+        """Take a diagnosis."""
+        now, text = self._steady(), re.sub(r'[\d.]+', '', message)  # figures change all the time
+        before = self._level
+        if level == before and (
+                level not in FAULTS or text == self._text or now - self._at < REPEAT):
+            return
+        self._level, self._text, self._at = level, text, now
+        line = f'{"start" if before is None else NAMES[before]} -> {NAMES[level]}: {message}'
+        # rclpy keeps one severity for each place of the source
+        if level == DiagnosticStatus.OK:
+            self._logger.info(line)
+        elif level == DiagnosticStatus.ERROR:
+            self._logger.error(line)
+        else:
+            self._logger.warning(line)
+
+
+# -- What diagnostics tell: rate, latency, drops and the age of the input; free of ROS
+
+MEMORY = 4096
+"""Latencies of which percentiles are taken."""
+
+
+class Meter:
+    """
+    Counts messages and takes their time; `report` gives the figures since the last one.
+
+    steady: clock of ages and rates, which never stops nor is set [s].
+    """
+
+    def __init__(self, steady: Callable[[], float] = time.monotonic) -> None:
+        self._steady = steady
+        self.count = 0
+        self.last_arrival: float | None = None
+        self._latencies = np.zeros(MEMORY)
+        self._reported = 0
+        self._since = steady()
+
+    def begin(self) -> float:
+        """Take the time at which a message arrives, and give what `end` needs."""
+        self.last_arrival = self._steady()
+        return time.perf_counter()
+
+    def end(self, begun: float) -> None:
+        """Take the time at which its results are published."""
+        self._latencies[self.count % MEMORY] = time.perf_counter() - begun
+        self.count += 1
+
+    def stale(self, timeout: float) -> bool:
+        """Say whether nothing has come for a while, or ever [s]."""
+        return (self.last_arrival is None
+                or self._steady() - self.last_arrival > timeout)
+
+    def report(self, drops: Iterable[Counter[str]] = ()) -> dict[str, str]:
+        """Give rate, latency and drops as texts."""
+        now = self._steady()
+        seconds = max(now - self._since, 1e-9)
+        values = {'rate [Hz]': f'{(self.count - self._reported) / seconds:.1f}',
+                  'messages': str(self.count)}
+        self._reported, self._since = self.count, now
+        known = min(self.count, MEMORY)
+        if known:
+            places = [min(known - 1, int(share * known)) for share in (0.5, 0.99)]
+            # sorting all of them would take half a millisecond, in which samples wait
+            ordered = np.partition(self._latencies[:known], places)
+            for name, place in zip(('p50', 'p99'), places, strict=True):
+                values[f'latency {name} [ms]'] = f'{1e3 * ordered[place]:.3f}'
+        total: Counter[str] = Counter()
+        for item in drops:
+            total.update(item)
+        values['dropped'] = str(sum(total.values()))
+        values.update({f'dropped: {cause}': str(n) for cause, n in sorted(total.items()) if n})
+        return values
+
+
+# -- Age of stamps, and what it says about clocks; free of ROS
+
+SHARE = 0.02
+"""Weight of a new age in the mean."""
+EARLY = 0.005
+"""A stamp so far in the future comes from another clock [s]."""
+OLD = 0.5
+"""A stamp so old as well: no driver keeps its readings for so long [s]."""
+ENOUGH = 20
+"""Stamps before a fault is told."""
+
+
+class ClockWatch:
+    """Compares stamps with the clock of the node that reads them."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.age: float | None = None
+        self._zeros = self._count = 0
+
+    def step(self, stamp: int, now: int) -> None:
+        """Take a stamp into account, and the time of the node at which it came [ns]."""
+        self._count += 1
+        self._zeros = self._zeros + 1 if stamp == 0 else 0
+        age = 1e-9 * (now - stamp)
+        self.age = age if self.age is None else self.age + SHARE * (age - self.age)
+
+    def text(self) -> str:
+        """Give the age of stamps [ms]."""
+        return 'unknown' if self.age is None else f'{1e3 * self.age:.1f}'
+
+    def fault(self) -> str:
+        """Say what is wrong with stamps that make the arm stand; empty for nothing."""
+        if self._zeros >= ENOUGH:
+            return ('all stamps of the positions are zero: the driver has to set header.stamp, '
+                    'without which no sample time is known')
+        return ''
+
+    def offset(self) -> str:
+        """Say what is odd about the clocks, though sample times are right; empty for nothing."""
+        if self._count < ENOUGH or self.age is None or -EARLY <= self.age <= OLD:
+            return ''
+        where = 'in the future' if self.age < 0.0 else 'in the past'
+        return (f'stamps of the positions are {abs(self.age):.3g} s {where}: the clocks of driver '
+                'and this machine differ, or one of the two uses simulated time')
+
+
+# -- A node whose faults do not end the process: what its callbacks raise is kept, not passed on
+
+class GuardedNode(Node):
+    """
+    Mix-in for a node beside others in one process; before the class of the node.
+
+    An executor passes on what a callback raises, and so ends every node that it serves. Here the
+    node alone falls silent, until whoever looks after it makes another one.
+    """
+
+    failure = ''  # what a callback raised, with its traceback; empty while nothing has
+
+    def _call(self, callback: Callable[..., Any], *args: Any) -> Any:
+        if self.failure:
+            return None
+        try:
+            return callback(*args)
+        except Exception:  # whatever it is, the other nodes go on
+            self.failure = traceback.format_exc()
+            return None
+
+    def create_subscription(  # type: ignore[override]
+        self, kind: Any, topic: str, callback: Callable[[Any], None], *args: Any, **options: Any,
+    ) -> Subscription:
+        """Subscribe as rclpy does."""
+        return super().create_subscription(
+            kind, topic, lambda message: self._call(callback, message), *args, **options)
+
+    def create_timer(  # type: ignore[override]
+        self, period: float, callback: Callable[[], None], *args: Any, **options: Any,
+    ) -> Timer:
+        """Make a timer as rclpy does."""
+        return super().create_timer(period, lambda: self._call(callback), *args, **options)
+
+    def create_service(  # type: ignore[override]
+        self, kind: Any, name: str, callback: Callable[[Any, Any], Any], *args: Any,
+        **options: Any,
+    ) -> Service:
+        """Offer a service as rclpy does; a node that has failed answers with nothing done."""
+        def answer(request: Any, response: Any) -> Any:
+            done = self._call(callback, request, response)
+            return response if done is None else done
+        return super().create_service(kind, name, answer, *args, **options)
+
+
+# -- What all nodes share: parameters from one table, quality of service, diagnostics, services
 
 DEPTH = 10
 """One is too few: at 1 kHz it loses samples."""

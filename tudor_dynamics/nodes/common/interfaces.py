@@ -20,10 +20,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from tudor_dynamics.control.shaped_motion import SHAPINGS
-from tudor_dynamics.feedforward.feedforward import POSITIONS
-from tudor_dynamics.feedforward.resting import AT_REST
-from tudor_dynamics.feedforward.units import UNITS
 from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.online.feedforward import AT_REST, POSITIONS, UNITS
 
 JOINT_STATES = 'joint_states'
 FILTERED_JOINT_STATES = 'filtered_joint_states'

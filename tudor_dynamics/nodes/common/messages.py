@@ -12,25 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Between messages and arrays: by name, never by place; whatever is wrong is counted."""
+"""Between messages and arrays: by name, never by place; errors are counted."""
 
 from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import math
+import struct
+from typing import Any, Generic, TypeVar
 
 from builtin_interfaces.msg import Time
 import numpy as np
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tudor_dynamics.monitoring.stamps import Losses
-from tudor_dynamics.monitoring.state_filter import Motion
-from tudor_dynamics.nodes.common.wire import JointSample, PointSample
-from tudor_dynamics.small_arrays import all_finite
+from tudor_dynamics.bags.messages import (
+    array_layout, CdrError, DATA, HEADER, joint_state_layout, Layout, motion_layout)
+from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
 
+
+# -- Between messages and arrays: by name, never by place; whatever is wrong is counted
 
 def nanoseconds(stamp: Any) -> int:
     """Give a Time or Duration as one number [ns]."""
@@ -143,3 +152,301 @@ class MotionReader:
                 return None
             return Motion(stamp, elapsed, 0.0, row)
         return Motion(stamp, elapsed, (stamp - last) * 1e-9, row)
+
+
+# -- JointStates, arrays and motions from the middleware and to it: bytes, layout known before.
+#
+# rclpy takes 20 us to make a message object of a JointState and 15 us to make bytes of one, most
+# of it for names that never change. A robot's messages on one topic share one layout, so here the
+# layout is parsed once, compared with the next message, and only the numbers are read or written.
+# What is no plain CDR, or no layout that can be parsed, is left to rclpy.
+
+NO_VALUES = np.empty(0)
+SECOND = 1_000_000_000
+
+
+@dataclass(eq=False, slots=True)
+class JointSample:
+    """A JointState."""
+
+    stamp: int  # header stamp [ns]
+    name: list[str]  # joints or gauges; the same object as long as the names stay
+    # Values as they came, of any byte order; empty where the message has none.
+    position: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+
+
+@dataclass(eq=False, slots=True)
+class PointSample:
+    """A JointTrajectory of one point."""
+
+    # Header stamp and `time_from_start` [ns].
+    stamp: int
+    elapsed: int
+    name: list[str]  # joints; the same object as long as the names stay
+    # Values as they came.
+    positions: FloatArray
+    velocities: FloatArray
+    accelerations: FloatArray
+
+
+Sample = TypeVar('Sample', JointSample, PointSample)
+
+
+class _Decoder(Generic[Sample]):
+    """Decodes the messages of one topic; what cannot be decoded is counted."""
+
+    def __init__(self, kind: Any, parse: Callable[[bytes], Layout], drops: Counter[str]) -> None:
+        self._kind, self._parse, self._drops = kind, parse, drops
+        self._length = -1
+        self._fixed: list[tuple[slice, bytes]] = []
+        self._numbers: dict[str, tuple[np.dtype[np.float64], int, int]] = {}
+        self._time = struct.Struct('<iI')
+        self._names: list[str] = []
+
+    def decode(self, data: bytes) -> Sample | None:
+        """Decode one message; None for bytes that are no message."""
+        known = len(data) == self._length
+        if known:
+            for place, expected in self._fixed:
+                if data[place] != expected:
+                    known = False
+                    break
+        if not known:
+            try:
+                self._learn(data)
+            except CdrError:
+                return self._by_rclpy(data)
+        return self._read(data)
+
+    def _learn(self, data: bytes) -> None:
+        layout = self._parse(data)
+        names = list(layout.names)
+        if names != self._names:
+            self._names = names
+        numbers: list[tuple[int, int]] = sorted(
+            place for place in layout.fields.values() if place[1])
+        edges = [0, HEADER, HEADER + 8, *(edge for start, size in numbers
+                                          for edge in (start, start + 8 * size)), len(data)]
+        if 'time_from_start' in layout.fields:
+            edges[-1] = layout.fields['time_from_start'][0]
+        spans = [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        self._fixed = [(span, data[span]) for span in spans]
+        self._time = struct.Struct(layout.order + 'iI')
+        kind = np.dtype(layout.order + 'f8')  # once: to make it takes as long as to read
+        self._numbers = {name: (kind, size, start)
+                         for name, (start, size) in layout.fields.items()}
+        self._length = len(data)
+
+    def _values(self, data: bytes, field: str) -> FloatArray:
+        kind, size, start = self._numbers[field]
+        return np.frombuffer(data, kind, size, start) if size else NO_VALUES
+
+    def _stamp(self, data: bytes, place: int = HEADER) -> int:
+        seconds, rest = self._time.unpack_from(data, place)
+        return int(seconds * SECOND + rest)
+
+    def _by_rclpy(self, data: bytes) -> Sample | None:
+        try:
+            return self._convert(deserialize_message(data, self._kind))
+        except Exception:  # rclpy's errors of bytes that are no message are not one family
+            self._drops['malformed'] += 1
+            return None
+
+    def _read(self, data: bytes) -> Sample | None:
+        raise NotImplementedError
+
+    def _convert(self, message: Any) -> Sample | None:
+        raise NotImplementedError
+
+
+class JointStateDecoder(_Decoder[JointSample]):
+    """Decodes the JointStates of one topic."""
+
+    def __init__(self, drops: Counter[str]) -> None:
+        super().__init__(JointState, joint_state_layout, drops)
+
+    def _read(self, data: bytes) -> JointSample:
+        return JointSample(self._stamp(data), self._names, self._values(data, 'position'),
+                           self._values(data, 'velocity'), self._values(data, 'effort'))
+
+    def _convert(self, message: Any) -> JointSample:
+        stamp = message.header.stamp
+        return JointSample(stamp.sec * SECOND + stamp.nanosec, list(message.name),
+                           np.array(message.position), np.array(message.velocity),
+                           np.array(message.effort))
+
+
+class ArrayDecoder(_Decoder[JointSample]):
+    """
+    Decodes the Float64MultiArrays of one topic into samples with names.
+
+    They have no stamp: when they arrive stands for it.
+
+    now: clock of the node [ns].
+    """
+
+    def __init__(
+        self, places: Mapping[str, int], now: Callable[[], int], drops: Counter[str],
+    ) -> None:
+        super().__init__(Float64MultiArray, array_layout, drops)
+        self._names = list(places)
+        self._places = list(places.values())
+        self._now = now
+
+    def _learn(self, data: bytes) -> None:
+        layout = self._parse(data)
+        start, size = layout.fields[DATA]
+        self._fixed = [(slice(0, start), data[:start])]
+        self._numbers = {DATA: (np.dtype(layout.order + 'f8'), size, start)}
+        self._length = len(data)
+
+    def _sample(self, values: FloatArray) -> JointSample | None:
+        if len(values) <= max(self._places):
+            self._drops['short_array'] += 1
+            return None
+        chosen = np.array(values[self._places], dtype=np.float64)
+        return JointSample(self._now(), self._names, chosen, NO_VALUES, chosen)
+
+    def _read(self, data: bytes) -> JointSample | None:
+        return self._sample(self._values(data, DATA))
+
+    def _convert(self, message: Any) -> JointSample | None:
+        return self._sample(np.array(message.data))
+
+
+class MotionDecoder(_Decoder[PointSample]):
+    """Decodes the JointTrajectories of one topic, of which each has one point."""
+
+    def __init__(self, drops: Counter[str]) -> None:
+        super().__init__(JointTrajectory, motion_layout, drops)
+
+    def _read(self, data: bytes) -> PointSample:
+        return PointSample(
+            self._stamp(data), self._stamp(data, self._numbers['time_from_start'][2]),
+            self._names, self._values(data, 'positions'), self._values(data, 'velocities'),
+            self._values(data, 'accelerations'))
+
+    def _convert(self, message: Any) -> PointSample | None:
+        if len(message.points) != 1:
+            self._drops['not_one_point'] += 1
+            return None
+        stamp, point = message.header.stamp, message.points[0]
+        elapsed = point.time_from_start
+        return PointSample(
+            stamp.sec * SECOND + stamp.nanosec, elapsed.sec * SECOND + elapsed.nanosec,
+            list(message.joint_names), np.array(point.positions), np.array(point.velocities),
+            np.array(point.accelerations))
+
+
+class _Encoder:
+    """Bytes of messages that differ in numbers alone, by a first one that rclpy has made."""
+
+    def __init__(self, template: Any, parse: Callable[[bytes, int], Layout]) -> None:
+        data = serialize_message(template)
+        layout = parse(data, len(data))  # rclpy appends what it had estimated too much
+        end = max(start + (8 * size or (8 if field == 'time_from_start' else 0))
+                  for field, (start, size) in layout.fields.items())
+        self._buffer = bytearray(data[:end])
+        self._time = struct.Struct(layout.order + 'iI')
+        self._kind = np.dtype(layout.order + 'f8')
+        self._places = {name: (slice(start, start + 8 * size), start, size)
+                        for name, (start, size) in layout.fields.items()}
+
+    def _put(self, field: str, values: FloatArray) -> None:
+        place, _, size = self._places[field]
+        if len(values) != size:
+            msg = f'{len(values)} values for {field}; expected {size}'
+            raise ValueError(msg)
+        self._buffer[place] = values.astype(self._kind, copy=False).tobytes()
+
+    def _put_time(self, place: int, time: int) -> None:
+        self._time.pack_into(self._buffer, place, *divmod(time, SECOND))
+
+
+class JointStateEncoder(_Encoder):
+    """Encodes the JointStates of one topic."""
+
+    def __init__(self, names: Sequence[str], fields: Sequence[str]) -> None:
+        template = JointState(name=list(names))
+        for field in fields:
+            setattr(template, field, [0.0] * len(names))
+        super().__init__(template, joint_state_layout)
+        self._fields = tuple(fields)
+
+    def encode(self, stamp: int, *values: FloatArray) -> bytes:
+        """Encode a message of a stamp [ns] and the values of each field, in their order."""
+        self._put_time(HEADER, stamp)
+        for field, x in zip(self._fields, values, strict=True):
+            self._put(field, x)
+        return bytes(self._buffer)
+
+
+class MotionEncoder(_Encoder):
+    """
+    Encodes motions as JointTrajectories of one point.
+
+    ``time_from_start`` is the time since the filter began, or began anew behind a gap: who reads
+    it knows whether the filters have settled.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        none = [0.0] * len(names)
+        point = JointTrajectoryPoint(positions=none, velocities=none, accelerations=none)
+        super().__init__(JointTrajectory(joint_names=list(names), points=[point]), motion_layout)
+        self._n = len(names)
+
+    def encode(self, stamp: int, elapsed: int, row: FloatArray) -> bytes:
+        """Encode a message of a stamp [ns], a time since the beginning [ns], ``[q, dq, ddq]``."""
+        n = self._n
+        self._put_time(HEADER, stamp)
+        self._put('positions', row[:n])
+        self._put('velocities', row[n:2 * n])
+        self._put('accelerations', row[2 * n:])
+        self._put_time(self._places['time_from_start'][1], elapsed)
+        return bytes(self._buffer)
+
+
+# -- Topics that are published only while somebody listens, without asking so at every sample
+
+LOOK = 0.01
+"""Time between two counts of the subscriptions, which take 2 us each [s]."""
+
+
+class ListenedPublisher:
+    """A publisher with the knowledge whether anybody listens."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self.wanted = False
+
+    def look(self) -> None:
+        """Count the subscriptions."""
+        self.wanted = self._publisher.get_subscription_count() > 0
+
+    def publish(self, message: bytes) -> None:
+        """Publish a message in its serialised form."""
+        self._publisher.publish(message)
+
+
+class ListenedPublishers:
+    """All such publishers of a node; `look`, called at every sample, counts from time to time."""
+
+    def __init__(self) -> None:
+        self._all: list[ListenedPublisher] = []
+        self._looked = -math.inf
+
+    def add(self, publisher: Publisher) -> ListenedPublisher:
+        """Add one."""
+        self._all.append(ListenedPublisher(publisher))
+        return self._all[-1]
+
+    def look(self, now: float) -> bool:
+        """Count where the last count is too old, and say so; ``now`` is monotonic [s]."""
+        if now - self._looked < LOOK:
+            return False
+        self._looked = now
+        for publisher in self._all:
+            publisher.look()
+        return True

@@ -12,27 +12,186 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A node that works with a model bundle, and takes another one without stopping."""
+"""A node that works with a model bundle, and with the load that grippers announce."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from threading import Thread
 from typing import Any
 
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from geometry_msgs.msg import Inertia, InertiaStamped, Vector3
 from rclpy.subscription import Subscription
-from std_msgs.msg import Float64MultiArray
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from tudor_dynamics.arm import Arm
-from tudor_dynamics.arm.sources import array_places, refuse_interfaces
+from tudor_dynamics.arm.description import Arm, array_places, refuse_interfaces
 from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.storage.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import DEEP, ERROR, OK, TudorNode, WARN
-from tudor_dynamics.nodes.common.interfaces import RELOAD
-from tudor_dynamics.nodes.common.wire import ArrayDecoder, JointSample
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.nodes.common.base import DEEP, ERROR, latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
+from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message
+from tudor_dynamics.online.load import CarriedLoad, PayloadStage
 
+
+# -- What grippers say of themselves, as an announcement that a load may come or go
+
+MOVED = 1e-3
+"""Way of a finger from which on it moves [rad or m]."""
+AT_WORK = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+
+
+class Gripper:
+    """Listens to a gripper."""
+
+    def __init__(
+        self, node: TudorNode, announce: Callable[[], None],
+        arm_joints: Callable[[], Collection[str]],
+    ) -> None:
+        self._announce, self._arm_joints = announce, arm_joints
+        self.heard = 0
+        self._closed: bool | None = None
+        self._places: dict[str, float] = {}
+        self._goals: set[bytes] | None = None
+        topic = str(node.value('gripper_topic'))
+        if topic:
+            kind, heard = {
+                GRIPPERS[0]: (Bool, self._switched), GRIPPERS[1]: (JointState, self._moved),
+                GRIPPERS[2]: (GoalStatusArray, self._sent)}[str(node.value('gripper_type'))]
+            self._subscription = node.subscribe(kind, topic, heard)
+
+    def _switched(self, message: Any) -> None:
+        self.heard += 1
+        changed = self._closed is not None and message.data != self._closed
+        self._closed = message.data
+        if changed:
+            self._announce()
+
+    def _moved(self, message: Any) -> None:
+        self.heard += 1
+        own = self._arm_joints()
+        moved = False
+        for name, place in zip(message.name, message.position, strict=False):
+            if name in own:
+                continue
+            before = self._places.setdefault(name, place)
+            if not abs(place - before) <= MOVED:  # NaN never comes to rest, and is no place
+                moved = moved or place == place
+                self._places[name] = place
+        if moved:
+            self._announce()
+
+    def _sent(self, message: Any) -> None:
+        self.heard += 1
+        goals = {bytes(status.goal_info.goal_id.uuid) for status in message.status_list
+                 if status.status in AT_WORK}
+        new = goals - (self._goals or set())
+        self._goals = goals
+        if new:
+            self._announce()
+
+
+# -- The load on topics: published, listened to, announced
+
+EVERY = 100_000_000
+"""Time between two messages of a load that goes on changing [ns]."""
+CHANGED = 0.1
+"""Part of its standard deviation by which it has to have changed."""
+
+
+class PayloadPort:
+    """What a node has to do with the load; load: None where the load is a parameter."""
+
+    def __init__(self, node: TudorNode, source: str) -> None:
+        self._node, self.source = node, source
+        self.load: CarriedLoad | None = None
+        self._taken_back = self._announced = 0
+        self._last: tuple[int, float] | None = None
+        if source == 'estimate':
+            self._publisher = node.publish_on(InertiaStamped, PAYLOAD_TOPIC, latch=True)
+            node.serve(EXPECT_PAYLOAD, self._expect)
+        elif source == 'topic':
+            self._subscription = node.create_subscription(
+                InertiaStamped, PAYLOAD_TOPIC, self._heard, latched())
+
+    def prepare(self, bundle: ModelBundle, payload: float) -> CarriedLoad | None:
+        """
+        Build what follows the load.
+
+        payload [kg]; returns None where the load is a parameter.
+        """
+        if self.source == 'parameter':
+            return None
+        known = payload if bundle.payload_range is not None else bundle.payload or 0.0
+        made: Callable[[ModelBundle, float], CarriedLoad] = (
+            PayloadStage if self.source == 'estimate' else CarriedLoad)
+        return made(bundle, known)
+
+    def use(self, load: CarriedLoad | None) -> None:
+        """Put another one into use; a load that is known stays."""
+        if load is not None and self.load is not None and self.source == 'topic':
+            load.carry(self.load.mass)
+        self.load = load
+
+    def tell(self, stamp: int, taken_back: int = 0) -> None:
+        """Publish the load where it has changed: stamp [ns]."""
+        load = self.load
+        self._taken_back += taken_back
+        if not isinstance(load, PayloadStage):
+            return
+        if self._last is not None and not taken_back:
+            since, mass = self._last
+            if 0 <= stamp - since < EVERY or abs(load.mass - mass) < CHANGED * load.std:
+                return
+        self._last = stamp, load.mass
+        message = InertiaStamped()
+        message.header.stamp, message.header.frame_id = time_message(stamp), load.frame
+        x, y, z = (float(value) for value in load.place)
+        # a point: what one kilogram more or less turns by is in its place
+        message.inertia = Inertia(m=float(load.mass), com=Vector3(x=x, y=y, z=z))
+        self._publisher.publish(message)
+
+    def _heard(self, message: InertiaStamped) -> None:
+        mass = float(message.inertia.m)
+        if self.load is not None and 0.0 <= mass < float('inf'):
+            self.load.carry(mass)
+
+    def _expect(self) -> str:
+        if not isinstance(self.load, PayloadStage):
+            msg = 'there is no model yet that could tell a load; see the diagnostics'
+            raise TudorError(msg)
+        self.announce()
+        return 'a load may come or go within 3 s without being a collision'
+
+    def announce(self) -> None:
+        """Let a load come or go now; of no effect where the load is a parameter."""
+        if self.load is not None:
+            self.load.expect()
+            self._announced += 1
+
+    def begin_anew(self) -> None:
+        """Learn the load from nothing, where it is estimated."""
+        if isinstance(self.load, PayloadStage):
+            self.load.observer.reset()
+
+    def values(self) -> dict[str, str]:
+        """Give what diagnostics tell of the load."""
+        load = self.load
+        if load is None:
+            return {}
+        found = {'payload [kg]': f'{load.mass:.4f}', 'payload source': self.source}
+        if isinstance(load, PayloadStage):
+            found['payload std [kg]'] = f'{load.std:.4f}'
+            found['payload told by'] = load.output + (', bent links' if load.bent else '')
+        found['collisions that were loads'] = str(self._taken_back)
+        found['loads announced'] = str(self._announced)
+        return found
+
+
+# -- A node that works with a model bundle, and takes another one without stopping
 
 class ModelNode(TudorNode):
     """

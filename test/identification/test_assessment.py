@@ -1,0 +1,144 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Verdicts by use, marks, and what to do next, on arms whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from sample_arms import gauge, multisine, planar_arm, recording_of
+
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.dataset import BagChoice, BagData
+from tudor_dynamics.identification.fit import fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.next_steps import assess, Assessment, next_steps
+from tudor_dynamics.identification.ringdowns import Ringing
+from tudor_dynamics.identification.uses import short
+from tudor_dynamics.identification.validation import Grade, noise_floor
+from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.signals.preprocessing import prepare
+
+ARM = planar_arm([{'name': 'j1', 'friction': ['viscous', 'coulomb']},
+                  {'name': 'j2', 'friction': ['viscous']}],
+                 [gauge('g2', 'j2', 0.05), gauge('g1', 'j1', 0.05)])
+SPEC = PreprocessingSpec(filter='zero_phase', cutoff=40.0, rate=20.0, settle=1.0)
+NOISE = 0.5
+
+
+def _bag(seed: int, seconds: float = 20.0, sign: float = 1.0) -> BagData:
+    motion = multisine(np.arange(round(200 * seconds)) / 200.0, 2, seed)
+    rng, outputs = np.random.default_rng(seed), {}
+    for output, regressor in (('effort', EffortRegressor(ARM)), ('strain', StrainRegressor(ARM))):
+        base = np.random.default_rng(7).uniform(0.2, 1.0, len(regressor.columns))
+        if output == 'effort':
+            for place, name in enumerate(regressor.columns):
+                base[place] *= sign if name.startswith('Ia(') else 1.0
+        clean = np.einsum('kcp,p->kc', regressor.rows(motion), base)
+        outputs[output] = clean + NOISE * rng.normal(size=clean.shape)
+    recording: Recording = recording_of(motion[:, :2], 200.0, path=f'run{seed}', **outputs)
+    return BagData(BagChoice(recording.path), recording, tuple(prepare(recording, SPEC)))
+
+
+def _fit(*seeds: int, **more: Any) -> FitResult:
+    bags = [_bag(seed, **more) for seed in seeds]
+    return fit_models(ARM, bags[:-1], bags[-1:], None, SPEC, FitSettings())
+
+
+@pytest.fixture(scope='module')
+def result() -> FitResult:
+    """Fit of two bags, judged by a third."""
+    return _fit(0, 1, 2)
+
+
+@pytest.fixture(scope='module')
+def worth(result: FitResult) -> Assessment:
+    """Judge what it is worth."""
+    return assess(result)
+
+
+def test_uses(worth: Assessment) -> None:
+    """Each model is judged for prediction, feed-forward, collisions and payload, with figures."""
+    names = [(use.output, use.name) for use in worth.uses]
+    assert names == [
+        ('effort', 'prediction'), ('effort', 'feed-forward'),
+        ('effort', 'collision detection (effort)'),
+        ('effort', 'collision detection (momentum)'), ('effort', 'payload'),
+        ('strain', 'prediction'), ('strain', 'collision detection (strain)'),
+        ('strain', 'payload')]
+    assert worth.missing == () and worth.detects is Grade.GOOD
+    said = next(use for use in worth.uses if use.name == 'collision detection (strain)')
+    assert 'g1' in said.why and 'um/m in motion' in said.why and 's of free motion' in said.why
+    assert all(use.level is Grade.GOOD for use in worth.uses if use.name == 'payload')
+    left = next(use for use in worth.uses if use.name == 'feed-forward')
+    assert left.level is Grade.GOOD and 'left to the controller (j1' in left.why
+    plain = worth.as_dict()
+    assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
+
+
+def test_noise_floor(result: FitResult) -> None:
+    """White noise is found behind the filters of the fit, whatever the motion."""
+    full = PreprocessingSpec(filter='causal', rate=None, settle=1.0)
+    bag = _bag(3)
+    causal = replace(bag, stretches=tuple(prepare(bag.recording, full)))
+    assert noise_floor([causal], 'effort', full) == pytest.approx(NOISE, rel=0.1)
+    # the zero-phase decimation to 20 Hz keeps a tenth of the band up to 0.8 of it
+    assert noise_floor([bag], 'strain', SPEC) == pytest.approx(
+        NOISE * np.sqrt(0.8 * 20.0 / 200.0), rel=0.2)
+    for item in result.fitted:
+        rmse = np.array([score.rmse for score in item.validation.score.channels.values()])
+        assert (rmse < 1.25 * item.noise).all()
+        assert 'all that there is to get' in str(item.verdict)
+
+
+def test_missing_thresholds_are_a_step() -> None:
+    """Too little motion for thresholds stands in the report, with why and what to do."""
+    bags = [_bag(seed, 4.0) for seed in (0, 1)]
+    short = fit_models(ARM, bags, [], None, SPEC, FitSettings())
+    worth = assess(short)
+    assert worth.missing and worth.detects is None
+    assert all('too little for thresholds' in text for text in worth.missing)
+    first = worth.steps[0]
+    assert 'no collision thresholds' in first.what
+    assert first.command.startswith('tudor fit run0 run1 BAG --arm ')
+    use = next(use for use in worth.uses if use.name.startswith('collision'))
+    assert use.level is None and 'not known: no thresholds' in str(use)
+
+
+def test_ringing_sends_to_the_elastic_model(result: FitResult) -> None:
+    """A strain that a rigid model misses is a step, with the command for the elastic model."""
+    ringing = (Ringing('g1', 2.0, 30.0, 0.9),)
+    steps = next_steps(replace(result, ringing=ringing), [], {}, ())
+    said = next(step for step in steps if 'rings at 2.00 Hz' in step.what)
+    assert '--models analytical elastic' in said.command
+    assert 'run0 run1 --test run2' in said.command
+    assert [step.gain for step in steps] == sorted((step.gain for step in steps), reverse=True)
+
+
+def test_a_negative_inertia_is_marked(worth: Assessment) -> None:
+    """An arm whose joint would be pushed backwards is none, and that is said."""
+    assert worth.marks == ()
+    odd = assess(_fit(0, 1, 2, sign=-40.0))
+    assert any('the inertia about j1 comes out negative' in mark for mark in odd.marks)
+
+
+@pytest.mark.parametrize(('value', 'text'), [
+    (123.4, '120'), (0.04567, '0.046'), (98765.0, '99000'), (-7.0, '-7'), (0.0, '0')])
+def test_two_digits_without_a_power_of_ten(value: float, text: str) -> None:
+    """As people write thresholds."""
+    assert short(value) == text

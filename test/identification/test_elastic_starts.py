@@ -1,0 +1,124 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where the search begins: gear and link exchange their compliance, gauges may lag."""
+
+from __future__ import annotations
+
+from elastic_making import even, lone_arm, lone_recording, LONE_TRUTH
+import numpy as np
+import pytest
+
+from tudor_dynamics.identification.elastic_problem import Problem, Record
+from tudor_dynamics.identification.elastic_search import (
+    chosen, compare_starts, identify, knowledge_of, rivals, shared, STARTS)
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.models.elastic.arm import reduced_mechanism
+from tudor_dynamics.signals.filters import low_pass
+from tudor_dynamics.typing import FloatArray
+
+NAMES = ('bending(j1)', 'gear(j1)', 'play(j1)')
+
+
+def compliances(x: FloatArray) -> tuple[float, float]:
+    """Give those of gear and link [rad/(N m)]."""
+    mechanism = reduced_mechanism(lone_arm())
+    length = float(mechanism.body_float[mechanism.body_of['j1'], at.LENGTH])
+    return float(np.exp(-x[1])), length / (3.0 * float(np.exp(x[0])))
+
+
+@pytest.mark.parametrize('share', [0.1, 0.5, 0.8])
+def test_a_share_keeps_the_sum_of_compliances(share: float) -> None:
+    """Of gear and link together; nothing else changes."""
+    x = np.log([LONE_TRUTH[name] for name in NAMES])
+    moved = shared(lone_arm(), NAMES, x, share)
+    assert sum(compliances(moved)) == pytest.approx(sum(compliances(x)), rel=1e-12)
+    assert compliances(moved)[0] == pytest.approx(share * sum(compliances(x)), rel=1e-12)
+    assert moved[2] == x[2]
+
+
+def test_as_described_is_as_it_was() -> None:
+    """So is a joint of which only one of the two is searched."""
+    x = np.log([LONE_TRUTH[name] for name in NAMES])
+    assert (shared(lone_arm(), NAMES, x, None) == x).all()
+    assert (shared(lone_arm(), NAMES[1:], x[1:], 0.5) == x[1:]).all()
+
+
+def test_a_wrong_share_is_found_out() -> None:
+    """A gear described fifty times too stiff: another share explains more, and is the true one."""
+    recording = lone_recording(3, payload=0.2)
+    assert recording.strain is not None
+    record = Record(recording.q, even(len(recording.q), 100.0), recording.strain, payload=0.2)
+    arm = lone_arm()
+    known = knowledge_of(arm, payload=False)
+    names = tuple(known.start)
+    center = np.log([known.start[name] for name in names])
+    width = np.array([known.width[name] for name in names])
+    wrong = shared(arm, names, center, 0.01)
+    found = compare_starts(arm, [record], names, wrong, width, lambda _: None)
+    assert len(found.best) == len(STARTS) and len(found.compared) >= len(STARTS)
+    fits = [start.fit for start in found.compared]
+    assert fits == sorted(fits, reverse=True)
+    assert found.compared[0].share is not None
+    reached = Problem(arm, [record], names, {}, center, width, inner=5e-3).fits(found.best)
+    assert max(reached[1:]) > reached[0] + 1.0  # as described comes first, and is worse
+    best = dict(zip(names, np.exp(found.best[1 + int(np.argmax(reached[1:]))]), strict=True))
+    for name in ('gear(j1)', 'bending(j1)'):
+        assert best[name] == pytest.approx(LONE_TRUTH[name], rel=0.05)
+
+
+def test_what_explains_clearly_more_is_chosen() -> None:
+    """Plain before strange: another start must leave a tenth less."""
+    assert chosen((90.0,)) == 0
+    assert chosen((90.0, 90.5, 90.9)) == 0
+    assert chosen((90.0, 91.1, 93.0)) == 2
+
+
+def test_samples_are_thinned_evenly() -> None:
+    """From 500 to 100 Hz, time kept; what is sparse already is left as it is."""
+    n = 1001
+    record = Record(np.arange(2.0 * n).reshape(n, 2), np.full(n, 2e-3), np.zeros((n, 1)), skip=7)
+    thin = record.thinned(0.01)
+    assert len(thin.q) == 201 and thin.skip == 2
+    assert (thin.q == record.q[::5]).all()
+    assert thin.dt[1:] == pytest.approx(0.01)
+    assert thin.thinned(0.01) is thin
+
+
+def test_what_cannot_be_told() -> None:
+    """Ends as good as each other that differ in a stiffness; one that is worse does not count."""
+    names = ('bending(j1)', 'gear(j1)', 'play(j1)')
+    ends = [np.log([10.0, 100.0, 1e-3]), np.log([20.0, 50.0, 9e-3]), np.log([50.0, 10.0, 1e-3])]
+    assert rivals(names, ends[:1], [90.0]) == ()
+    assert rivals(names, ends[:2], [90.0, 89.8]) == ('bending(j1)', 'gear(j1)')
+    assert rivals(names, ends[:2], [90.0, 85.0]) == ()
+    assert rivals(names, [ends[0], ends[0] + 0.01], [90.0, 90.0]) == ()
+
+
+def test_a_lag_of_the_amplifier_is_found() -> None:
+    """Strain behind a low-pass of 40 ms, of which the description says nothing; and none."""
+    arm = lone_arm()
+    recording = lone_recording(3, payload=0.2)
+    assert recording.strain is not None
+    dt = even(len(recording.q), 100.0)
+    late = low_pass(recording.strain, dt, 1.0 / (2.0 * np.pi * 0.04), recording.strain[0])
+    for strain, lag in ((late, 0.04), (recording.strain, 0.0)):
+        found = identify(arm, [Record(recording.q, dt, strain, payload=0.2)],
+                         warm={**LONE_TRUTH, 'lag': 0.02})
+        values = {p.name: p for p in found.physical}
+        assert values['lag'].shown == (lag > 0.0)
+        assert abs(values['lag'].value - lag) < 3.0 * values['lag'].standard_error + 1e-3
+        assert values['lag'].standard_error < 0.006
+        gear = values['gear(j1)']
+        assert abs(gear.value - LONE_TRUTH['gear(j1)']) < 3.0 * gear.standard_error

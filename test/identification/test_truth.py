@@ -1,0 +1,145 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pushes of a bag: from a wrench, from a Bool, from a table, or unknown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from bag_making import joint_states, make_bag, times
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+from sample_arms import recording_of
+
+from tudor_dynamics.bags.messages import WrenchSeries
+from tudor_dynamics.bags.reader import BOOL
+from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.identification.detection import (
+    alarms_at, find_truth, FREE, KnownPush, push_of, score, table_of_pushes, Truth, truth_of_table,
+    Watched)
+
+
+@dataclass(frozen=True, eq=False)
+class Flags:
+    """Messages of a Bool topic."""
+
+    stamp: NDArray[np.int64]
+    value: tuple[bool, ...]
+    topic: str = '/button'
+    msgtype: str = BOOL
+
+    def encode(self) -> list[bytes]:
+        """Encode them."""
+        return [b'\x00\x01\x00\x00' + bytes([item]) for item in self.value]
+
+
+def test_truth_of_a_wrench(tmp_path: Path) -> None:
+    """Each stretch of force is a push, with its largest force; short pauses do not end it."""
+    stamp = times()
+    force = np.zeros((300, 3))
+    force[50:80, 0], force[84:90, 0], force[200:220, 1] = 2.0, 3.0, -4.0
+    bag = make_bag(tmp_path / 'bag', joint_states(), WrenchSeries(
+        '/applied_wrench', stamp, force, np.zeros((300, 3)), 'tip'))
+    found = find_truth(str(bag))
+    assert found.known and found.source == 'applied_wrench'
+    assert found.pushes == (KnownPush(int(stamp[50]), int(stamp[89]), 3.0),
+                            KnownPush(int(stamp[200]), int(stamp[219]), 4.0))
+
+
+def test_truth_of_a_bool(tmp_path: Path) -> None:
+    """A Bool on change counts from rise to fall, on the header stamps of the joint states."""
+    stamp = times()
+    late = 70_000_000  # ns by which the clock of the bag is behind that of the headers
+    flags = Flags(stamp[[0, 40, 90, 250]], (False, True, False, True))
+    bag = make_bag(tmp_path / 'bag', joint_states(), flags)
+    assert [(push.begin, push.end) for push in find_truth(str(bag), 'button').pushes] == [
+        (stamp[40], stamp[90]), (stamp[250], stamp[250])]
+    moved = make_bag(tmp_path / 'moved', joint_states(stamp), Flags(
+        flags.stamp - late, flags.value))
+    assert find_truth(str(moved), '/button').pushes[0].begin == stamp[40] - late
+    with pytest.raises(BagError, match='there is no message on /other'):
+        find_truth(str(bag), '/other')
+    with pytest.raises(BagError, match='/joint_states is of type'):
+        find_truth(str(bag), '/joint_states')
+
+
+def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
+    """Nothing is known where there is no topic: an event there is neither right nor false."""
+    bag = make_bag(tmp_path / 'bag', joint_states())
+    truth = find_truth(str(bag))
+    assert not truth.known and truth.pushes == ()
+    stamp = times(1000)
+    watched = [Watched('a', stamp, np.zeros(1000), truth, ()),
+               Watched('b', stamp, np.zeros(1000), Truth('x', (KnownPush(
+                   int(stamp[500]), int(stamp[550])),)), ())]
+    alarms = [stamp[[10, 20]], stamp[[30, 505]]]
+    alone = score(watched[:1], alarms[:1])
+    assert (alone.events, alone.false_alarms, alone.false_alarms_per_hour, alone.hours) == (
+        2, None, None, 0.0)
+    both = score(watched, alarms)
+    assert (both.events, both.pushes, both.found, both.false_alarms) == (4, 1, 1, 1)
+    assert both.latency_median == pytest.approx(0.05)
+    free = score([Watched('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
+    assert free.false_alarms == 2
+    # marked by eye a moment too late: the push is found at once, and the alarm is no false one
+    early, soon = (score(watched[1:], [stamp[[place]]]) for place in (485, 495))
+    assert (early.found, early.false_alarms) == (0, 1)
+    assert (soon.found, soon.false_alarms, soon.latency_median) == (1, 0, 0.0)
+
+
+def test_a_table_of_pushes(tmp_path: Path) -> None:
+    """Seconds since the beginning of the bag, in any order, with names of columns or without."""
+    table = tmp_path / 'pushes.csv'
+    table.write_text('begin,end,by\n4.5, 5,hand\n\n# the second one was soft\n2.0,2.95\n')
+    rows = table_of_pushes(table)
+    assert rows == [(2.0, 2.95), (4.5, 5.0)]
+    recording = recording_of(np.zeros((1000, 1)), 100.0)
+    whole = truth_of_table(rows, recording, 'pushes.csv')
+    first = int(recording.stamp[0])
+    assert whole.pushes[0] == KnownPush(first + 2_000_000_000, first + 2_950_000_000,
+                                        whole.pushes[0].force)
+    part = truth_of_table(rows, recording, 'pushes.csv', begun=1.5)
+    assert part.pushes[0].begin == first + 500_000_000
+
+
+@pytest.mark.parametrize('text', ['2.0', 'begin,end\n2,1\n', '1,2\nx,y\n', '-1,2\n', '1,nan\n'])
+def test_bad_tables(tmp_path: Path, text: str) -> None:
+    """A line that is no push is named, with what was expected."""
+    table = tmp_path / 'pushes.csv'
+    table.write_text(text)
+    with pytest.raises(UsageError, match=r'line \d: found .* expected begin,end'):
+        table_of_pushes(table)
+    with pytest.raises(UsageError, match='cannot be read'):
+        table_of_pushes(tmp_path / 'none.csv')
+
+
+def test_the_push_of_an_event() -> None:
+    """An event belongs to the last push that has begun, until shortly behind its end."""
+    pushes = (KnownPush(0, 10**9), KnownPush(5 * 10**9, 6 * 10**9))
+    assert [push_of(round(t * 1e9), pushes) for t in (0.5, 2.9, 3.1, 5.0, 9.0)] == [
+        0, 0, None, 1, None]
+    assert push_of(round(4.95e9), pushes) == 1 and push_of(-2 * 10**8, pushes) is None
+
+
+def test_alarms_at_another_threshold() -> None:
+    """A threshold twice as high gives an event for each excess behind a pause."""
+    stamp = times(100)
+    ratio = np.zeros(100)
+    ratio[[10, 12, 60]] = 3.0
+    item = Watched('a', stamp, ratio, FREE, ())
+    assert alarms_at(item, 2.0, 0.3).tolist() == stamp[[10, 60]].tolist()
+    assert not len(alarms_at(item, 4.0, 0.3))

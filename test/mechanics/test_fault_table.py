@@ -1,0 +1,456 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Whatever fails, the arm stays within its limits, and its links are not shaken more than by a move.
+
+Arm, controller and source of references in lock-step on a simulated clock. In each sample:
+position, speed and acceleration within ``limits``; strain peak to peak at most 1.25 times that of
+the long move without any fault.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+from functools import lru_cache
+
+from hypothesis import HealthCheck, settings
+from hypothesis.stateful import run_state_machine_as_test
+from motion_machine import broken_limits, FIRST, go, MotionMachine, moving, tudor
+import numpy as np
+import pytest
+from tudor_dynamics.arm.limits import hard_limits, planned_limits
+from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.mechanics.rig import Rig, Sample
+
+SHAKEN = 1.25
+
+
+@lru_cache
+def normal() -> float:
+    """Give the strain of link 2 in the long move, there and back, peak to peak."""
+    rig = moving()
+    rig.run(3.5)
+    go(rig, FIRST)
+    rig.run(4.0)
+    assert rig.trace.state[-1] is State.FOLLOWING
+    return float(np.ptp(rig.trace.array('strain')[:, 0]))
+
+
+def judge(rig: Rig) -> None:
+    """Check that no limit was passed and no link shaken more than by a normal move."""
+    assert not broken_limits(rig)
+    assert np.ptp(rig.trace.array('strain')[:, 0]) <= SHAKEN * normal()
+
+
+def still(rig: Rig, seconds: float = 1.5) -> None:
+    """Check that the arm does not drift."""
+    begin = len(rig.trace.q)
+    rig.run(seconds)
+    assert np.degrees(np.ptp(rig.trace.array('q')[begin:], axis=0)).max() < 0.3
+
+
+def follows_again(rig: Rig) -> None:
+    """Check that it takes the next goal, and arrives."""
+    assert rig.controller is not None
+    assert rig.controller.state is State.FOLLOWING, rig.controller.cause
+    go(rig, FIRST)
+    rig.run(5.0)
+    assert rig.trace.q[-1] == pytest.approx(FIRST, abs=np.radians(0.3))
+
+
+def states(rig: Rig) -> list[State | None]:
+    """Give the states one after the other."""
+    seen: list[State | None] = []
+    for state in rig.trace.state:
+        if not seen or seen[-1] is not state:
+            seen.append(state)
+    return seen
+
+
+def altered(rig: Rig, change: Callable[[Sample], Sample | None], seconds: float) -> None:
+    """Let samples be changed on their way for a while."""
+    rig.alter = change
+    rig.run(seconds)
+    rig.alter = None
+
+
+def test_reference_in_degrees() -> None:
+    """60 and -20 as radians are refused and named; the arm stays where it is."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(0.5)
+    rig.source = None
+    before = rig.trace.q[-1]
+    for _ in range(500):
+        rig.controller.reference.add(rig.t, np.array([60.0, -20.0]), np.zeros(2))
+        rig.step()
+    assert rig.controller.state is State.HOLDING
+    assert 'joint2 60' in rig.controller.cause and 'degrees?' in rig.controller.cause
+    assert rig.controller.reference.refused['reference outside limits'] == 500
+    assert rig.trace.q[-1] == pytest.approx(before, abs=np.radians(0.1))
+    judge(rig)
+
+
+@pytest.mark.parametrize('q, dq, cause', [
+    ([np.nan, 0.0], [0.0, 0.0], 'not finite'), ([1.0, 0.0], [2.5, 0.0], 'too fast'),
+    ([2.5, 1.0], [0.0, 0.0], 'begin at the arm'), ([0.7854, 0.0], [0.5, 0.0], 'begin at rest')])
+def test_references_that_are_not_followed(q: list[float], dq: list[float], cause: str) -> None:
+    """No numbers, too fast, far away, moving already: held, and the reason is told."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(0.5)
+    rig.source = None
+    rig.run(0.3)
+    for _ in range(250):
+        rig.controller.reference.add(rig.t, np.array(q), np.array(dq))
+        rig.step()
+    assert rig.controller.state is State.HOLDING and cause in rig.controller.cause
+    still(rig)
+    judge(rig)
+
+
+def test_reference_goes_stale_by_its_age_alone() -> None:
+    """One reference of velocity 0 does not hold for ever."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(1.0)
+    assert rig.controller.state is State.FOLLOWING
+    rig.source = None
+    rig.run(0.2)
+    assert rig.controller.state is State.HOLDING and 'no reference' in rig.controller.cause
+    still(rig)
+
+
+def test_source_is_killed() -> None:
+    """It brakes as planned motion does, within 25 deg and the timeout's way; no drift."""
+    rig = moving()
+    before = rig.trace.q[-1][0]
+    rig.source = None
+    rig.run(1.2)
+    assert np.degrees(rig.trace.q[-1][0] - before) < 24.5 + 70.0 * 0.1 + 5.0  # 5: the damper
+    assert states(rig)[-1] is State.HOLDING
+    rig.run(1.5)
+    still(rig)
+    judge(rig)
+
+
+def test_source_is_restarted() -> None:
+    """A new source begins at the arm, and goals are taken."""
+    rig = moving()
+    rig.source = None
+    rig.run(0.5)
+    rig.start_source()
+    rig.run(1.5)
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('dead', [0.0, 0.05, 0.3, 1.0])
+def test_controller_is_killed_and_restarted(dead: float) -> None:
+    """The drive brakes by itself; a new controller takes over at the speed that the arm has."""
+    rig = moving()
+    rig.controller = None
+    rig.run(dead)
+    rig.start_controller()
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('who, seconds', [
+    ('controller', 0.15), ('controller', 3.0), ('source', 0.15), ('source', 3.0)])
+def test_process_is_stopped_for_a_while(who: str, seconds: float) -> None:
+    """SIGSTOP and SIGCONT: nothing jumps, and goals are taken again."""
+    rig = moving()
+    rig.frozen = {who}
+    rig.run(seconds)
+    rig.frozen = set()
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+def test_deactivated_and_activated_with_a_goal_between() -> None:
+    """It brakes at deactivation, and holds at activation until the reference is there."""
+    rig = moving()
+    rig.active = False
+    rig.run(1.0)
+    assert not rig.process.speed.any()
+    rig.source.go(FIRST)
+    rig.run(0.3)
+    rig.activate()
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('elsewhere', [False, True])
+def test_driver_stops(elsewhere: bool) -> None:
+    """No positions for 3 s; the arm may be elsewhere then."""
+    rig = moving()
+    altered(rig, lambda sample: None, 3.0)
+    assert rig.controller.missing and not rig.process.speed.any()
+    if elsewhere:
+        rig.process.reset()
+    rig.run(3.0)
+    follows_again(rig)
+    if elsewhere:  # what the hand did to the arm is not the controller's
+        assert not broken_limits(rig)
+    else:
+        judge(rig)
+
+
+@pytest.mark.parametrize('seconds', [0.05, 0.5, 5.0])
+def test_network_is_cut(seconds: float) -> None:
+    """Nothing arrives anywhere; all comes back by itself."""
+    rig = moving()
+    rig.loss = 1.0
+    rig.run(seconds)
+    rig.loss = 0.0
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+def test_positions_are_no_numbers() -> None:
+    """Not a number for 3 s is as no positions."""
+    rig = moving()
+    altered(rig, lambda sample: dataclasses.replace(sample, q=sample.q * np.nan), 3.0)
+    assert State.FAULT not in states(rig)
+    rig.run(3.0)
+    follows_again(rig)
+    judge(rig)
+
+
+def test_encoder_freezes() -> None:
+    """The same reading while commanded: a fault within a few degrees, left by a reset alone."""
+    rig = moving()
+    kept = rig.trace.q[-1].copy()
+    altered(rig, lambda sample: dataclasses.replace(sample, q=kept), 0.06)
+    assert rig.controller.state is State.FAULT and 'frozen' in rig.controller.cause
+    assert 'joint2' in rig.controller.cause
+    assert np.degrees(rig.trace.q[-1][0] - kept[0]) < 5.5
+    rig.run(3.0)
+    still(rig)
+    assert rig.controller.state is State.FAULT and not rig.process.speed.any()
+    rig.controller.reset()
+    rig.run(2.0)
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('at_rest', [False, True])
+def test_encoder_jumps(at_rest: bool) -> None:
+    """57 deg more than before: a fault at once, and standstill."""
+    rig = Rig(tudor(), rate=250.0) if at_rest else moving()
+    rig.run(1.0 if at_rest else 0.0)
+    rig.alter = lambda sample: dataclasses.replace(sample, q=sample.q + [np.radians(57.0), 0.0])
+    rig.run(0.02)
+    assert rig.controller.state is State.FAULT and 'jumped' in rig.controller.cause
+    rig.run(2.0)
+    still(rig)
+    judge(rig)
+
+
+def test_encoder_out_of_range() -> None:
+    """A start with readings that are no pose of the arm is a fault, not a motion."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.alter = lambda sample: dataclasses.replace(sample, q=sample.q + [4.0, 0.0])
+    rig.run(1.0)
+    assert rig.controller.state is State.FAULT and 'no pose' in rig.controller.cause
+    still(rig)
+    judge(rig)
+
+
+def test_gauges_fail_in_motion() -> None:
+    """Strains are no numbers: the move goes on undamped, and the damper comes back."""
+    rig = moving()
+    altered(rig, lambda sample: dataclasses.replace(sample, strain=sample.strain * np.nan), 3.0)
+    rig.run(1.0)
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('loss', [0.05, 0.2])
+def test_messages_get_lost(loss: float) -> None:
+    """Some of all messages: it goes on, and all is quiet behind the move."""
+    rig = moving(loss=loss, seed=3)
+    rig.run(7.0)
+    assert np.degrees(np.abs(rig.trace.array('command')[-100:])).max() < 1.0
+    assert rig.controller.state is State.FOLLOWING
+    follows_again(rig)
+    judge(rig)
+
+
+@pytest.mark.parametrize('rate, delay', [
+    (100.0, 0.02), (100.0, 0.08), (250.0, 0.04), (500.0, 0.04), (500.0, 0.08), (1000.0, 0.06)])
+@pytest.mark.parametrize('payload', [0.0, 0.4])
+def test_delay_in_the_loop(rate: float, delay: float, payload: float) -> None:
+    """The damper takes what the measured delay allows: 5 s behind a move all commands rest."""
+    rig = Rig(tudor(), rate=rate, delay=delay, payload=payload)
+    rig.run(1.0)
+    go(rig, FIRST)
+    rig.run(8.0)
+    begin = len(rig.trace.t)
+    rig.run(0.5)
+    assert np.degrees(np.abs(rig.trace.array('command')[begin:])).max() < 1.0
+    assert rig.controller.state is State.FOLLOWING and not rig.controller.gains.excited
+    # half a delay is a whole number of samples here, one sample is held, one is waited for
+    assert rig.controller.gains.delay.delay == pytest.approx(delay, abs=2.0 / rate + 0.002)
+    assert rig.controller.gains.allowed_share < 1.0
+    assert not broken_limits(rig)
+
+
+def test_position_gain_that_swings() -> None:
+    """A gain of 100 is bounded by the delay, and 0 is that of the description again."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.run(1.0)
+    rig.controller.gains.set_position_gain(100.0)
+    go(rig, FIRST)
+    rig.run(7.0)
+    assert np.degrees(np.abs(rig.trace.array('command')[-100:])).max() < 1.0
+    assert rig.controller.gains.position_gain_in_use(0.004) < 30.0
+    rig.controller.gains.set_position_gain(0.0)
+    assert rig.controller.gains.position_gain_in_use(0.004) == pytest.approx(3.0)
+    judge(rig)
+
+
+def test_damper_that_excites_is_switched_off() -> None:
+    """The wrong sign: the damper goes off and says so, and a reset is needed to have it back."""
+    rig = Rig(tudor(), rate=250.0, share=-1.0)
+    rig.run(1.0)
+    go(rig, FIRST + [0.2, 0.2])
+    rig.run(8.0)
+    assert 'swing' in rig.controller.gains.excited or 'limits' in rig.controller.gains.excited
+    assert rig.controller.gains.allowed_share == 0.0
+    assert not broken_limits(rig)
+    rig.run(8.0)
+    assert np.degrees(np.abs(rig.trace.array('command')[-100:])).max() < 1.0
+    rig.controller.reset()
+    assert rig.controller.gains.allowed_share > 0.0
+
+
+def test_collision_before_the_first_positions() -> None:
+    """A latched collision counts from the beginning: no goals until it is cleared."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.source.collide(True)
+    rig.run(0.5)
+    assert 'collision' in rig.source.go(FIRST)
+    still(rig)
+    rig.source.collide(False)
+    rig.source.clear()
+    follows_again(rig)
+
+
+def test_nobody_watches() -> None:
+    """Without a monitor that is asked for, it brakes and takes no goals."""
+    rig = moving()
+    rig.source.halt('it gives no sign of life')
+    rig.run(2.0)
+    assert 'no sign of life' in rig.source.go(FIRST)
+    still(rig)
+    rig.source.halt('')
+    follows_again(rig)
+    judge(rig)
+
+
+def test_comply_stays_in_range() -> None:
+    """A collision that pushes on and on moves the reference to the end of the range at most."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.start_source('comply')
+    rig.run(1.0)
+    rig.source.collide(True)
+    rig.source.motion.yielding[:] = -0.6, 0.6
+    rig.run(6.0)
+    judge(rig)
+    assert rig.source.q == pytest.approx(
+        [planned_limits(tudor()).lower[0], planned_limits(tudor()).upper[1]])
+
+
+def test_random_sequences() -> None:
+    """Any order of faults and the rest; bench/motion_sequences.py has more."""
+    run_state_machine_as_test(MotionMachine, settings=settings(
+        max_examples=8, stateful_step_count=12, deadline=None, derandomize=True,
+        suppress_health_check=list(HealthCheck)))
+
+
+def test_encoder_jumps_as_the_controller_starts() -> None:
+    """A jump between the first two readings is no speed to take over."""
+    rig = Rig(tudor(), rate=250.0)
+    rig.step()
+    rig.alter = lambda sample: dataclasses.replace(sample, q=sample.q + [0.5, 0.0])
+    rig.run(1.0)
+    assert rig.controller.state is State.FAULT and 'jumped' in rig.controller.cause
+    assert not np.any(rig.trace.command)
+
+
+def test_encoder_freezes_before_a_limit() -> None:
+    """An encoder that stops 1 deg before a limit does not let the arm go on through it."""
+    rig = Rig(tudor(), rate=100.0, payload=0.4, delay=0.02)
+    rig.run(0.5)
+    lower = hard_limits(tudor()).lower
+    go(rig, np.array([1.5, lower[1]]))
+    while rig.trace.q[-1][1] > lower[1] + np.radians(1.0):
+        rig.step()
+        assert rig.t < 5.0
+    kept = rig.trace.q[-1].copy()
+    altered(rig, lambda sample: dataclasses.replace(sample, q=kept), 2.0)
+    assert not broken_limits(rig)
+
+
+def test_the_way_to_a_limit_is_no_swing() -> None:
+    """Where a slow loop nears the end of the range, its bounded speed does not end damping."""
+    rig = Rig(tudor(), rate=100.0, payload=0.2, delay=0.08, seed=1)
+    assert rig.controller is not None and rig.source is not None
+    rig.run(1.0)
+    planned = planned_limits(rig.arm)
+    for shares in ((0.02, 0.1), (0.97, 0.9)):
+        go(rig, planned.lower + np.array(shares) * (planned.upper - planned.lower))
+        rig.step()
+        assert rig.source.motion is not None
+        rig.run(rig.source.motion.remaining + 3.0)
+    assert rig.controller.state is State.FOLLOWING and rig.controller.gains.excited == ''
+    assert broken_limits(rig) == []
+
+
+def test_lost_samples_are_not_made_up_for_in_one_command() -> None:
+    """A controller that was held up for less than a timeout steps as in one period."""
+    machine = MotionMachine()  # found by bench/motion_sequences.py --seed 77
+    machine.start(delay=0.0, payload=0.2, seed=82, loss=0.05)
+    machine.cut(seconds=1.2951984502522442)
+    machine.reset()
+    machine.collide(seconds=0.1, strain=1.4)
+    machine.reset()
+    machine.reset()
+    machine.collide(seconds=0.9, strain=-270.3)
+    machine.collide(seconds=0.56, strain=0.0)
+    machine.wander(seconds=2.8133413538810172, seed=9)
+    machine.freeze(seconds=0.08763753888377589, who='controller')
+    assert machine.rig is not None
+    assert broken_limits(machine.rig) == []
+
+
+def test_a_jump_away_from_a_limit_hides_it_from_nobody() -> None:
+    """
+    An encoder jumps by 33 deg while the arm comes up to a limit, in a loop with 60 ms of delay.
+
+    What it says from then on is no reason to brake later: where the arm was is counted on.
+    """
+    machine = MotionMachine()
+    machine.start(loss=0.0, payload=0.0, seed=38, delay=0.06)
+    machine.goal(seconds=1.451230438753097, shares=(0.18101955332365408, 0.11405683134123662))
+    machine.foreign_reference(dq=(0.0, 0.0), number=24, q=(-28.3, 3.1))
+    machine.goal(seconds=3.0, shares=(0.4386520735534917, 0.81644523111043))
+    machine.goal(seconds=0.946926748336506, shares=(0.0, 0.0))
+    machine.fault(kind='jump', seconds=1.2541051943465202, size=0.5708148412449479)
+    machine.within_limits()

@@ -1,0 +1,144 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A sqlite3 storage file: topics, and raw messages of chosen topics."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import sqlite3
+from urllib.parse import quote
+
+from tudor_dynamics.bags.unpacking import Damaged, MAX_PIECE
+from tudor_dynamics.files import open_regular
+
+FREE_STEPS = 20_000_000
+STEPS_PER_BYTE = 16
+"""Steps of SQLite's machine: a row takes some thirty, and more bytes than two."""
+_SLICE = 100_000
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    open_regular(path).close()
+    size = path.stat().st_size
+    left = (FREE_STEPS + STEPS_PER_BYTE * size) // _SLICE
+
+    def spend() -> bool:
+        nonlocal left
+        left -= 1
+        return left < 0
+
+    # immutable: neither locks nor journals are looked at, and nothing is written
+    connection = sqlite3.connect(f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1',
+                                 uri=True)
+    try:
+        if hasattr(connection, 'setlimit'):  # from Python 3.11 on
+            connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_PIECE)
+        connection.set_progress_handler(spend, _SLICE)
+        connection.execute('PRAGMA trusted_schema = OFF')
+        _check_tables(connection)
+        yield connection
+    except sqlite3.Error as err:
+        cause = 'its rows do not come to an end' if left < 0 else str(err)
+        raise Damaged(f'SQLite: {cause}') from None
+    finally:
+        connection.close()
+
+
+def _check_tables(connection: sqlite3.Connection) -> None:
+    found = dict(connection.execute(
+        "SELECT name, rootpage FROM sqlite_master WHERE type = 'table' "
+        "AND name IN ('messages', 'topics')"))
+    if found.keys() != {'messages', 'topics'}:
+        raise Damaged('SQLite: no tables messages and topics')
+    hidden = [row for name in found for row in connection.execute(f'PRAGMA table_xinfo({name})')
+              if row[6]]
+    if not all(found.values()) or hidden:
+        raise Damaged('SQLite: messages or topics compute what they hold')
+
+
+def sqlite_topics(path: Path) -> list[tuple[str, str, int]]:
+    """Give the topics of a storage file."""
+    with _opened(path) as connection:
+        counts: dict[object, int] = {}
+        sizes = connection.execute(
+            "SELECT topic_id, iif(typeof(data) = 'blob', length(data), -1) FROM messages")
+        for number, size in sizes:
+            if not 0 <= size <= MAX_PIECE:
+                what = 'which are no bytes' if size < 0 else f'of {size} bytes'
+                raise Damaged(f'SQLite: holds a message {what}')
+            counts[number] = counts.get(number, 0) + 1
+        return [(name, msgtype, counts.get(number, 0)) for number, name, msgtype
+                in connection.execute('SELECT id, name, type FROM topics ORDER BY id')]
+
+
+def sqlite_definitions(path: Path) -> dict[str, str]:
+    """
+    Give the definitions of messages that a file carries.
+
+    Returns an empty dict where the file is from before there were any.
+    """
+    with _opened(path) as connection:
+        if not _is_plain(connection, 'message_definitions'):
+            return {}
+        rows = connection.execute(
+            'SELECT topic_type, encoded_message_definition FROM message_definitions '
+            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?",
+            (MAX_PIECE,))
+        return {str(msgtype): str(text) for msgtype, text in rows}
+
+
+def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
+    roots = connection.execute(
+        "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = ?",
+        (table,)).fetchall()
+    columns = list(connection.execute(f'PRAGMA table_xinfo({table})'))
+    return (bool(roots) and all(root for root, in roots) and not any(row[6] for row in columns)
+            and {'topic_type', 'encoding', 'encoded_message_definition'} <= {
+                row[1] for row in columns})
+
+
+def scan_sqlite(
+    path: Path, times: dict[str, list[int]], data: dict[str, list[bytes]], *, with_data: bool,
+) -> None:
+    """Read the raw messages of some topics, in the order of their log times: times [ns]."""
+    left = path.stat().st_size
+    with _opened(path) as connection:
+        names = {number: name for number, name
+                 in connection.execute('SELECT id, name FROM topics') if name in times}
+        for number, time, message in _rows(connection, names, with_data):
+            if type(time) is not int:  # a column of integers can hold anything
+                raise Damaged(f'SQLite: a {type(time).__name__} in place of a log time')
+            times[names[number]].append(time)
+            if with_data:
+                if not isinstance(message, bytes):
+                    raise Damaged(f'SQLite: a {type(message).__name__} in place of a message')
+                left -= len(message)
+                if left < 0:
+                    raise Damaged('SQLite: its messages come to more than the file')
+                data[names[number]].append(message)
+
+
+def _rows(
+    connection: sqlite3.Connection, numbers: Collection[int], with_data: bool,
+) -> Iterator[tuple[int, object, object]]:
+    what = 'messages.data' if with_data else 'NULL'
+    marks = ', '.join('?' * len(numbers))
+    return iter(connection.execute(
+        f'SELECT topics.id, messages.timestamp, {what} FROM messages '  # noqa: S608
+        f'JOIN topics ON messages.topic_id = topics.id WHERE topics.id IN ({marks}) '
+        'ORDER BY timestamp', tuple(numbers)))

@@ -1,0 +1,474 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Open any rosbag2: metadata, split bags, bare files, and their raw messages."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field, replace
+import hashlib
+from pathlib import Path
+import re
+from typing import Any
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.mcap import (
+    BreaksOff, mcap_channels, mcap_definitions, mcap_topics, scan_mcap)
+from tudor_dynamics.bags.sqlite import scan_sqlite, sqlite_definitions, sqlite_topics
+from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker, ZSTD_MAGIC
+from tudor_dynamics.errors import BagError, TudorWarning
+from tudor_dynamics.files import load_yaml, open_regular, read_bounded, scratch_prefix
+
+
+# -- ``metadata.yaml`` of a bag: storage files, compression, numbers of messages, custom data
+
+METADATA = 'metadata.yaml'
+MAX_METADATA_BYTES = 10_000_000
+MAX_VERSION = 9
+"""Of Jazzy."""
+STORAGES = ('mcap', 'sqlite3')
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What the metadata say of a bag."""
+
+    files: tuple[Path, ...]  # storage files in their order
+    compression: str  # what rosbag2 has compressed, beside chunks
+    counts: Mapping[str, int]  # number of messages of each topic
+    custom: Mapping[str, str]  # what whoever recorded added
+    doubled: bool = False  # whether a file was listed more than once
+
+
+def read_metadata(directory: Path) -> Metadata:
+    """Read the metadata of a bag."""
+    try:
+        content = load_yaml(read_bounded(directory / METADATA, MAX_METADATA_BYTES))
+        return _checked(directory, content['rosbag2_bagfile_information'])
+    except OSError as err:
+        cause = f'cannot be read: {err.strerror}'
+    except (KeyError, IndexError) as err:
+        cause = f'no key {err}'
+    except (AttributeError, TypeError, ValueError) as err:
+        cause = ' '.join(str(err).split())[:300]
+    raise BagError(cause, place=directory, remedy='check the bag with `ros2 bag info`')
+
+
+def _checked(directory: Path, information: dict[str, Any]) -> Metadata:
+    version = information['version']
+    if not isinstance(version, int) or version > MAX_VERSION:
+        msg = f'version {version!r}; at most {MAX_VERSION} is known'
+        raise ValueError(msg)
+    if information['storage_identifier'] not in STORAGES:
+        msg = f'storage {information["storage_identifier"]!r}; known are {", ".join(STORAGES)}'
+        raise ValueError(msg)
+    compression = str(information.get('compression_mode') or '').lower().replace('none', '')
+    if compression not in ('', 'file', 'message', 'storage'):
+        msg = f'compression mode {compression!r}'
+        raise ValueError(msg)
+    if compression and information['compression_format'] != 'zstd':
+        msg = f'compression format {information["compression_format"]!r}; zstd can be read'
+        raise ValueError(msg)
+    names = [Path(name).name for name in information['relative_file_paths']]
+    files = tuple(directory / name for name in dict.fromkeys(names))
+    for file in files:
+        if not file.is_file():
+            msg = f'{file.name} is not there, or no file'
+            raise ValueError(msg)
+    custom = information.get('custom_data')
+    return Metadata(
+        files, compression.replace('storage', ''), _counts(information),
+        {str(key): str(value) for key, value in custom.items()}
+        if isinstance(custom, dict) else {}, len(files) < len(names))
+
+
+def _counts(information: dict[str, Any]) -> dict[str, int]:
+    """Give the counts that are numbers; the storage has the last word on what there is."""
+    counts: dict[str, int] = {}
+    listed = information.get('topics_with_message_count')
+    for item in listed if isinstance(listed, list) else []:
+        try:
+            name, count = item['topic_metadata']['name'], item['message_count']
+            if isinstance(name, str) and isinstance(count, int) and count >= 0:
+                counts[name] = counts.get(name, 0) + count
+        except (KeyError, TypeError):
+            continue
+    return counts
+
+
+# -- Bags in folders: what is one, what holds some, in which order
+
+SUFFIXES = ('.db3', '.mcap')
+"""Of storage files."""
+DEEPEST = 4
+"""Folders within folders that are looked into."""
+
+
+def natural(path: Path) -> list[tuple[int, int, str]]:
+    """Give what paths are sorted by: their names, numbers in them by their size."""
+    return [(0, int(part), '') if part.isdecimal() else (1, 0, part)
+            for part in re.split(r'([0-9]{1,18})', path.name)]
+
+
+def bags_below(path: Path, deepest: int = DEEPEST) -> list[Path]:
+    """
+    Find the bags in a folder.
+
+    Returns the path itself where it is a bag, or has none below it.
+    """
+    if deepest == 0 or not path.is_dir() or _is_bag(path):
+        return [path]
+    found = []
+    for item in sorted(path.iterdir(), key=natural):
+        if item.is_dir() and not item.name.startswith('.'):
+            found += [bag for bag in bags_below(item, deepest - 1) if _is_bag(bag)]
+    return found or [path]
+
+
+def _is_bag(path: Path) -> bool:
+    return (path / METADATA).exists() or any(
+        item.suffix in SUFFIXES and item.is_file() for item in path.iterdir())
+
+
+# -- What is odd about a bag, collected while it is read
+
+class Notes:
+    """Collect oddities and warn of each."""
+
+    def __init__(self, path: str, *, quiet: bool = False) -> None:
+        self.path = path
+        self.texts: list[str] = []
+        self.lacking: list[str] = []
+        self._quiet = quiet
+
+    def add(self, text: str, *, lacking: bool = False) -> None:
+        """Note an oddity, once."""
+        if text in self.texts:
+            return
+        self.texts.append(text)
+        if lacking:
+            self.lacking.append(text)
+        if not self._quiet:
+            warnings.warn(f'{self.path}: {text}', TudorWarning, stacklevel=3)
+
+
+# -- Raw messages of a rosbag2 in sqlite3 or MCAP.
+#
+# A bag is untrusted. Whatever its bytes are, what leaves this module is data or a BagError on one
+# line that names the file, the cause and the remedy.
+
+REMEDIES = {
+    '.db3': 'copy the file again, or recover what is left with `sqlite3 FILE .recover`',
+    '.mcap': 'copy the file again, or recover what is left with `mcap recover`',
+}
+
+
+@dataclass(frozen=True)
+class TopicInfo:
+    """A topic as the bag announces it: name, message type, number of messages."""
+
+    name: str
+    msgtype: str  # type of its messages
+    count: int  # number of messages
+
+
+@dataclass(frozen=True, eq=False)
+class RawMessages:
+    """Messages of one topic, undecoded, in the order of their log times."""
+
+    # Name and type, e.g. `sensor_msgs/msg/JointState`.
+    topic: str
+    msgtype: str
+    log_time: NDArray[np.int64]  # time at which each message was recorded, (n,) [ns]
+    # CDR buffers with their encapsulation header; empty where only times were asked for.
+    data: list[bytes]
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """A bag that could be opened."""
+
+    path: Path  # what the user named
+    storage: str  # `sqlite3`, `mcap` or both
+    files: tuple[Path, ...]  # storage files in their order
+    topics: Mapping[str, TopicInfo]  # what the bag announces
+    # What rosbag2 has compressed, beside chunks; None where no metadata tell, so that each message
+    # has to be looked at.
+    compression: str | None = ''
+    # What whoever recorded wrote into `custom_data` of the metadata.
+    custom: Mapping[str, str] = field(default_factory=dict)
+    # Files that break off, because their recorder was killed.
+    unfinished: frozenset[Path] = frozenset()
+
+    def read(
+        self, topics: Collection[str], *, with_data: bool = True,
+    ) -> dict[str, RawMessages]:
+        """Read raw messages; topics: a name that is not there is an empty topic."""
+        for name in topics:
+            if name in self.topics and ',' in self.topics[name].msgtype:
+                msg = (f'{self.path}: topic {name} carries messages of several types '
+                       f'({self.topics[name].msgtype}); remap one of them and record again')
+                raise BagError(msg)
+        times: dict[str, list[int]] = {name: [] for name in topics}
+        data: dict[str, list[bytes]] = {name: [] for name in topics}
+        for file in self.files:
+            with storage_file(file, self.compression) as opened:
+                _read_file(opened, times, data, with_data, self.compression,
+                           unfinished=file in self.unfinished)
+        return {name: self._ordered(name, times[name], data[name]) for name in topics}
+
+    def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
+        msgtype = self.topics[name].msgtype if name in self.topics else ''
+        log_time = np.array(times, dtype=np.int64)
+        if np.any(log_time[1:] < log_time[:-1]):
+            order = np.argsort(log_time, kind='stable')
+            log_time = log_time[order]
+            data = [data[i] for i in order] if data else data
+        return RawMessages(name, msgtype, log_time, data)
+
+    def definitions(self, msgtype: str) -> list[str]:
+        """Give what the bag says that a type of message is made of, file by file."""
+        found = []
+        for file in self.files:
+            with storage_file(file, self.compression) as opened:
+                texts = (sqlite_definitions(opened) if opened.suffix == '.db3' else
+                         mcap_definitions(opened, unfinished=file in self.unfinished))
+            if texts.get(msgtype):
+                found.append(texts[msgtype])
+        return found
+
+    def checksum(self) -> str:
+        """Give the SHA-256 over the storage files, one after the other."""
+        digest = hashlib.sha256()
+        try:
+            for file in self.files:
+                with open_regular(file) as stream:
+                    while block := stream.read(1 << 20):
+                        digest.update(block)
+        except OSError as err:
+            msg = f'{self.path}: cannot be read ({err.strerror}); check the permissions'
+            raise BagError(msg) from None
+        return digest.hexdigest()
+
+
+def one_line(err: BaseException) -> str:
+    """Put the text of an exception on one line of bounded length."""
+    text = ' '.join(str(err).split()) or 'no reason given'
+    return text if len(text) <= 300 else text[:300] + '...'
+
+
+@contextmanager
+def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
+    """Give a storage file as it can be read; what goes wrong with it becomes a BagError."""
+    remedy = REMEDIES.get(Path(file.stem if compression == 'file' else file.name).suffix,
+                          'check the bag with `ros2 bag info`')
+    try:
+        with unpacked_file(file) if compression == 'file' else nullcontext(file) as opened:
+            yield opened
+    except OSError as err:
+        msg = f'{file}: cannot be read ({err.strerror or err}); check file and permissions'
+        raise BagError(msg) from None
+    except (Damaged, MemoryError) as err:
+        msg = f'{file}: damaged or no rosbag2 storage ({one_line(err)}); {remedy}'
+        raise BagError(msg) from None
+
+
+def _read_file(
+    file: Path,
+    times: dict[str, list[int]],
+    data: dict[str, list[bytes]],
+    with_data: bool,
+    compression: str | None,
+    *,
+    unfinished: bool,
+) -> None:
+    before = {name: len(messages) for name, messages in data.items()}
+    if file.suffix == '.mcap':
+        scans = scan_mcap(file, tuple(times), with_data=with_data, unfinished=unfinished,
+                          channels=None if unfinished else mcap_channels(file))
+        for name, found in scans.items():
+            times[name] += found.log_time
+            data[name] += found.data
+    else:
+        scan_sqlite(file, times, data, with_data=with_data)
+    if compression not in ('message', None):
+        return
+    unpacker = Unpacker(file.stat().st_size)
+    for name, messages in data.items():  # no CDR begins like a compressed message
+        messages[before[name]:] = [
+            unpacker.unpack(message, 'zstd')
+            if compression == 'message' or message[:4] == ZSTD_MAGIC else message
+            for message in messages[before[name]:]]
+
+
+# -- Open any rosbag2: directories with and without metadata, bare files, split bags
+
+HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
+"""Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
+MAX_TOPICS = 4096
+MAX_NAME = 255
+"""Characters in the name of a topic or type, as in DDS."""
+
+
+def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[TopicInfo]:
+    """Give the topics of a file, which becomes one of the unfinished if it breaks off."""
+    with storage_file(file, compression) as opened:
+        read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
+        if read is None:
+            raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
+        try:
+            listed = read(opened)
+        except BreaksOff:
+            # with metadata it was finished once: it is a bad copy
+            bad_copy = (file.parent / METADATA).exists()
+            listed = [] if bad_copy else mcap_topics(opened, unfinished=True)
+            if not listed:
+                raise
+            unfinished.add(file)
+        found = [TopicInfo(*item) for item in listed]
+        if len(found) > MAX_TOPICS:
+            raise Damaged(f'{len(found)} topics; at most {MAX_TOPICS} are read')
+        for item in found:
+            for text in (item.name, item.msgtype):
+                if not (isinstance(text, str) and text.isprintable() and len(text) <= MAX_NAME):
+                    raise Damaged(f'impossible topic entry {item}')
+    return found
+
+
+def _merge(found: Collection[TopicInfo]) -> dict[str, TopicInfo]:
+    merged: dict[str, TopicInfo] = {}
+    for item in found:
+        known = merged.get(item.name)
+        if known is None:
+            merged[item.name] = item
+            continue
+        types = sorted({*known.msgtype.split(', '), item.msgtype})
+        merged[item.name] = TopicInfo(item.name, ', '.join(types), known.count + item.count)
+    return merged
+
+
+def _storage_name(files: Collection[Path]) -> str:
+    names = {'.db3': 'sqlite3', '.mcap': 'mcap'}
+    suffixes = {Path(file.stem if file.suffix == '.zstd' else file.name).suffix for file in files}
+    return ', '.join(sorted(names.get(suffix, suffix) for suffix in suffixes))
+
+
+def _open_files(
+    path: Path, files: tuple[Path, ...], notes: Notes, metadata: Metadata | None = None,
+) -> Bag:
+    compression = None if metadata is None else metadata.compression
+    unfinished: set[Path] = set()
+    for file in files:
+        _check_leftovers(file, notes)
+    topics = _merge([item for file in files for item in _topics(file, compression, unfinished)])
+    for file in sorted(unfinished):
+        notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
+    if metadata is None:
+        return Bag(path, _storage_name(files), files, topics, compression,
+                   unfinished=frozenset(unfinished))
+    announced = {name: replace(info, count=metadata.counts.get(name, info.count))
+                 for name, info in topics.items()}
+    return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
+
+
+def _check_leftovers(file: Path, notes: Notes) -> None:
+    """Look at what SQLite left beside a file that was not closed."""
+    if file.suffix != '.db3':
+        return
+    wal, journal = (file.with_name(file.name + end) for end in ('-wal', '-journal'))
+    if wal.is_file() and wal.stat().st_size > 0:
+        notes.add(f'{wal.name} was never merged: the last messages may be missing; '
+                  f'run `sqlite3 {file.name} "pragma wal_checkpoint"` on a copy')
+    if not journal.is_file():
+        return
+    with open_regular(journal) as stream:
+        # written before SQLite changes the file itself, whose pages may now be of two times
+        if stream.read(len(HOT_JOURNAL)) == HOT_JOURNAL:
+            msg = (f'{file}: its recorder was killed while it wrote, {journal.name} takes that '
+                   f'back: run `sqlite3 {file.name} "pragma quick_check"` beside it, best '
+                   'on a copy of the directory')
+            raise BagError(msg)
+
+
+def _open_directory(path: Path, notes: Notes) -> Bag:
+    files = tuple(sorted((item for item in path.iterdir()
+                          if item.suffix in SUFFIXES and item.is_file()), key=natural))
+    if not (path / METADATA).exists():
+        if not files:
+            msg = (f'{path}: no bag in this directory (neither {METADATA} nor .mcap or .db3 '
+                   'files); give the directory that `ros2 bag record` made')
+            raise BagError(msg)
+        notes.add(f'no {METADATA}; read {", ".join(file.name for file in files)} '
+                  'in the order of their names')
+        return _open_files(path, files, notes)
+    try:
+        metadata = read_metadata(path)
+    except BagError as err:
+        if not files:
+            raise
+        notes.add(f'{METADATA} cannot be used: {err.cause}; read '
+                  f'{", ".join(file.name for file in files)} in the order of their names')
+        return _open_files(path, files, notes)
+    if metadata.doubled:
+        notes.add(f'{METADATA} lists a file twice; read once')
+    missed = [file.name for file in files if file not in metadata.files]
+    if missed and not metadata.compression:
+        notes.add(f'{", ".join(missed)} not listed in {METADATA} and not read')
+    return _open_files(path, metadata.files, notes, metadata)
+
+
+def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
+    """Open a rosbag2."""
+    path = Path(path)
+    notes = Notes(str(path)) if notes is None else notes
+    try:
+        if path.name == METADATA and path.is_file():
+            path = path.parent
+        if path.is_dir():
+            return _open_directory(path, notes)
+        if path.is_file() and path.suffix in SUFFIXES:
+            return _open_files(path, (path,), notes)
+        exists = path.exists()
+    except BagError:
+        raise
+    except (OSError, ValueError) as err:  # ValueError: a NUL in the path
+        msg = f'{path}: cannot be read ({one_line(err)}); check path and permissions'
+        raise BagError(msg) from None
+    if not exists:
+        msg = f'{path}: no such file or directory; give a rosbag2 directory, .mcap or .db3 file'
+        left = abandoned(path)
+        if left:
+            msg += f' (a recorder that was killed left {", ".join(str(item) for item in left)})'
+    elif path.suffix == '.bag':
+        msg = f'{path}: a bag of ROS 1; convert it with `rosbags-convert --src {path} --dst OUT`'
+    elif path.suffix == '.zstd':
+        msg = f'{path}: a compressed file; give its directory, or unpack it with `zstd -d`'
+    else:
+        msg = f'{path}: not a bag; give a rosbag2 directory, .mcap or .db3 file'
+    raise BagError(msg)
+
+
+def abandoned(path: Path) -> list[Path]:
+    """Give what recorders that were killed left of a bag."""
+    try:
+        return sorted(item / path.name for item in path.parent.iterdir()
+                      if item.name.startswith(scratch_prefix(path))
+                      and (item / path.name).is_dir())
+    except OSError:
+        return []

@@ -1,0 +1,374 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Force control: the force at the tip from gauges, held against a surface."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
+import math
+
+import numpy as np
+import pinocchio as pin
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.errors import ArmError, UsageError
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
+from tudor_dynamics.typing import FloatArray
+
+
+# -- The force at the tip along a direction, from what gauges read beyond what they read without
+#    it.
+#
+# A unit force at the tip bends gauge g by s_g = k_g a_g . (p_g - p_tip) x n, with the gain k_g of
+# the gauge and the axis a_g it bends about. All gauges together give F = sum(w s (e - b)) / sum(w
+# s^2), weighted by their noise. What they read before contact, b, is followed slowly, and from
+# contact on kept as it was a little before: a surface presses softly at first.
+
+FOLLOWED = 0.5
+"""Time over which readings without contact are followed [s]."""
+BACK = 0.3
+"""So long before contact is felt it may have begun [s]."""
+STUCK = 0.3
+"""A reading that does not change for so long is that of a dead gauge [s]."""
+APART = 8.0
+"""Standard deviations, of noise and of force, that gauges may differ by from one force."""
+SHARE = 0.6
+"""Part of its share of the force that a gauge may be off by."""
+
+
+class TipSensing:
+    """Force at the tip along a direction: normal (3,)."""
+
+    def __init__(self, arm: Arm, normal: FloatArray) -> None:
+        sensors = {sensor.gauge: sensor for sensor in arm.spec.sensors}
+        self._used = [k for k, gauge in enumerate(arm.gauges) if gauge.name in sensors]
+        if not self._used:
+            msg = (f'{arm.source}: no gauge has a gain in N m; add sensors: with the gain of each '
+                   'gauge to control a force')
+            raise ArmError(msg)
+        gauges = [arm.gauges[k] for k in self._used]
+        self.names = tuple(gauge.name for gauge in gauges)
+        self._gain = np.array([sensors[name].gain for name in self.names])
+        self._noise = np.maximum([sensors[name].noise for name in self.names], 1e-9)
+        self.normal = normal
+        self._model = arm.full_model
+        self._data = self._model.createData()
+        self._q = pin.neutral(self._model)
+        for joint in arm.spec.joints:
+            self._q[self._place(joint.name)] = joint.hold
+        self._columns = [self._place(name) for name in arm.active_joints]
+        self._rates = arm.velocity_index
+        self._at = [(self._model.getJointId(gauge.joint), gauge_point(gauge),
+                     joint_axis(self._model, gauge.joint) if gauge.axis is None
+                     else unit_vector(gauge.axis)) for gauge in gauges]
+        self._tip = (self._model.getFrameId('tip') if self._model.existFrame('tip')
+                     else self._model.nframes - 1)
+        self.reset()
+
+    def _place(self, joint: str) -> int:
+        return int(self._model.joints[self._model.getJointId(joint)].idx_q)
+
+    def reset(self) -> None:
+        """Forget what gauges read without contact."""
+        count = len(self._used)
+        self._level: FloatArray | None = None
+        self._levels: deque[tuple[float, FloatArray]] = deque()
+        self._kept = 0.0
+        self._same, self._before = np.zeros(count), np.full(count, np.nan)
+        self.fault = ''
+
+    def look(self, q: FloatArray) -> tuple[float, FloatArray]:
+        """
+        Give where the tip is along the direction, and its speed by joint speed.
+
+        q (joints,) [rad]; returns (joints,).
+        """
+        self._q[self._columns] = q
+        jacobian = pin.computeFrameJacobian(
+            self._model, self._data, self._q, self._tip,
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        pin.updateFramePlacements(self._model, self._data)
+        place = self._data.oMf[self._tip].translation
+        return float(self.normal @ place), self.normal @ jacobian[:3, self._columns]
+
+    def shares(self) -> FloatArray:
+        """Give what a unit force adds to each reading, where `look` was last [1/N]."""
+        tip = self._data.oMf[self._tip].translation
+        shares = np.zeros(len(self._at))
+        for g, (joint, point, axis) in enumerate(self._at):
+            carrier = self._data.oMi[joint]
+            shares[g] = -(carrier.rotation @ axis) @ np.cross(
+                tip - carrier.act(point), self.normal)
+        return shares * self._gain
+
+    def step(
+        self, dt: float, strain: FloatArray, share: FloatArray | None = None, *, free: bool,
+    ) -> float:
+        """
+        Estimate the force where `look` was last.
+
+        dt [s], strain (gauges,) [its unit], share (gauges,) [1/N]; returns force [N].
+        """
+        values = strain[self._used]
+        self._watch(dt, values)
+        if self.fault:
+            return math.nan
+        if self._level is None:
+            self._level = values.copy()
+        shares = self.shares() if share is None else share[self._used]
+        weights = shares / self._noise**2
+        if free:
+            follow = min(dt / FOLLOWED, 1.0)
+            self._level = self._level + follow * (values - self._level)
+            self._levels.append((dt, self._level))
+            self._kept += dt
+            while self._kept - self._levels[0][0] > BACK:
+                self._kept -= self._levels.popleft()[0]
+        elif self._levels:
+            self._level = self._levels[0][1]
+            self._levels.clear()
+            self._kept = 0.0
+        left = values - (self._levels[0][1] if free else self._level)
+        force = float(weights @ left / max(float(weights @ shares), 1e-12))
+        if not free:
+            off = np.abs(left - shares * force)
+            allowed = APART * self._noise + SHARE * np.abs(shares * force) + 0.3 * np.abs(shares)
+            wrong = int(np.argmax(off / allowed))
+            self._odd = self._odd + dt if off[wrong] > allowed[wrong] else 0.0
+            if self._odd > STUCK:
+                self.fault = (f'gauge {self.names[wrong]} reads what no force at the tip '
+                              'explains with the others')
+        else:
+            self._odd = 0.0
+        return force
+
+    _odd = 0.0
+
+    def _watch(self, dt: float, values: FloatArray) -> None:
+        """Say which gauge is missing or does not change any more."""
+        self._same = np.where(values == self._before, self._same + dt, 0.0)
+        self._before = values.copy()
+        for g, name in enumerate(self.names):
+            if not math.isfinite(values[g]):
+                self.fault = f'gauge {name} is missing'
+            elif self._same[g] > STUCK:
+                self.fault = f'gauge {name} does not change: it is stuck or silent'
+
+
+# -- Holds a force of the tip against a surface of unknown height and stiffness.
+#
+# The tip moves along the normal with v = k_i (F - F_w) + k_p d(F - F_w)/dt, F being the force on
+# the tip, as joint speeds along the gradient of its height. Arm and surface are springs in series,
+# so the arm's own compliance bounds the gain of the loop: the same k_i and k_p hold from soft foam
+# to steel. Without contact the tip approaches at a constant speed.
+
+class Phase(IntEnum):
+    """What the force controller does."""
+
+    IDLE = 0
+    APPROACH = 1
+    HOLD = 2
+    RETREAT = 3
+    HELD = 4
+
+
+@dataclass(frozen=True)
+class ForceSettings:
+    """Gains and bounds."""
+
+    approach_speed: float = 0.02  # of the tip towards the surface, and back [m/s]
+    reach: float = 0.1  # farthest that is approached; beyond it there is no surface [m]
+    touch: float = 0.4  # force from which there is contact [N]
+    integral: float = 0.3  # speed of the tip per force that is missing [m/s per N]
+    proportional: float = 0.02  # way of the tip per force that is missing [m/N]
+    speed: float = 0.1  # largest speed of the tip in contact [m/s]
+    give: float = 0.1  # farthest that the surface may give way; beyond it is none to press on [m]
+    largest: float = 15.0  # force at which it stops [N]
+    lost: float = 0.5  # time without contact after which it is lost [s]
+    ramp: float = 0.15  # time constant of a new wanted force [s]
+
+
+SMOOTH = 0.02
+"""Time constant of the force that is fed back [s]."""
+SOFT = 0.15
+"""Part of the wanted force below which contact counts as lost."""
+
+
+class ForceController:
+    """Reference of an arm that holds a force: force, wanted [N]."""
+
+    def __init__(
+        self, arm: Arm, settings: ForceSettings = ForceSettings(),  # noqa: B008 (frozen)
+        normal: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        length = math.sqrt(sum(value * value for value in normal))
+        if not (math.isfinite(length) and length > 1e-6):
+            msg = f'normal {list(normal)} has no direction; give that of the force on the tip'
+            raise UsageError(msg)
+        self.settings = settings
+        self.sensing = TipSensing(arm, np.array(normal) / length)
+        self.limits, self._planned = hard_limits(arm), motion_limits(arm)
+        self.phase, self.cause = Phase.IDLE, 'no positions yet'
+        self.force = self.wanted = 0.0
+        self._target = 0.0
+        self._q: FloatArray | None = None
+        self._dq = np.zeros(len(arm.active_joints))
+        self._smooth = self._error = 0.0
+        self._way = self._touched = self._alone = 0.0
+        self._brake: MotionPlanner | None = None
+
+    @property
+    def pose(self) -> FloatArray | None:
+        """Give the reference positions; None before the first positions [rad]."""
+        return self._q
+
+    def press(self, force: float) -> str:
+        """
+        Ask for a force; from rest, the surface is approached first.
+
+        force [N]; returns an empty string if it is taken.
+        """
+        if not (math.isfinite(force) and self.settings.touch < force <= self.settings.largest):
+            return (f'a force of {force:g} N: expected more than {self.settings.touch:g} N, from '
+                    f'which contact is felt, and at most {self.settings.largest:g} N')
+        if self._q is None:
+            return 'no positions come: where the arm is, is not known'
+        if self.phase in (Phase.HELD, Phase.RETREAT):
+            return f'{self.phase.name.lower()}: {self.cause}'
+        self.wanted = force
+        if self.phase is Phase.IDLE:
+            self.sensing.reset()
+            self._way = self._target = 0.0
+            self.phase, self.cause = Phase.APPROACH, 'approaches the surface'
+        return ''
+
+    def retreat(self) -> None:
+        """Leave the surface, to where the approach began."""
+        if self.phase in (Phase.APPROACH, Phase.HOLD):
+            self.phase, self.cause = Phase.RETREAT, 'leaves the surface'
+
+    def clear(self) -> None:
+        """Take forces again behind a held pose."""
+        if self.phase is Phase.HELD:
+            self.phase, self.cause = Phase.IDLE, 'waits for a force'
+            self._brake = None
+
+    def stop(self, cause: str) -> None:
+        """Brake, and hold the pose where that ends."""
+        if self.phase is Phase.HELD or self._q is None:
+            return
+        self.phase, self.cause = Phase.HELD, cause
+        self._brake = MotionPlanner(self._planned, self._q)
+        self._brake.move(self._q, self._dq)
+        self._brake.brake()
+
+    def step(
+        self, dt: float, q: FloatArray, strain: FloatArray, share: FloatArray | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """
+        Advance the reference by a sample.
+
+        q (joints,) [rad], strain (gauges,), share (gauges,) [1/N]; dt [s]: 0 to begin at the
+        measured pose; returns reference positions and speeds [rad, rad/s].
+        """
+        if self._q is None or dt <= 0.0:
+            if self._q is not None and self.phase not in (Phase.IDLE, Phase.HELD):
+                self.stop('positions were interrupted')
+            self._q = np.clip(q, self.limits.lower, self.limits.upper)
+            self._dq = np.zeros(len(q))
+            self._brake = None
+            if self.phase is Phase.IDLE:
+                self.cause = 'waits for a force'
+            return self._q.copy(), self._dq.copy()
+        if self.phase in (Phase.IDLE, Phase.HELD):
+            return self._rest(dt)
+        _, slope = self.sensing.look(self._q)
+        free = self.phase is not Phase.HOLD and not (
+            self.phase is Phase.RETREAT and self._touched > 0.0)
+        self.force = self.sensing.step(dt, strain, share, free=free)
+        if self.sensing.fault:
+            self.stop(self.sensing.fault)
+            return self._rest(dt)
+        speed = self._speed(dt)
+        if self._brake is not None:
+            return self._rest(dt)
+        self._way -= speed * dt
+        return self._move(dt, speed, slope)
+
+    def _speed(self, dt: float) -> float:
+        """Give the speed of the tip along the normal; negative is towards the surface [m/s]."""
+        chosen = self.settings
+        before = self._smooth
+        self._smooth += min(dt / (SMOOTH + dt), 1.0) * (self.force - self._smooth)
+        if self.force > chosen.largest:
+            self.stop(f'{self.force:.1f} N on the tip, more than {chosen.largest:g} N')
+            return 0.0
+        if self.phase is Phase.APPROACH:
+            self._smooth = max(self._smooth, 0.0) if self.force > 0.0 else 0.0
+            if self._smooth > chosen.touch:
+                self.phase, self.cause = Phase.HOLD, 'holds the force'
+                self._target, self._touched = self._smooth, self._way
+                self._alone = 0.0
+            elif self._way > chosen.reach:
+                self.stop(f'no surface within {1e3 * chosen.reach:.0f} mm')
+                return 0.0
+            return -chosen.approach_speed
+        if self.phase is Phase.RETREAT:
+            if self._way <= 0.0:
+                self.phase, self.cause, self._touched = Phase.IDLE, 'waits for a force', 0.0
+                return 0.0
+            return chosen.approach_speed
+        late = self._target
+        self._target += min(dt / chosen.ramp, 1.0) * (self.wanted - self._target)
+        lost = self._smooth < SOFT * self.wanted
+        self._alone = self._alone + dt if lost else 0.0
+        if self._alone > chosen.lost:
+            self.stop('the surface is lost')
+            return 0.0
+        if self._way - self._touched > chosen.give:
+            self.stop(f'the surface gives way by more than {1e3 * chosen.give:.0f} mm')
+            return 0.0
+        rate = (self._smooth - before - (self._target - late)) / dt
+        speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate
+        return float(np.clip(speed, -chosen.speed, chosen.speed))
+
+    def _move(
+        self, dt: float, speed: float, slope: FloatArray,
+    ) -> tuple[FloatArray, FloatArray]:
+        assert self._q is not None
+        size = float(slope @ slope)
+        dq = slope * (speed / size) if size > 1e-6 else np.zeros_like(slope)
+        share = float(np.max(np.abs(dq) / self._planned.velocity, initial=1.0))
+        self._dq = dq / share
+        place = self._q + dt * self._dq
+        inside = np.clip(place, self.limits.lower, self.limits.upper)
+        if size <= 1e-6 or np.any(inside != place):
+            self.stop('the way along the normal leaves the limits of the joints')
+            return self._rest(dt)
+        self._q = place
+        return self._q.copy(), self._dq.copy()
+
+    def _rest(self, dt: float) -> tuple[FloatArray, FloatArray]:
+        assert self._q is not None
+        if self._brake is not None:
+            self._brake.step(dt)
+            self._q, self._dq = self._brake.q.copy(), self._brake.dq.copy()
+        else:
+            self._dq = np.zeros_like(self._q)
+        return self._q.copy(), self._dq.copy()

@@ -1,0 +1,354 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""References: goals or random targets from where the arm is, with reactions to collisions."""
+
+from __future__ import annotations
+
+from collections import deque
+import math
+
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
+from tudor_dynamics.control.guards import FOLLOWING_TIME, NEAR_TIME, RESTING
+from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.signals.excitation import aprbs, joint_range
+from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
+from tudor_dynamics.typing import FloatArray
+
+
+# -- References with a reaction to collisions: hold, retreat along the path just driven, or comply.
+#
+# An elastic arm that merely stops keeps pressing like a bent spring, so that holding leaves the
+# contact force where it is; retreating or complying takes it away.
+
+REACTIONS = ('none', 'hold', 'retreat', 'comply')
+RAMP = 0.15
+"""Time in which a retreat comes to speed [s]."""
+
+
+class ReactingReference:
+    """
+    Reference motion, step by step, that yields to collisions.
+
+    q (joints,) [rad], retreat_time [s]; shaping: not at all by default.
+    """
+
+    def __init__(
+        self,
+        limits: Limits,
+        q: FloatArray,
+        reaction: str = 'retreat',
+        retreat_time: float = 1.0,
+        comply_speed: float = 0.5,
+        shaping: Shaping | None = None,
+    ) -> None:
+        if reaction not in REACTIONS:
+            msg = f'reaction {reaction!r}; expected one of {", ".join(REACTIONS)}'
+            raise UsageError(msg)
+        self.limits = limits
+        self.reaction = reaction
+        self.retreat_time = retreat_time
+        self.comply_speed = comply_speed
+        self._planner = ShapedPlanner(
+            MotionLimits(limits.velocity, limits.acceleration), q, shaping or Shaping())
+        self._path: deque[tuple[float, FloatArray]] = deque()
+        self._length = 0.0
+        self._back = 0.0
+        self._since = 0.0
+        self.yielding = np.zeros(len(q))
+        self._stopped = False
+        self.reacting = False
+
+    @property
+    def q(self) -> FloatArray:
+        """Give the reference positions [rad]."""
+        return self._planner.q
+
+    @property
+    def dq(self) -> FloatArray:
+        """Give the reference speeds [rad/s]."""
+        return self._planner.dq
+
+    @property
+    def remaining(self) -> float:
+        """Time until the joints rest at their targets [s]."""
+        return self._planner.remaining
+
+    def go(self, target: FloatArray) -> bool:
+        """Take a target [rad]; refused while a collision is reacted to."""
+        if self.reacting:
+            return False
+        self._planner.go(target)
+        return True
+
+    def collide(self) -> None:
+        """React to a collision."""
+        if self.reaction == 'none' or self.reacting:
+            return
+        self.reacting = True
+        self._since = 0.0
+        self._stopped = False
+        self._back = min(self._length, self.retreat_time)
+        if self.reaction in ('hold', 'retreat'):
+            self._planner.brake()
+
+    def stop(self) -> None:
+        """Brake where the reference is, without a collision."""
+        if not self.reacting:
+            self._planner.brake()
+
+    def clear(self) -> None:
+        """Take goals again, from where the joints are now."""
+        if self.reacting:
+            self._planner.move(self.q.copy(), np.zeros_like(self.q))
+            self.reacting = False
+            self._path.clear()
+            self._length = 0.0
+
+    def step(self, dt: float) -> None:
+        """Advance by a step [s]."""
+        if not self.reacting:
+            self._planner.step(dt)
+            self._remember(dt)
+            return
+        self._since += dt
+        if self.reaction == 'comply':
+            bound = self.comply_speed * self.limits.velocity
+            speed = np.clip(self.yielding, -bound, bound)
+            place = np.clip(self.q + dt * speed, np.minimum(self.limits.lower, self.q),
+                            np.maximum(self.limits.upper, self.q))
+            self._planner.move(place, (place - self.q) / dt)
+        elif self.reaction == 'retreat' and self._stopped:
+            self._drive_back(dt)
+        else:
+            self._planner.step(dt)
+            self._remember(dt)
+            self._back = min(self._back + dt, self._length)  # the way of braking, too
+            if self._planner.remaining <= 0.0:
+                self._stopped, self._since = True, 0.0
+
+    def _remember(self, dt: float) -> None:
+        self._path.append((dt, self._planner.q.copy()))
+        self._length += dt
+        while self._length > 2.0 * self.retreat_time + 1.0 and len(self._path) > 1:
+            gone, _ = self._path.popleft()
+            self._length -= gone
+
+    def _drive_back(self, dt: float) -> None:
+        """Drive the path back, slower at both ends of the way."""
+        if not self._path or self._back <= 0.0:
+            self._planner.move(self.q.copy(), np.zeros_like(self.q))
+            return
+        rate = min(1.0, 0.05 + self._since / RAMP, 0.05 + self._back / RAMP)
+        way = rate * dt
+        self._back -= way
+        place = self.q.copy()
+        while self._path and way > 0.0:
+            length, before = self._path[-1]
+            if length > way:
+                share = way / length
+                place = place + share * (before - place)
+                self._path[-1] = (length - way, before)
+                self._length -= way
+                break
+            self._path.pop()
+            self._length -= length
+            way -= length
+            place = before
+        speed = (place - self.q) / dt
+        bound = self.limits.velocity
+        if np.any(np.abs(speed) > bound):
+            share = float(np.min(bound / np.maximum(np.abs(speed), 1e-12)))
+            speed, place = share * speed, self.q + share * (place - self.q)
+        self._planner.move(place, speed)
+
+
+def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
+    """
+    Give the speed with which a joint yields to the strain of a contact.
+
+    strain [its unit], gain [rad/s per m/m]; returns speed [rad/s].
+    """
+    return -gain * strain / unit_scale if math.isfinite(strain) else 0.0
+
+
+# -- Source of references: goals or random targets, from where the arm is, with reactions to
+#    collisions.
+#
+# It begins again at the measured pose wherever the arm is not with its reference: what commands
+# the joints follows nobody who is somewhere else.
+
+LONGEST = 600.0
+"""Length of random targets before they begin anew [s]."""
+LARGEST_STEP = 0.1
+"""A pause is not made up for beyond this [s]."""
+PATIENCE = 0.5
+"""A resting reference that the arm is not near for so long begins again at the arm [s]."""
+
+
+class ReferenceSource:
+    """
+    Reference motion of an arm.
+
+    retreat_time, timeout [s]; shaping: not at all by default; motion: None before the first
+    positions and while none come; halted: empty where they are; note: empty for nothing.
+    """
+
+    def __init__(
+        self, arm: Arm, reaction: str = 'retreat', retreat_time: float = 1.0,
+        timeout: float = 0.5, shaping: Shaping | None = None,
+    ) -> None:
+        motion_limits(arm)  # says what is missing
+        self.hard = hard_limits(arm)
+        self._limits = planned_limits(arm)
+        self._range = joint_range(arm)
+        self.reaction, self.retreat_time, self.timeout = reaction, retreat_time, timeout
+        self.shaping = shaping or Shaping()
+        self.motion: ReactingReference | None = None
+        self.note = ''
+        self._measured: FloatArray | None = None
+        self._at = -math.inf
+        self._away = 0.0
+        self.collision = False
+        self.halted = ''
+        self._goals: list[tuple[float, FloatArray]] = []
+        self._elapsed = 0.0
+        self._seed: int | None = None
+        self._stretches = 0
+
+    @property
+    def q(self) -> FloatArray | None:
+        """Give the reference positions [rad]."""
+        return None if self.motion is None else self.motion.q
+
+    @property
+    def reacting(self) -> bool:
+        """Whether a collision has taken over."""
+        return self.motion is not None and self.motion.reacting
+
+    def wander(self, seed: int) -> None:
+        """Take random targets from now on (an APRBS), others in each stretch of ten minutes."""
+        self._seed, self._stretches = seed, 0
+
+    def measured(self, now: float, q: FloatArray) -> None:
+        """Take measured positions [rad] into account, at a local time [s]: q (joints,) [rad]."""
+        self._measured, self._at = q.copy(), now
+
+    def configure(self, reaction: str, retreat_time: float) -> None:
+        """Take another reaction into use: retreat_time [s]."""
+        self.reaction, self.retreat_time = reaction, retreat_time
+        if self.motion is not None:
+            self.motion.reaction, self.motion.retreat_time = reaction, retreat_time
+
+    def go(self, target: FloatArray) -> str:
+        """Take a goal: target (joints,); returns an empty string if it is taken."""
+        motion = self.motion
+        if motion is None:
+            return 'no positions come: where the arm is, is not known'
+        if self.halted:
+            return f'no monitor watches the arm, {self.halted}'
+        outside = self.hard.outside(target) | np.isinf(target)
+        if outside.any():
+            return (f'{target.tolist()} is outside {self.hard.lower.tolist()} .. '
+                    f'{self.hard.upper.tolist()}')
+        if motion.reacting or self.collision:
+            return 'a collision is being reacted to'
+        motion.go(target)
+        return ''
+
+    def collide(self, collision: bool) -> None:
+        """Take the state of the collision detector into account."""
+        rising, self.collision = collision and not self.collision, collision
+        if rising and self.motion is not None:
+            self.motion.collide()
+
+    def clear(self) -> None:
+        """Take goals again."""
+        self.collision = False
+        if self.motion is not None:
+            self.motion.clear()
+
+    def halt(self, cause: str) -> None:
+        """Brake and take no goals for a cause, such as that nobody watches; empty to go on."""
+        if cause and not self.halted and self.motion is not None:
+            self.motion.stop()
+        self.halted = cause
+
+    def step(self, now: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
+        """
+        Advance the reference.
+
+        now, dt [s]; returns positions and speeds [rad, rad/s], None while none can be told.
+        """
+        if self._measured is None:
+            return None
+        if now - self._at > self.timeout:
+            if self.motion is not None:
+                self.motion, self.note = None, 'positions stopped; it begins again with them'
+            return None
+        motion = self.motion
+        if motion is None or self._lost(motion, dt):
+            motion = self._begin()
+        dt = min(dt, LARGEST_STEP)
+        self._elapsed += dt
+        if self._seed is not None and not self.halted:
+            self._take_targets(motion)
+        motion.step(dt)
+        return motion.q.copy(), motion.dq.copy()
+
+    def _begin(self) -> ReactingReference:
+        assert self._measured is not None
+        place = np.clip(self._measured, self.hard.lower, self.hard.upper)
+        self.motion = ReactingReference(self._limits, place, self.reaction, self.retreat_time,
+                                        shaping=self.shaping)
+        self._away = 0.0
+        if self.collision:
+            self.motion.collide()
+        return self.motion
+
+    def _lost(self, motion: ReactingReference, dt: float) -> bool:
+        """Say whether the arm is not with its reference."""
+        assert self._measured is not None
+        planned = self._limits.velocity
+        away = np.abs(motion.q - self._measured) / planned
+        resting = bool(np.all(np.abs(motion.dq) < RESTING * planned))
+        self._away = self._away + dt if resting and away.max() > NEAR_TIME else 0.0
+        if away.max() > FOLLOWING_TIME or self._away > PATIENCE:
+            self.note = 'the arm was not with its reference; it begins again where the arm is'
+            return True
+        return False
+
+    def _take_targets(self, motion: ReactingReference) -> None:
+        if not self._goals:
+            assert self._seed is not None
+            seed = self._seed if not self._stretches else int(np.random.SeedSequence(
+                [self._seed, self._stretches]).generate_state(1)[0])
+            self._stretches += 1
+            targets = aprbs(self._range, LONGEST, seed)
+            self._goals = sorted(
+                ((self._elapsed + float(t), self._only(j, float(v)))
+                 for j in range(len(targets.times))
+                 for t, v in zip(targets.times[j], targets.values[j], strict=True)),
+                key=lambda item: -item[0])
+        while self._goals and self._goals[-1][0] <= self._elapsed:
+            motion.go(self._goals.pop()[1])
+
+    def _only(self, joint: int, value: float) -> FloatArray:
+        target = np.full(len(self._limits.velocity), np.nan)
+        target[joint] = value
+        return target

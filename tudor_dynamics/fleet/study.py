@@ -1,0 +1,483 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From the plan of a fleet to its comparison and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+import datetime
+from pathlib import Path
+import warnings
+
+from matplotlib.dates import DateFormatter
+from matplotlib.ticker import MaxNLocator
+from pydantic import Field, field_validator, ValidationError
+
+from tudor_dynamics.arm.description import Arm, load_arm, validation_message
+from tudor_dynamics.arm.hardware import Name, Spec
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
+from tudor_dynamics.files import load_yaml, read_bounded
+from tudor_dynamics.fleet.comparison import (
+    aged, Fleet, Measure, measures, Named, named_aged, named_beside, parted, quantities,
+    ring_quantities, Seen, WORDS)
+from tudor_dynamics.fleet.pieces import Model, model_pieces, ring_pieces, stiffnesses
+from tudor_dynamics.identification.choice import choices_of, choose
+from tudor_dynamics.identification.dataset import (
+    BagChoice, BagData, common_outputs, filtered, found_choices, load, Unused)
+from tudor_dynamics.identification.elastic_trainer import check_arm
+from tudor_dynamics.identification.fit import FitSettings, RowTrainer
+from tudor_dynamics.identification.many_bags import FoldSums, gone
+from tudor_dynamics.identification.next_steps import Change
+from tudor_dynamics.identification.passes import gather, Part, read_bag, Sight, survey, Task
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.show.figures import (
+    BLUE, label, new_figure, PAGE, plain_text, style, to_uri, VERMILION)
+from tudor_dynamics.show.page import rendered
+from tudor_dynamics.typing import Progress
+
+
+# -- The plan of a fleet: which arms, their bags by date
+
+LARGEST = 5_000_000
+"""Bytes of a plan."""
+FORBIDDEN = '/\\\0'
+"""Characters that the name of a folder cannot have."""
+
+
+class FleetArm(Spec):
+    """One arm of the fleet."""
+
+    name: Name
+    """What it is called, on the page and in the names of folders."""
+    arm: Name | None = None
+    """Its description, where it is not that of all; relative to the plan."""
+    bags: dict[datetime.date, Name | tuple[Name, ...]] = Field(min_length=1, max_length=10_000)
+    """Date to bags, folders of bags or patterns; relative to the plan."""
+
+    @field_validator('name')
+    @classmethod
+    def _is_a_folder(cls, name: str) -> str:
+        if any(letter in name for letter in FORBIDDEN) or name.startswith('.'):
+            raise ValueError(f'{name!r} is no name of a folder')
+        return name
+
+    @property
+    def dates(self) -> list[datetime.date]:
+        """Give the dates in their order."""
+        return sorted(self.bags)
+
+    def named(self, date: datetime.date) -> tuple[str, ...]:
+        """
+        Give what stands at a date.
+
+        Parameters
+        ----------
+        date : date
+            One of the arm's dates.
+
+        """
+        bags = self.bags[date]
+        return (bags,) if isinstance(bags, str) else bags
+
+
+class FleetPlan(Spec):
+    """A whole plan."""
+
+    name: Name = 'fleet'
+    """What the fleet is called."""
+    arm: Name | None = None
+    """Description of the arms; relative to the plan."""
+    arms: tuple[FleetArm, ...] = Field(min_length=1, max_length=10_000)
+    """The arms."""
+
+    @field_validator('arms')
+    @classmethod
+    def _have_own_names(cls, arms: tuple[FleetArm, ...]) -> tuple[FleetArm, ...]:
+        names = [arm.name for arm in arms]
+        twice = next((name for name in names if names.count(name) > 1), None) if (
+            len({*names}) < len(names)) else None
+        if twice is not None:
+            raise ValueError(f'two arms are called {twice!r}')
+        return arms
+
+
+def load_plan(path: Path) -> FleetPlan:
+    """
+    Read the plan of a fleet.
+
+    Parameters
+    ----------
+    path : Path
+        YAML file, see docs/fleet.md.
+
+    Returns
+    -------
+    FleetPlan
+        Checked plan, in which every arm has a description.
+
+    Raises
+    ------
+    UsageError
+        If it cannot be read or is wrong; the message names file, key and expectation.
+
+    """
+    remedy = 'docs/fleet.md describes a plan'
+    try:
+        plan = FleetPlan.model_validate(load_yaml(read_bounded(path, LARGEST).decode()))
+    except OSError as err:
+        raise UsageError(f'the plan cannot be read ({err.strerror})', place=path,
+                         remedy='check the path') from None
+    except ValidationError as err:
+        raise UsageError(validation_message(err), place=path, remedy=remedy) from None
+    except ValueError as err:
+        raise UsageError(str(err), place=path, remedy=remedy) from None
+    lacking = [arm.name for arm in plan.arms if arm.arm is None]
+    if plan.arm is None and lacking:
+        raise UsageError(f'there is no description of {lacking[0]}', place=path,
+                         remedy='give arm: my_arm.yaml, for all or for this one')
+    return plan
+
+
+# -- The page of a fleet: which arms are named, and each quantity of all arms over time
+
+COLOURS = (VERMILION, BLUE, '#007a57', '#7a4fa3', '#a0642c', '#cc79a7')
+"""Of arms that are named; those of others are grey."""
+MARKERS = 'osD^vP'
+MOST = 200
+"""Arms that a figure draws, beside those that are named."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A quantity over time."""
+
+    title: str  # quantity and channel
+    figure: str  # all arms over time, as data URI
+    named: tuple[str, ...]  # arms that are named for it
+
+
+def page_of(fleet: Fleet) -> str:
+    """Render the page."""
+    groups: dict[str, list[Seen]] = {}
+    for item in fleet.seen:
+        quantity = item.quantity
+        groups.setdefault(f'{quantity.name}, {quantity.channel} ({item.output})', []).append(item)
+    named = {title: tuple(dict.fromkeys(item.arm for item in fleet.named if item.what == title))
+             for title in groups}
+    drawn = [Drawn(title, _figure(title, items, named[title]), named[title])
+             for title, items in groups.items()]
+    dates = sorted({item.date for item in fleet.seen})
+    return rendered('fleet', fleet=fleet, drawn=drawn, words=WORDS, dates=dates,
+                    alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
+
+
+def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> str:
+    arms: dict[str, list[Seen]] = {}
+    for item in items:
+        arms.setdefault(item.arm, []).append(item)
+    others = [arm for arm in arms if arm not in named]
+    with style(PAGE):
+        figure, ((axes,),) = new_figure(1, [2.2], [0.5])
+        for arm in [*others[:MOST], *named]:
+            some = sorted(arms[arm], key=lambda item: item.date)
+            look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
+            if arm in named:
+                place = list(named).index(arm)
+                look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
+                        'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
+            axes.errorbar([_time(item.date) for item in some],
+                          [item.quantity.value for item in some],
+                          yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
+                          elinewidth=0.7, **look)
+        plain_text(axes.set_title, title)
+        axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
+                              items[0].quantity.unit))
+        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
+        days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
+        axes.xaxis.set_major_formatter(days)
+        if named:
+            for text in axes.legend(loc='best').get_texts():
+                text.set_parse_math(False)
+        return to_uri(figure)
+
+
+def _time(date: datetime.date) -> datetime.datetime:
+    return datetime.datetime.combine(date, datetime.time())
+
+
+# -- From the plan of a fleet to what is compared: the same choices for all arms, part by part
+
+When = tuple[str, datetime.date]
+"""Arm and date."""
+
+SAMPLE = 8
+"""Bags of all arms that filters and friction are chosen by."""
+PARTS = 6
+"""Parts of the data of a date, at least: for standard errors."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a fleet is gone through."""
+
+    base: Path  # directory that the names in the plan are relative to
+    out: Path  # where models and sums go
+    jobs: int = 1  # number of processes
+    models: bool = True  # whether each arm gets a model of its last date
+    elastic: bool = False  # whether stiffnesses are compared, by a search for each date
+
+
+@dataclass(eq=False)
+class _Date:
+    """An arm at a date: its parts, their sums and models."""
+
+    whole: list[Sight] = field(default_factory=list)
+    sights: list[Sight] = field(default_factory=list)
+    models: dict[str, AnalyticalModel] = field(default_factory=dict)
+    others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
+    parts: dict[str, list[Part]] = field(default_factory=dict)
+
+    @property
+    def bags(self) -> tuple[BagChoice, ...]:
+        """Give the bags as they were named."""
+        return tuple(seen.choice for seen in self.whole)
+
+    @property
+    def used(self) -> tuple[Sight, ...]:
+        """Give the bags that at least one part of is used."""
+        names = {sight.choice.path for sight in self.sights}
+        return tuple(seen for seen in self.whole if seen.choice.path in names)
+
+
+def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
+    """Fit all arms of a fleet at all dates, and compare them."""
+    return _Study(plan, run, progress).done()
+
+
+class _Study:
+    """The steps of a study, and what they share."""
+
+    def __init__(self, plan: FleetPlan, run: Run, progress: Progress) -> None:
+        self.plan, self.run, self.progress = plan, run, progress
+        self.unused: list[Unused] = []
+        self.arms = self._described()
+        self.dates: dict[When, _Date] = {}
+
+    def done(self) -> Fleet:
+        """Go through all bags."""
+        if self.run.elastic:
+            check_arm(next(iter(self.arms.values())))
+        self._see()
+        sample = self._sample()
+        first = next(iter(self.arms.values()))
+        chosen = choose(first, sample, first.spec.preprocessing, FitSettings(), self.progress,
+                        summable=True)
+        outputs = common_outputs(sample)
+        friction = {joint.name: choices_of(joint) for joint in chosen.arm.joints}
+        self.arms = {name: arm.with_joints(friction) for name, arm in self.arms.items()}
+        bags = [filtered(bag, chosen.preprocessing) for bag in sample]
+        some = {output: self._measures(output, bags, chosen.settings) for output in outputs}
+        self._gather(chosen.preprocessing, chosen.settings, outputs)
+        self.progress('compare')
+        seen = [Seen(*when, output, item) for when, date in self.dates.items()
+                for output, model in date.models.items()
+                for item in quantities(some[output], model, date.others[output])]
+        seen += self._rings(chosen.preprocessing)
+        if self.run.elastic:
+            told, without = stiffnesses(
+                self._tasks(chosen.preprocessing, chosen.settings, ('strain',)),
+                {when: date.used for when, date in self.dates.items()}, self.run.jobs,
+                lambda done: self.progress('stiffness'))
+            seen += told
+            self.unused += without
+        named = [*named_beside(seen), *self._aged(outputs)]
+        models = self._models(chosen.preprocessing, chosen.settings) if self.run.models else {}
+        order = list(self.arms)
+        named.sort(key=lambda item: (order.index(item.arm), item.kind, -abs(item.sigmas)))
+        return Fleet(self.plan.name, tuple(order), tuple(seen), tuple(named),
+                     tuple(str(choice) for choice in chosen.made), models, tuple(self.unused))
+
+    def _described(self) -> dict[str, Arm]:
+        read: dict[str, Arm] = {}
+        arms = {}
+        for item in self.plan.arms:
+            file = item.arm or self.plan.arm
+            assert file is not None  # load_plan has seen to it
+            if file not in read:
+                read[file] = load_arm(self.run.base / file)
+            arms[item.name] = read[file]
+        first = next(iter(arms.values()))
+        for name, arm in arms.items():
+            if (arm.active_joints, arm.gauge_names) != (first.active_joints, first.gauge_names):
+                raise UsageError(f'{name} has other joints or gauges than {next(iter(arms))}: a '
+                                 'fleet is of one kind', remedy='make a plan for each kind')
+        return arms
+
+    def _see(self) -> None:
+        """Find the bags of each date, and see what they are."""
+        whens: list[tuple[FleetArm, datetime.date]] = [
+            (arm, date) for arm in self.plan.arms for date in arm.dates]
+        named = []
+        for arm, date in whens:
+            found = [replace(choice, path=_relative(choice.path, self.run.base))
+                     for choice in found_choices([str(self.run.base / text)
+                                                  for text in arm.named(date)])]
+            named += [(arm, date, choice) for choice in found]
+        told = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
+                      lambda done: self.progress('see bags'))
+        known: dict[str, str] = {}
+        masses: dict[float | None, str] = {}
+        for (arm, date, choice), sight in zip(named, told, strict=True):
+            if isinstance(sight, Unused):
+                self.unused.append(sight)
+                continue
+            other = known.setdefault(sight.checksum, f'{arm.name} {date}')
+            if other != f'{arm.name} {date}':
+                self.unused.append(Unused(str(choice), f'has the very bytes of a bag of {other}'))
+                continue
+            masses.setdefault(sight.payload, str(choice))
+            when = self.dates.setdefault((arm.name, date), _Date())
+            when.whole.append(sight)
+        if len(masses) > 1:
+            said = ', '.join(f'{mass} kg ({bag})' for mass, bag in list(masses.items())[:2])
+            raise UsageError(f'bags of several payloads cannot be compared: {said}',
+                             remedy='name those of one payload')
+        if not self.dates:
+            raise FitError(f'no bag can be used: {self.unused[0]}', remedy='correct the plan')
+        for date_ in self.dates.values():
+            date_.sights = parted(date_.whole, PARTS)
+
+    def _sample(self) -> list[BagData]:
+        """Read some bags, evenly among arms and dates."""
+        dates = list(self.dates.items())
+        count = min(SAMPLE, len(dates))
+        found = []
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', TudorWarning)
+            for i in range(count):
+                for (name, _), date in dates[i * len(dates) // count:
+                                             (i + 1) * len(dates) // count]:
+                    choice = date.bags[0]
+                    arm = self.arms[name]
+                    try:
+                        found.append(load(replace(choice, path=str(self.run.base / choice.path)),
+                                          arm, arm.spec.preprocessing, learn=True))
+                    except TudorError:
+                        continue  # told of when all bags are gone through
+                    break
+        if not found or not common_outputs(found):
+            raise FitError('the bags can neither be read nor have efforts or strains in common',
+                           remedy='tudor info BAG says what is in one')
+        return found
+
+    def _measures(
+        self, output: str, bags: Sequence[BagData], settings: FitSettings,
+    ) -> list[Measure]:
+        arm = next(iter(self.arms.values()))
+        model = RowTrainer('analytical', arm, settings).fit(bags, output)
+        assert isinstance(model, AnalyticalModel)
+        return measures(arm, output, model, bags)
+
+    def _tasks(
+        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
+    ) -> dict[str, Task]:
+        return {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
+                           (self.run.out / 'sums').absolute())
+                for name, arm in self.arms.items()}
+
+    def _gather(
+        self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
+    ) -> None:
+        """Multiply out all parts, and fit each date."""
+        tasks = self._tasks(spec, settings, outputs)
+        asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
+        facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
+        for (name, when), date in list(self.dates.items()):
+            told = [(sight, next(facts)) for sight in date.sights]
+            used = [sight for sight, fact in told if not isinstance(fact, Unused)]
+            wrong = {_whole(fact.bag): fact.why for _, fact in told if isinstance(fact, Unused)}
+            good = {sight.choice.path for sight in used}
+            self.unused += [Unused(bag, why) for bag, why in wrong.items() if bag not in good]
+            try:
+                self._fit(tasks[name], date, used)
+            except TudorError as err:
+                self.unused.append(Unused(f'{name} {when}', err.advice))
+                del self.dates[name, when]
+        if not self.dates:
+            raise FitError(f'no date of any arm can be used: {self.unused[0]}',
+                           remedy='correct the plan')
+
+    def _fit(self, task: Task, date: _Date, used: Sequence[Sight]) -> None:
+        date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
+        if len(used) < 2:
+            raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
+        sums = FoldSums(task)
+        for sight in date.sights:
+            sums.add(sight)
+        for place in sums.parts:
+            model, others = sums.models(place)
+            date.models[place[1]] = model
+            date.others[place[1]] = list(others.values())
+        for sight in date.sights:
+            kept = read_bag(task.file(sight, '.npz'))
+            if kept is None:
+                raise gone(task.file(sight, '.npz'))
+            for (_, output), part in kept.parts.items():
+                date.parts.setdefault(output, []).append(part)
+
+    def _rings(self, spec: PreprocessingSpec) -> list[Seen]:
+        asked = [(self.arms[name], spec, self.run.base.absolute(), date.bags)
+                 for (name, _), date in self.dates.items()]
+        found = ring_pieces(asked, self.run.jobs, lambda done: self.progress('ring-downs'))
+        return [Seen(*when, 'ring', item) for when, rings in zip(self.dates, found, strict=True)
+                for item in ring_quantities(rings)]
+
+    def _aged(self, outputs: Sequence[str]) -> list[Named]:
+        """Judge the model of each arm's first date on its last one."""
+        found: dict[str, list[Change]] = {}
+        for name in self.arms:
+            dates = sorted(date for arm, date in self.dates if arm == name)
+            if len(dates) > 1:
+                old, new = self.dates[name, dates[0]], self.dates[name, dates[-1]]
+                found[name] = [change for output in outputs for change in aged(
+                    output, old.models[output], old.others[output], old.parts[output],
+                    new.parts[output])]
+        return named_aged(found)
+
+    def _models(self, spec: PreprocessingSpec, settings: FitSettings) -> dict[str, str]:
+        """Make a bundle of each arm's last date."""
+        last: dict[str, datetime.date] = {}
+        for name, date in self.dates:
+            last[name] = max(last.get(name, date), date)
+        asked = [Model(self.arms[name], spec, settings, self.run.base.absolute(),
+                       self.dates[name, date].bags,
+                       tuple(seen.checksum for seen in self.dates[name, date].whole),
+                       self.run.out.absolute(), name) for name, date in last.items()]
+        told = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
+        self.unused += [item for item in told if isinstance(item, Unused)]
+        return {item.name: f'models/{item.name}' for item, made in zip(asked, told, strict=True)
+                if not isinstance(made, Unused)}
+
+
+def _relative(path: str, base: Path) -> str:
+    """Name a bag as the plan does."""
+    return str(Path(path).relative_to(base)) if Path(path).is_relative_to(base) else path
+
+
+def _whole(bag: str) -> str:
+    """Give the bag of a part."""
+    return bag.rpartition('@')[0] or bag

@@ -1,0 +1,597 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What users leave open is chosen by left-out parts: filters, friction terms, estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import JointSpec, PreprocessingSpec
+from tudor_dynamics.errors import FitError, SignalError
+from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
+from tudor_dynamics.identification.fit import Choice, FitSettings
+from tudor_dynamics.models.estimation import (
+    find_constants, Products, rescaled, solve, squared_residuals)
+from tudor_dynamics.models.friction import bent_along, Coupling, friction_columns, friction_names
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.payload import payload_regressor
+from tudor_dynamics.models.regressor import base_sets, plain_regressor
+from tudor_dynamics.typing import FloatArray, Progress
+
+
+# -- Rows for all candidates at once: those of the bodies, and each friction term that any of them
+#    has.
+#
+# Candidates differ in which columns they take, so one pass over the recordings serves all of them:
+# of every part that may be left out, the products of all columns are kept, and to leave a part out
+# is a subtraction.
+
+PARTS = 5
+"""Parts that a few recordings are divided into; of more recordings each is a part."""
+_EVEN = ('viscous', 'offset', 'square')
+"""Terms that no switch is part of."""
+Term = tuple[str, float, float]
+"""
+Name of a friction term, with the velocities of its switch and of Stribeck's curve; of what gives
+way, with its displacement in place of the switch.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateRows:
+    """A part of the training data, its rows and outputs decimated."""
+
+    bodies: FloatArray  # rows of the bodies and rotors, (samples, channels, body_columns)
+    # (samples, joints, terms): friction terms of each drive, those of the load as yet without it.
+    speed: FloatArray
+    output: FloatArray  # efforts or strains in their units, as measured, (samples, channels)
+
+
+def terms_of(joint: JointSpec) -> list[Term]:
+    """Give the friction terms of a joint, one a column; velocities that do not count are 0."""
+    found: list[Term] = [('presliding', distance, 0.0) for distance in joint.bristles]
+    for name in friction_names(joint):
+        kind = name.partition('(')[0]
+        if not kind.startswith('presliding'):
+            found.append((kind, 0.0 if kind in _EVEN else joint.friction_velocity,
+                          joint.stribeck_velocity if kind == 'stribeck' else 0.0))
+    return found
+
+
+def joint_with(joint: JointSpec, term: Term) -> JointSpec:
+    """Give a joint whose friction has a term, with another one where terms come in pairs."""
+    name = term[0].rstrip('+-')
+    return joint.model_copy(update={
+        'friction': (name,), 'asymmetric': name != term[0],
+        'friction_velocity': term[1] or joint.friction_velocity,
+        'stribeck_velocity': term[2] or joint.stribeck_velocity})
+
+
+class WideRows:
+    """Rows of an output for all candidates."""
+
+    def __init__(
+        self, arm: Arm, output: str, candidates: Sequence[JointSpec], bags: Sequence[BagData],
+        strain_form: str, *, with_payload: bool = False,
+    ) -> None:
+        self.output = output
+        bare = arm.with_joints({joint.name: {'friction': ()} for joint in arm.joints})
+        self._coupling = Coupling(arm)
+        self._reach = self._coupling.reach if output == 'effort' else np.zeros((0, 0))
+        names = [joint.name for joint in arm.joints]
+        self.terms: list[list[Term]] = [[] for _ in names]
+        self._joints = arm.joints
+        if output == 'effort':
+            for joint in candidates:
+                own = self.terms[names.index(joint.name)]
+                own += [term for term in terms_of(joint) if term not in own]
+        self._widest = max((len(terms) for terms in self.terms), default=0)
+        self.groupings = {}
+        kept: set[int] = set()
+        for shared in (False, True):
+            regressor = plain_regressor(bare, output, strain_form, shared=shared)
+            rows = payload_regressor(regressor, bare) if with_payload else regressor
+            if shared and not rows.unknown:
+                continue
+            self.groupings[shared] = [(base.channels, base.kept) for base in base_sets(
+                rows, len(names))]
+            self.unknown, self.scaled = rows.unknown, rows.scaled
+            kept |= {int(i) for _, columns in self.groupings[shared] for i in columns}
+        self._regressor = rows
+        self.columns = np.array(sorted(kept), dtype=np.intp)
+        self.scaled = self.scaled[self.columns]
+        self.parts = [part for bag in bags for part in self._parts(bag, len(bags), with_payload)]
+        self._loads: FloatArray | None = None
+        self.power = np.sum([np.sum(part.output ** 2, axis=0) for part in self.parts], axis=0)
+
+    @property
+    def n_columns(self) -> int:
+        """Give the number of all columns, friction included."""
+        return len(self.columns) + self._widest * len(self.terms)
+
+    def _parts(self, bag: BagData, bags: int, with_payload: bool) -> list[CandidateRows]:
+        pieces = []
+        for stretch in bag.stretches:
+            motion = stretch.motion
+            if with_payload:
+                motion = np.column_stack([motion, np.full(len(motion), bag.payload)])
+            keep, n = stretch.decimation, len(self.terms)
+            dq = self._coupling.drive_places(stretch.states.dq)
+            speed = np.zeros((len(motion), n, self._widest))
+            distances = sorted({term[1] for terms in self.terms for term in terms
+                                if term[0] == 'presliding'})
+            bent = bent_along(stretch, self._coupling, np.tile(
+                np.array(distances).reshape(-1, 1), n))
+            for i, terms in enumerate(self.terms):
+                for k, term in enumerate(terms):
+                    if term[0] == 'presliding':
+                        speed[:, i, k] = bent[:, distances.index(term[1]), i]
+                        continue
+                    names = friction_names(joint := joint_with(self._joints[i], term))
+                    place = [name.partition('(')[0] for name in names].index(term[0])
+                    speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]
+            rows = self._regressor.rows(motion if keep.sections is not None else keep(motion))
+            bodies = rows[:, :, self.columns]
+            pieces.append(CandidateRows(
+                keep(bodies) if keep.sections is not None else bodies, keep(speed),
+                keep(getattr(stretch, self.output))))
+        whole = CandidateRows(*(np.concatenate([getattr(piece, name) for piece in pieces])
+                                for name in ('bodies', 'speed', 'output')))
+        count = 1 if bags >= PARTS else -(-PARTS // bags)
+        edges = np.linspace(0, len(whole.output), count + 1).astype(int)
+        return [CandidateRows(whole.bodies[a:b], whole.speed[a:b], whole.output[a:b])
+                for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+    def assume(self, parameters: FloatArray) -> None:
+        """
+        Take parameters by which the loads are known, for the terms that grow with them.
+
+        parameters (channels, columns).
+        """
+        self._loads = parameters[:, :len(self.columns)]
+
+    def products(self) -> list[list[Products]]:
+        """Give the products of each part and channel, on all columns."""
+        return [self._products(part) for part in self.parts]
+
+    def _products(self, part: CandidateRows) -> list[Products]:
+        speed = part.speed
+        if self._loads is not None:
+            speed = speed.copy()
+            loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, self._loads))
+            for i, terms in enumerate(self.terms):
+                for k, term in enumerate(terms):
+                    if term[0] == 'load':
+                        speed[:, i, k] *= loads[:, i]
+        found = []
+        for channel in range(part.output.shape[1]):
+            friction = [speed[:, i] * self._reach[channel, i] for i in range(len(self._reach))]
+            wide = np.hstack([part.bodies[:, channel], *friction])
+            if not friction:
+                wide = np.hstack([wide, np.zeros((len(wide), self.n_columns - wide.shape[1]))])
+            product = Products.empty(self.n_columns)
+            product.add(wide, part.output[:, channel])
+            found.append(product)
+        return found
+
+    def taken(self, joints: Sequence[JointSpec], columns: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Give the places of the columns that a candidate takes."""
+        bodies = np.searchsorted(self.columns, columns)
+        if self.output != 'effort':
+            return bodies
+        friction = [len(self.columns) + i * self._widest + self.terms[i].index(term)
+                    for i, joint in enumerate(joints) for term in terms_of(joint)]
+        return np.concatenate([bodies, np.array(friction, dtype=np.intp)])
+
+
+# -- What a candidate is worth: its errors on parts of the training data that it was not fitted to.
+#
+# A candidate with more in it is taken where the left-out parts clearly pay for it, by the rule of
+# one standard error (Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3):
+# the gain over all parts has to exceed its own scatter between them.
+
+LEAST_GAIN = 0.01
+"""Part of the error that a choice has to bring: less is no reason for more parameters."""
+
+
+def paid(before: FloatArray, after: FloatArray, least: float = LEAST_GAIN) -> bool:
+    """Say whether left-out parts clearly pay for a candidate: before, after (parts,)."""
+    gains = before - after
+    if not np.all(np.isfinite(gains)) or not before.sum() > 0.0:
+        return False
+    scatter = float(np.std(gains, ddof=1)) * np.sqrt(len(gains)) if len(gains) > 1 else np.inf
+    return bool(np.sqrt(after.sum() / before.sum()) < 1.0 - least and gains.sum() > scatter)
+
+
+class LeftOut:
+    """Errors of candidates on parts that are left out, each once."""
+
+    def __init__(self, rows: WideRows) -> None:
+        self.rows = rows
+        self._renew()
+
+    def _renew(self) -> None:
+        self._parts = self.rows.products()
+        self._total = [reduce(add, channel) for channel in zip(*self._parts, strict=True)]
+
+    def errors(
+        self, joints: Sequence[JointSpec], *, shared: bool = False, weighted: bool = True,
+        constants: FloatArray | None = None,
+    ) -> FloatArray:
+        """
+        Fit a candidate to all parts but one, and predict that, for every part.
+
+        constants (channels,); returns (parts, channels), infinite where a fit has too few samples.
+        """
+        errors = np.zeros((len(self._parts), len(self._total)))
+        for channels, kept in self.rows.groupings[shared]:
+            places = self.rows.taken(joints, kept)
+            for k, part in enumerate(self._parts):
+                others = [_narrow(self._total[i], places, part[i]) for i in channels]
+                try:
+                    parameters, found = self._solve(others, places, shared, weighted, constants)
+                except FitError:
+                    errors[k, list(channels)] = np.inf
+                    continue
+                for i, values in zip(channels, parameters, strict=True):
+                    errors[k, i] = squared_residuals(_narrow(part[i], places), values)
+        return errors
+
+    def fitted(
+        self, joints: Sequence[JointSpec], *, shared: bool = False,
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """
+        Fit a candidate to all parts.
+
+        Returns parameters (channels, columns) and constants (channels,).
+        """
+        full = np.zeros((len(self._total), self.rows.n_columns))
+        constants = None
+        for channels, kept in self.rows.groupings[shared]:
+            places = self.rows.taken(joints, kept)
+            parameters, constants = self._solve(
+                [_narrow(self._total[i], places) for i in channels], places, shared, True, None)
+            for i, values in zip(channels, parameters, strict=True):
+                full[i, places] = values
+        return full, constants
+
+    def assume(self, parameters: FloatArray) -> None:
+        """Take parameters by which loads are known; see ``WideRows.assume``."""
+        self.rows.assume(parameters)
+        self._renew()
+
+    def _solve(
+        self, products: list[Products], places: NDArray[np.intp], shared: bool, weighted: bool,
+        constants: FloatArray | None,
+    ) -> tuple[list[FloatArray], FloatArray | None]:
+        if not shared:
+            return [solve(products, weighted=weighted).parameters] * len(products), None
+        bodies = places < len(self.rows.columns)
+        scaled = np.zeros(len(places), dtype=bool)
+        scaled[bodies] = self.rows.scaled[places[bodies]]
+        if constants is None:
+            constants = find_constants(products, scaled, self.rows.unknown).values
+        common = solve([rescaled(product, scaled, value) for product, value in
+                        zip(products, constants, strict=True)], weighted=weighted).parameters
+        return [np.where(scaled, common / value, common) for value in constants], constants
+
+
+def _narrow(
+    product: Products, places: NDArray[np.intp], without: Products | None = None,
+) -> Products:
+    index = np.append(places, len(product.gram) - 1)
+    gram, n = product.gram[np.ix_(index, index)], product.n
+    if without is None:
+        return Products(gram, n)
+    return Products(gram - without.gram[np.ix_(index, index)], n - without.n)
+
+
+# -- Friction terms for each joint: added one after the other, as long as left-out parts pay
+
+ROUNDS = 3
+"""Additions that a joint may get."""
+SWITCHES = (0.05, 0.25, 5.0)
+"""Speeds of the smoothed sign that are tried, in that of the description."""
+TERMS = ('load', 'offset', 'stribeck', 'cube_root', 'square')
+"""Terms that are tried beside viscous and Coulomb friction, and presliding."""
+DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""Displacements over which friction is tried to give way [rad or m]."""
+Change = Mapping[str, Any]
+
+
+def choices_of(joint: JointSpec) -> dict[str, Any]:
+    """Give all keys of a joint that a choice of its friction sets."""
+    return {key: getattr(joint, key) for key in (
+        'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
+
+
+def is_open(joint: JointSpec) -> bool:
+    """Say whether the description leaves the friction terms of a joint to be chosen."""
+    return not joint.model_fields_set & {'friction', 'asymmetric'}
+
+
+def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
+    """
+    Give what may be added to the friction of a joint, by its name.
+
+    Returns an empty dict where all is fixed.
+    """
+    found: dict[str, Change] = {}
+    if is_open(joint):
+        for term in TERMS:
+            if term in left_out or term in joint.friction or (
+                    term == 'offset' and joint.asymmetric):
+                continue
+            found[term] = {'friction': (*joint.friction, term)}
+        for distance in () if 'presliding' in left_out else DISTANCES:
+            if distance not in joint.bristles:
+                found[f'presliding {distance:g}'] = {
+                    'friction': tuple(dict.fromkeys((*joint.friction, 'presliding'))),
+                    'presliding_distances': tuple(sorted((*joint.bristles, distance)))}
+        if not joint.asymmetric:
+            found['asymmetric'] = {'asymmetric': True, 'friction': tuple(
+                term for term in joint.friction if term != 'offset')}
+    if 'friction_velocity' not in joint.model_fields_set:
+        for factor in SWITCHES:
+            found[f'switch {factor:g}'] = {
+                'friction_velocity': JointSpec.model_fields['friction_velocity'].default * factor}
+    return found
+
+
+def all_candidates(
+    joints: Sequence[JointSpec], left_out: Collection[str],
+) -> list[JointSpec]:
+    """Give the joints with all friction that can come out, for the rows to have its columns."""
+    found = []
+    for joint in joints:
+        changes = additions(joint, left_out).values()
+        for one in (joint, *(_changed(joint, change) for change in changes
+                             if 'friction_velocity' in change)):
+            found.append(one)
+            if is_open(joint):
+                every = _changed(one, {'friction': (*joint.friction, *(
+                    term for term in TERMS if term not in left_out))})
+                found += [every, _changed(every, {'asymmetric': True})]
+        if is_open(joint) and 'presliding' not in left_out:
+            found.append(_changed(joint, {'friction': ('presliding',),
+                                          'presliding_distances': DISTANCES}))
+    return found
+
+
+def _changed(joint: JointSpec, change: Change) -> JointSpec:
+    # what was open stays open: what is tried does not count as described
+    content = {**{name: getattr(joint, name) for name in JointSpec.model_fields}, **change}
+    return JointSpec.model_construct(_fields_set=set(joint.model_fields_set), **content)
+
+
+def choose_friction(
+    left_out: LeftOut, joints: Sequence[JointSpec], without: Collection[str], *,
+    shared: bool, constants: FloatArray | None,
+) -> list[JointSpec]:
+    """
+    Add friction terms to joints whose left-out errors clearly pay for them.
+
+    All open joints are given the same addition at once, since friction shows in its own joint:
+    one fit to each part tells for every joint whether it pays there.
+
+    constants (channels,).
+    """
+    current = list(joints)
+
+    def errors(candidate: Sequence[JointSpec]) -> FloatArray:
+        return left_out.errors(candidate, shared=shared, constants=constants)
+
+    for _ in range(ROUNDS):
+        left_out.assume(left_out.fitted(current, shared=shared)[0])
+        base = errors(current)
+        options = [additions(joint, without) for joint in current]
+        best: dict[int, tuple[float, JointSpec]] = {}
+        for name in dict.fromkeys(name for option in options for name in option):
+            candidate = [_changed(joint, option[name]) if name in option else joint
+                         for joint, option in zip(current, options, strict=True)]
+            found = errors(candidate)
+            for i, option in enumerate(options):
+                if name in option and candidate[i] != current[i] and paid(
+                        base[:, i], found[:, i]):
+                    gain = float(found[:, i].sum())
+                    if i not in best or gain < best[i][0]:
+                        best[i] = gain, candidate[i]
+        chosen = [best[i][1] if i in best else joint for i, joint in enumerate(current)]
+        if not best or not errors(chosen).sum() < base.sum():
+            break
+        current = chosen
+    return current
+
+
+# -- What users leave open: filters, friction terms, shared parameters, estimator.
+#
+# Chosen by parts of the training data that are left out; test data have no hand in it. The simpler
+# choice stays where the left-out parts do not clearly pay for the other.
+
+CAUSAL_KEYS = {'filter', 'output_cutoff', 'velocity_cutoff', 'acceleration_cutoff'}
+"""Keys of the preprocessing any of which says which filter is wanted."""
+USUAL_SWITCH = JointSpec.model_fields['friction_velocity'].default
+OUTPUT_CUTOFF = 20.0
+"""Low-pass over all causal signals that is tried: that of the acceleration [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choices:
+    """All that was chosen for a fit."""
+
+    arm: Arm  # arm with the friction of its joints
+    preprocessing: PreprocessingSpec  # filters and rate
+    settings: FitSettings  # settings with nothing left open
+    made: tuple[Choice, ...] = ()  # what was chosen, and what it brought; without what was fixed
+
+
+def choose(
+    arm: Arm, bags: Sequence[BagData], preprocessing: PreprocessingSpec, settings: FitSettings,
+    progress: Progress = lambda _: None, *, summable: bool = False,
+) -> Choices:
+    """Choose what description and settings leave open."""
+    progress('choose what is left open')
+    return _Chooser(arm, bags, preprocessing, settings, summable=summable).choose()
+
+
+class _Chooser:
+    """The steps of a choice, and what they share."""
+
+    def __init__(
+        self, arm: Arm, bags: Sequence[BagData], spec: PreprocessingSpec, settings: FitSettings,
+        *, summable: bool,
+    ) -> None:
+        self.arm, self.bags, self.spec, self.settings = arm, bags, spec, settings
+        self.outputs = common_outputs(bags)
+        self.joints: list[JointSpec] = list(arm.joints)
+        self.shared = bool(settings.shared)
+        self.made: list[Choice] = []
+        follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
+        # a load on the gear is no term of an arm that is followed, nor affine in a payload
+        self.without = (*(('load',) if summable or follows or settings.payloads is not None
+                          else ()), *(('presliding',) if follows else ()))
+        # what follows measured positions has no filter to choose
+        self.filter_open = not follows and not spec.model_fields_set & CAUSAL_KEYS
+
+    def choose(self) -> Choices:
+        """Go through what is open, what matters most first."""
+        if self.filter_open:
+            self._choose_filter()
+        if 'effort' in self.outputs and 'analytical' in self.settings.kinds:
+            self._choose_effort()
+        changes = {old.name: choices_of(new) for old, new in zip(
+            self.arm.joints, self.joints, strict=True) if new != old}
+        settings = replace(self.settings, shared=self.shared).settled()
+        return Choices(self.arm.with_joints(changes), self.spec, settings, tuple(self.made))
+
+    def _rows(self, output: str, bags: Sequence[BagData], joints: Sequence[JointSpec]) -> WideRows:
+        return WideRows(self.arm, output, joints, bags, self.settings.strain_form,
+                        with_payload=self.settings.payloads is not None)
+
+    def _grouped(self, left_out: LeftOut) -> tuple[FloatArray, bool]:
+        """Give the errors of parameters shared or not, whichever is open and pays."""
+        joints = self.joints if left_out.rows.output == 'effort' else []
+        if True not in left_out.rows.groupings:
+            return left_out.errors(joints), False
+        if self.settings.shared is not None:
+            return left_out.errors(joints, shared=self.settings.shared), self.settings.shared
+        separate, shared = (left_out.errors(joints, shared=own) for own in (False, True))
+        return (shared, True) if paid(separate.sum(axis=1), shared.sum(axis=1)) else (
+            separate, False)
+
+    def _choose_filter(self) -> None:
+        candidates = [('causal', self.spec),
+                      (f'causal, all signals behind {OUTPUT_CUTOFF:g} Hz',
+                       self._with({'output_cutoff': OUTPUT_CUTOFF})),
+                      ('zero-phase (causal beside the robot)',
+                       self._with({'filter': 'zero_phase'}))]
+        if self.spec.cutoff is None:
+            half = 0.05 / self.bags[0].recording.dt
+            candidates.append((f'zero-phase with {half:.3g} Hz (causal beside the robot)',
+                               self._with({'filter': 'zero_phase', 'cutoff': half})))
+        best = first = self._relative(self.spec)
+        name, spec = candidates[0]
+        for label, candidate in candidates[1:]:
+            try:
+                found = self._relative(candidate)
+            except SignalError:
+                continue  # the recordings are too short or too slow for it
+            if paid(best, found):
+                best, name, spec = found, label, candidate
+        self.spec = spec
+        self.made.append(Choice('filters', name, candidates[0][0], _percent(best),
+                                _percent(first)))
+
+    def _with(self, changes: dict[str, Any]) -> PreprocessingSpec:
+        return self.spec.model_copy(update=changes)
+
+    def _relative(self, spec: PreprocessingSpec) -> FloatArray:
+        """Give relative squared errors of each part, the mean of all outputs, as they are used."""
+        total: FloatArray = np.zeros(1)
+        bags = [filtered(bag, spec) for bag in self.bags]
+        for output in self.outputs:
+            rows = self._rows(output, bags, self.joints)
+            errors, _ = self._grouped(LeftOut(rows))
+            total = total + errors.sum(axis=1) / rows.power.sum()
+        return total / len(self.outputs)
+
+    def _choose_effort(self) -> None:
+        bags = [filtered(bag, self.spec) for bag in self.bags]
+        rows = self._rows('effort', bags, all_candidates(self.joints, self.without))
+        left_out = LeftOut(rows)
+        power = float(rows.power.sum())
+        start = list(self.joints)
+
+        def percent(errors: FloatArray) -> float:
+            return _percent(errors.sum(axis=1) / power)
+
+        errors, self.shared = self._grouped(left_out)
+        constants = left_out.fitted(start, shared=self.shared)[1] if self.shared else None
+        before = left_out.errors(start, shared=self.shared, constants=constants)
+        self.joints = choose_friction(left_out, start, self.without, shared=self.shared,
+                                      constants=constants)
+        after = left_out.errors(self.joints, shared=self.shared, constants=constants)
+        if self.joints != start or any(is_open(joint) for joint in start):
+            self.made.append(Choice('friction', friction_words(self.joints),
+                                    friction_words(start), percent(after), percent(before)))
+        if True in rows.groupings and self.settings.shared is None:
+            separate, shared = (left_out.errors(self.joints, shared=own) for own in (False, True))
+            self.shared = paid(separate.sum(axis=1), shared.sum(axis=1))
+            words = 'parameters of its own for each current', 'one set for all currents'
+            self.made.append(Choice('inertial parameters', words[self.shared], words[0],
+                                    percent(shared if self.shared else separate),
+                                    percent(separate)))
+        if self.settings.estimator == 'auto':
+            self._choose_estimator(left_out, percent)
+
+    def _choose_estimator(
+        self, left_out: LeftOut, percent: Callable[[FloatArray], float],
+    ) -> None:
+        weighted, plain = (left_out.errors(self.joints, shared=self.shared, weighted=own)
+                           for own in (True, False))
+        better = paid(weighted.sum(axis=1), plain.sum(axis=1))
+        if better:
+            self.settings = replace(self.settings, estimator='ols')
+        self.made.append(Choice('estimator', 'ols' if better else 'wls', 'wls',
+                                percent(plain if better else weighted), percent(weighted)))
+
+
+def friction_words(joints: Sequence[JointSpec]) -> str:
+    """Write the friction of joints, those alike together."""
+    found: dict[str, list[str]] = {}
+    for joint in joints:
+        text = ' + '.join(joint.friction) or 'none'
+        if joint.asymmetric:
+            text += ', each way'
+        if joint.friction_velocity != USUAL_SWITCH:
+            text += f', sign smoothed over {joint.friction_velocity:g}'
+        if joint.bristles:
+            text += f', gives way over {" and ".join(f"{d:g}" for d in joint.bristles)}'
+        found.setdefault(text, []).append(joint.name)
+    if len(found) == 1:
+        return next(iter(found))
+    return '; '.join(f'{", ".join(names)}: {text}' for text, names in found.items())
+
+
+def _percent(squares: FloatArray) -> float:
+    return 100.0 * float(np.sqrt(squares.sum()))

@@ -1,0 +1,529 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How well collisions are detected: truth, replay, score."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import csv
+from dataclasses import asdict, dataclass, field, replace
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
+from tudor_dynamics.bags.recording import Recording, resolve
+from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.errors import BagError, UsageError
+from tudor_dynamics.files import read_bounded
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.contact import ContactRecord
+from tudor_dynamics.online.detector import CollisionEvent, Level
+from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.prediction import Predictor
+from tudor_dynamics.online.streams import StateFilter
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What is known of the pushes of a bag: from a topic, from a table, or nothing.
+#
+# Where nothing is known, an event is neither right nor false.
+
+FORCE = 0.01
+"""Less is no push [N]."""
+MERGE = 0.1
+"""Pauses of the force that do not end a push [s]."""
+TOPIC = 'applied_wrench'
+"""Where forces that were applied on purpose are recorded."""
+MAX_TABLE = 10_000_000
+"""Bytes of a table of pushes that are read."""
+
+
+@dataclass(frozen=True)
+class KnownPush:
+    """
+    A push that was applied on purpose.
+
+    Attributes
+    ----------
+    begin, end : int
+        Stamps of its first and last sample [ns].
+    force : float
+        Largest force [N]; NaN where it is not known.
+
+    """
+
+    begin: int
+    end: int
+    force: float = float('nan')
+
+
+@dataclass(frozen=True)
+class Truth:
+    """
+    The pushes of a bag, as far as they are known.
+
+    Attributes
+    ----------
+    source : str
+        Where that is known from; empty where it is not.
+    pushes : tuple of KnownPush
+        Pushes that are known, in order.
+
+    """
+
+    source: str = ''
+    pushes: tuple[KnownPush, ...] = ()
+
+    @property
+    def known(self) -> bool:
+        """Say whether an event without a push is a false alarm."""
+        return bool(self.source)
+
+
+FREE = Truth('nothing touched the arm')
+"""Truth of a recording of free motion."""
+
+
+def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states') -> Truth:
+    """
+    Read the pushes of a bag from a topic.
+
+    Parameters
+    ----------
+    path : str
+        Bag that may have pushes.
+    topic : str, optional
+        WrenchStamped, or Bool that is true while the arm is touched; by default
+        ``applied_wrench``, which may be missing.
+    clock : str
+        JointState topic with the stamps of the recording.
+
+    Returns
+    -------
+    Truth
+        Unknown where no topic is named and there is no ``applied_wrench``.
+
+    Raises
+    ------
+    BagError
+        If the topic that was named is missing, or of another type.
+
+    """
+    name = topic or TOPIC
+    found = resolve(name, (bag := open_bag(path)).topics, path)
+    if found is not None and topic is not None and bag.topics[found].msgtype == BOOL:
+        flags = read_flags(path, topic, clock)
+        if flags is not None:
+            return Truth(topic, _flagged(*flags))
+    wrenches = read_wrenches(path, name)
+    if wrenches is not None:
+        return Truth(name, _pushes(wrenches.stamp, np.linalg.norm(wrenches.force, axis=1)))
+    if topic is None:
+        return Truth()
+    msg = (f'{path}: there is no message on {topic}, from which pushes were to be read; name '
+           'another topic, or give --pushes FILE.csv')
+    raise BagError(msg)
+
+
+def _pushes(stamp: NDArray[np.int64], size: FloatArray) -> tuple[KnownPush, ...]:
+    where = np.flatnonzero(size > FORCE)
+    if not len(where):
+        return ()
+    times = stamp[where]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(times) > MERGE * 1e9) + 1])
+    ends = np.concatenate([starts[1:], [len(where)]])
+    return tuple(KnownPush(int(times[a]), int(times[b - 1]), float(size[where[a:b]].max()))
+                 for a, b in zip(starts.tolist(), ends.tolist(), strict=True))
+
+
+def _flagged(stamp: NDArray[np.int64], touched: NDArray[np.bool_]) -> tuple[KnownPush, ...]:
+    """Find where a flag that may be published on change alone is up, from rise to fall."""
+    change = np.flatnonzero(np.diff(touched.astype(np.int8), prepend=0))
+    rises = [int(stamp[k]) for k in change if touched[k]]
+    falls = [int(stamp[k]) for k in change if not touched[k]]
+    falls += [int(stamp[-1])] * (len(rises) - len(falls))
+    return tuple(KnownPush(a, b) for a, b in zip(rises, falls, strict=True))
+
+
+def table_of_pushes(path: str | Path) -> list[tuple[float, float]]:
+    """
+    Read a table of pushes, as a person writes it down.
+
+    Parameters
+    ----------
+    path : str or Path
+        Text with a line ``BEGIN,END`` for each push, seconds since the beginning of the bag; a
+        first line may name the columns, what follows a ``#`` is a comment.
+
+    Returns
+    -------
+    list of (float, float)
+        Begin and end of each push [s].
+
+    Raises
+    ------
+    UsageError
+        If the file cannot be read or is no such table.
+
+    """
+    try:
+        text = read_bounded(Path(path), MAX_TABLE).decode()
+    except (OSError, ValueError) as err:
+        msg = f'--pushes {path}: cannot be read ({err}); give a table of begin,end in seconds'
+        raise UsageError(msg) from None
+    lines = [line.split('#')[0].strip() for line in text.splitlines()]
+    rows = [(number, row) for number, row in enumerate(
+        next(csv.reader(io.StringIO(line)), []) for line in lines) if row]
+    found = []
+    for place, (number, row) in enumerate(rows):
+        try:
+            begin, end = float(row[0]), float(row[1])
+        except (ValueError, IndexError):
+            if place == 0 and len(row) >= 2:
+                continue  # names of the columns
+            begin, end = 0.0, -1.0
+        if not 0.0 <= begin <= end < float('inf'):
+            msg = (f'--pushes {path}, line {number + 1}: found {",".join(row)!r}, expected '
+                   'begin,end in seconds since the beginning of the bag, such as 2.0,2.95')
+            raise UsageError(msg)
+        found.append((begin, end))
+    return sorted(found)
+
+
+def truth_of_table(
+    rows: Sequence[tuple[float, float]], recording: Recording, source: str, begun: float = 0.0,
+) -> Truth:
+    """
+    Put a table of pushes on the stamps of a recording.
+
+    Parameters
+    ----------
+    rows : sequence of (float, float)
+        Begin and end of each push [s].
+    recording : Recording
+        Signals of the bag, or of a part of it.
+    source : str
+        Name of the table.
+    begun : float
+        Time at which the part begins in its bag [s].
+
+    Returns
+    -------
+    Truth
+        Pushes by stamps.
+
+    """
+    first = int(recording.stamp[0]) - round(begun * 1e9)
+    return Truth(source, tuple(KnownPush(first + round(begin * 1e9), first + round(end * 1e9))
+                               for begin, end in rows))
+
+
+# -- Figures of collisions: how alarms are judged by the pushes that are known.
+#
+# A push counts as found if an event falls between its start and shortly after its end. Its latency
+# runs from the start of the force to the sample at which the detector is sure.
+
+LATE = 0.3
+"""Behind the end of a push an event still counts as found [s]."""
+EARLY = 0.1
+"""Before the begin of a push an event already belongs to it: pushes by hand are marked by eye, and
+clocks of sensors differ [s]."""
+AFTERMATH = 2.0
+"""Behind the end of a push an event is no false alarm: the arm still rings [s]."""
+_EARLY = round(EARLY * 1e9)
+
+
+@dataclass(frozen=True)
+class CollisionScore:
+    """Figures of one method."""
+
+    events: int  # events in all bags
+    # Pushes in the bags, and those found.
+    pushes: int
+    found: int
+    detection_rate: float | None  # their ratio; None without pushes
+    # From the start of the push to certainty, over those found, 0 where that was `EARLY` [s].
+    latency_median: float | None
+    latency_p95: float | None
+    # Events without a push, in bags whose pushes are known; None without such bags.
+    false_alarms: int | None
+    hours: float  # time without a push in those bags [h]
+    false_alarms_per_hour: float | None  # false alarms over those hours [1/h]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give the figures as JSON-ready dictionary."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One event of a bag, as a person wants to know of it."""
+
+    event: CollisionEvent  # what was found
+    time: float  # from the first sample of the bag to certainty [s]
+    channel: str  # joint or gauge that stood furthest above its threshold
+    ratio: float  # largest ratio to the collision threshold while it lasted
+    seconds: float  # from the first sample above the threshold to the last
+    # Place of the push that it belongs to; None where there is none, or none is known.
+    push: int | None = None
+    # What touched the arm meanwhile, see `ContactRecord.summary`; None where that is unknown.
+    contact: dict[str, Any] | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give it as JSON-ready dictionary."""
+        return {'time': self.time, 'stamp': self.event.stamp, 'onset': self.event.onset,
+                'link': self.event.link, 'channel': self.channel, 'ratio': self.ratio,
+                'seconds': self.seconds, 'push': self.push, 'contact': self.contact}
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """One bag as one method saw it."""
+
+    bag: str  # path of the bag
+    stamp: NDArray[np.int64]  # samples with a residual, (samples,) [ns]
+    # (samples,): largest ratio to the collision threshold that held for the debounce time.
+    ratio: FloatArray
+    truth: Truth  # pushes that there were
+    sightings: tuple[Sighting, ...]  # what was found
+
+    @property
+    def alarms(self) -> NDArray[np.int64]:
+        """Stamps at which the detector was sure [ns]."""
+        return np.array([item.event.stamp for item in self.sightings], dtype=np.int64)
+
+
+def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) -> int | None:
+    """
+    Find the push that an event belongs to.
+
+    stamp [ns], late [s]; returns None where it is over for longer.
+    """
+    begun = [i for i, push in enumerate(pushes) if push.begin - _EARLY <= stamp]
+    if not begun or stamp > pushes[begun[-1]].end + round(late * 1e9):
+        return None
+    return begun[-1]
+
+
+def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
+    """Judge alarms by the pushes: alarms [ns]."""
+    latencies, pushes, false, free = [], 0, 0, 0.0
+    for item, times in zip(watched, alarms, strict=True):
+        if not item.truth.known:
+            continue
+        near = np.zeros(len(times), dtype=bool)
+        span = float(item.stamp[-1] - item.stamp[0]) * 1e-9 if len(item.stamp) else 0.0
+        for push in item.truth.pushes:
+            pushes += 1
+            span -= (push.end - push.begin) * 1e-9 + AFTERMATH
+            begun = times >= push.begin - _EARLY
+            hits = times[begun & (times <= push.end + round(LATE * 1e9))]
+            if len(hits):
+                latencies.append(max(0.0, float(hits[0] - push.begin) * 1e-9))
+            near |= begun & (times <= push.end + round(AFTERMATH * 1e9))
+        false += int(np.sum(~near))
+        free += max(span, 0.0)
+    hours = free / 3600.0
+    told = any(item.truth.known for item in watched)
+    return CollisionScore(
+        sum(len(times) for times in alarms),
+        pushes, len(latencies), len(latencies) / pushes if pushes else None,
+        float(np.median(latencies)) if latencies else None,
+        float(np.percentile(latencies, 95)) if latencies else None,
+        false if told else None, hours, false / hours if told and hours > 0 else None)
+
+
+def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:
+    """
+    Give the times at which a threshold that much higher would have given an event.
+
+    rearm [s].
+    """
+    times = item.stamp[item.ratio > factor]
+    if not len(times):
+        return times
+    return times[np.concatenate([[True], np.diff(times) > round(rearm * 1e9)])]
+
+
+# -- How well collisions are found: recordings replayed past every method of detection
+
+@dataclass(frozen=True, eq=False)
+class MethodResult:
+    """Result of one method."""
+
+    method: str  # `strain`, `effort` or `momentum`
+    score: CollisionScore  # figures at the thresholds asked for
+    watched: tuple[Watched, ...]  # bags that were replayed
+    # Factor on the threshold, false alarms per hour, detection rate.
+    roc: tuple[tuple[float, float, float], ...]
+    # Why nothing is said of force and place; empty where something is, or was not asked for.
+    no_contact: str = ''
+
+
+@dataclass(slots=True)
+class _Open:
+    """An event that is not over."""
+
+    event: CollisionEvent
+    ratio: float
+    channel: str
+    last: int
+    touched: ContactRecord | None = None
+
+
+@dataclass(slots=True)
+class _Log:
+    """What one method makes of one bag, sample after sample."""
+
+    stamps: list[int] = field(default_factory=list)
+    ratios: list[float] = field(default_factory=list)
+    under_way: list[_Open] = field(default_factory=list)
+    closed: list[_Open] = field(default_factory=list)
+
+    def add(self, found: Found, watch: Watch) -> None:
+        """Take the samples that became known, and the level behind them."""
+        level = watch.level
+        for _, excess in found.excesses:
+            stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())
+            self.stamps.append(stamp)
+            self.ratios.append(ratio)
+            if self.under_way and ratio >= 1.0:
+                self.under_way[-1].last = stamp
+                if ratio > self.under_way[-1].ratio:
+                    self.under_way[-1].ratio = ratio
+                    self.under_way[-1].channel = self._channel(
+                        self.under_way[-1].event, excess.collision)
+        for event in found.events:
+            self.close()
+            channel = max(event.ratios, key=lambda name: event.ratios[name])
+            self.under_way = [_Open(
+                event, event.ratios[channel], channel, event.stamp,
+                None if watch.contact is None else watch.contact.record())]
+        if self.under_way and self.under_way[-1].touched is not None:
+            for estimate in found.contacts:
+                self.under_way[-1].touched.add(estimate)
+        if level is not Level.COLLISION:
+            self.close()
+
+    @staticmethod
+    def _channel(event: CollisionEvent, ratios: FloatArray) -> str:
+        return list(event.ratios)[int(np.argmax(ratios))]
+
+    def close(self) -> None:
+        """End the event that is under way."""
+        self.closed += self.under_way
+        self.under_way = []
+
+    def sightings(self, first: int, truth: Truth) -> tuple[Sighting, ...]:
+        """Give what was found, by the time since a stamp."""
+        self.close()
+        return tuple(Sighting(
+            item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
+            (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes),
+            (item.touched.summary() or None) if item.touched is not None else None)
+            for item in self.closed)
+
+
+def watch_bag(
+    bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
+    truth: Truth,
+) -> dict[str, Watched]:
+    """Replay one bag past all methods: one filter and one predictor, a detector for each."""
+    if not settings:
+        return {}
+    bundle = bundle.beside_robot()
+    common = next(iter(settings.values()))
+    front, predictor = StateFilter(bundle.preprocessing, common.gap), Predictor(
+        bundle, common.kind, common.observer if recording.strain is not None else 'off')
+    watches = {method: Watch(bundle, alone) for method, alone in settings.items()}
+    outputs = {SOURCE[method] for method in settings}
+    logs = {method: _Log() for method in settings}
+    for k, stamp in enumerate(recording.stamp.tolist()):
+        motion = front.step(stamp, recording.q[k],
+                            None if recording.dq is None else recording.dq[k])
+        predicted = None if motion is None else predictor.step(motion, outputs)
+        if recording.strain is not None:
+            predictor.add_strain(stamp, recording.strain[k])
+        for method, watch in watches.items():
+            values = getattr(recording, SOURCE[method])[k]
+            for found in (Found() if motion is None else watch.add_motion(motion, predicted),
+                          watch.add_measured(SOURCE[method], stamp, values)):
+                logs[method].add(found, watch)
+    first = int(recording.stamp[0])
+    result = {}
+    for method, alone in settings.items():
+        log = logs[method]
+        at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
+        result[method] = Watched(name, at, _held(at, ratio, alone.detector.debounce), truth,
+                                 log.sightings(first, truth))
+    return result
+
+
+def _held(stamp: NDArray[np.int64], ratio: FloatArray, debounce: float) -> FloatArray:
+    """Give the ratio that was held for the debounce time before each sample."""
+    first = np.searchsorted(stamp, stamp - round(debounce * 1e9))
+    return np.array([ratio[a:k + 1].min() for k, a in enumerate(first.tolist())])
+
+
+def evaluate_collisions(
+    bundle: ModelBundle,
+    bags: Sequence[tuple[str, Recording]],
+    settings: MonitorSettings,
+    truths: Sequence[Truth],
+) -> list[MethodResult]:
+    """Evaluate every method for which there are models, thresholds and signals."""
+    results = []
+    chosen = _settings(bundle, settings, [recording for _, recording in bags])
+    seen = [watch_bag(bundle, chosen, path, recording, _within(truth, recording))
+            for (path, recording), truth in zip(bags, truths, strict=True)]
+    for method, alone in chosen.items():
+        watched = tuple(item[method] for item in seen)
+        found = score(watched, [item.alarms for item in watched])
+        roc = []
+        for factor in np.geomspace(0.1, 10.0, 81).tolist():
+            point = score(watched, [alarms_at(item, factor, alone.detector.rearm)
+                                    for item in watched])
+            roc.append((factor, point.false_alarms_per_hour or 0.0, point.detection_rate or 0.0))
+        results.append(MethodResult(method, found, watched, tuple(roc),
+                                    Watch(bundle.beside_robot(), alone).no_contact))
+    if not results:
+        msg = ('the model has no collision thresholds for signals that these bags have; fit it '
+               'again with more free motion to be judged by')
+        raise UsageError(msg)
+    return results
+
+
+def _within(truth: Truth, recording: Recording) -> Truth:
+    """Leave out pushes outside a recording, which may be a part of a bag."""
+    begin, end = recording.stamp[0], recording.stamp[-1]
+    return replace(truth, pushes=tuple(push for push in truth.pushes
+                                       if begin <= push.begin and push.end <= end))
+
+
+def _settings(
+    bundle: ModelBundle, settings: MonitorSettings, recordings: Sequence[Recording],
+) -> dict[str, MonitorSettings]:
+    """Give for each method that can be judged the settings with which it works alone."""
+    found = {}
+    for method in METHODS:
+        alone = replace(settings, methods=(method,))
+        if method in Watch(bundle, alone).stages and not any(
+                getattr(recording, SOURCE[method]) is None for recording in recordings):
+            found[method] = alone
+    return found

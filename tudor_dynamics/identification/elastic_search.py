@@ -1,0 +1,454 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The search for the parameters of an elastic arm: starts, descent, stages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.identification.elastic_problem import (
+    Identified, Knowledge, Problem, Record, result_of, reweight, Start, Straight)
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.models.elastic.arm import DrivenArm, INNER_STEP, reduced_mechanism
+from tudor_dynamics.models.elastic.parameters import kind_of
+from tudor_dynamics.parallel import shared_out
+from tudor_dynamics.typing import FloatArray, Progress
+
+
+# -- Nonlinear least squares within bounds, where several trial steps cost hardly more than one.
+#
+# Levenberg (1944) and Marquardt (1963): the step is that of the linearised problem, shorter the
+# more it is damped. How much is not guessed from step to step: a ladder of dampings is tried at
+# once, and what lowers the sum of squares most is taken. Steps that go farther than the linearised
+# problem asks for are on it too: slopes by differences feel every crossing of a play, and what
+# they have too much makes steps too short, one after the other in the same direction.
+
+LADDER = 4.0 ** np.arange(-4.0, 1.0)
+"""Dampings that are tried at once, relative to the last that was best."""
+LONGER = (1.5, 2.0, 3.0)
+"""Multiples of the least damped step that are tried with them: as many in all as run together."""
+LEAST = 0.1
+"""Damping below which nothing changes: the prior holds each unknown with 1."""
+
+
+def minimised(
+    residuals: Callable[[Sequence[FloatArray]], list[FloatArray]],
+    jacobian: Callable[[FloatArray], FloatArray], begin: FloatArray,
+    bounds: tuple[FloatArray, FloatArray], scale: FloatArray, *, steps: int, enough: float,
+) -> FloatArray:
+    """Search for the least sum of squares: begin, bounds, scale (n,); returns (n,)."""
+    x = begin
+    now, = residuals([x])
+    cost, damping = float(now @ now), LEAST / LADDER[0]
+    for _ in range(steps):
+        slopes = jacobian(x) * scale
+        curvature, axes = np.linalg.eigh(slopes.T @ slopes)
+        downhill = -axes.T @ (slopes.T @ now)
+        room = tuple((bound - x) / scale for bound in bounds)
+        tried = [np.clip(x + scale * _step(np.maximum(curvature, 0.0) + damping * factor, axes,
+                                           downhill, room), *bounds) for factor in LADDER]
+        tried += [np.clip(x + factor * (tried[0] - x), *bounds) for factor in LONGER]
+        found = residuals(tried)
+        costs = [float(one @ one) for one in found]
+        best = int(np.argmin(costs))
+        gained = cost - costs[best]
+        if gained <= 0.0:  # shorter steps are left
+            damping *= LADDER[-1] / LADDER[0]
+            continue
+        rung = best if best < len(LADDER) else 0
+        damping = max(damping * LADDER[rung], LEAST / LADDER[0])
+        x, now, cost = tried[best], found[best], costs[best]
+        if gained < enough * cost:
+            break
+    return x
+
+
+def _step(
+    curvature: FloatArray, axes: FloatArray, downhill: FloatArray, room: tuple[FloatArray, ...],
+) -> FloatArray:
+    """Solve the damped linear problem, along its axes, within what room there is."""
+    step = axes @ (downhill / curvature)
+    low, high = room
+    if np.all(step >= low) and np.all(step <= high):
+        return np.asarray(step)
+    roots = np.sqrt(curvature)
+    return np.asarray(lsq_linear(roots[:, None] * axes.T, downhill / roots,
+                                 (low, np.maximum(high, low + 1e-12)), method='bvls').x)
+
+
+# -- Improving the parameters of an elastic arm from where they are, in one search or several
+
+GAIN = 0.3
+"""Typical change of a gauge's gain, as a logarithm."""
+FARTHEST = 6.0
+"""From the prior's centre, in its standard deviations."""
+
+
+@dataclass(frozen=True)
+class SearchPhase:
+    """A search by all parameters."""
+
+    # How strongly the simulation is drawn towards the measured strain, see `Problem.draw` [1/s].
+    bandwidth: float
+    inner: float  # longest inner step [s]
+    steps: int  # steps to take at most, each the best of a ladder
+    enough: float  # part of the sum of squares: a step that gains less ends the search
+
+
+def improve(
+    problem: Problem, x: FloatArray, steps: int, enough: float = 1e-4,
+) -> FloatArray:
+    """Search by all parameters of the problem: x (names,) or (unknowns,); returns (unknowns,)."""
+    straight = Straight(problem.names, problem.center)
+    n = len(problem.names)
+
+    def of(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.back(u[:n]), u[n:]])
+
+    def slope(u: FloatArray) -> FloatArray:
+        return np.concatenate([straight.slope(u[:n]), np.ones(len(u) - n)])
+
+    start = problem.extended(x)
+    free = np.full(len(start) - n, np.inf)
+    with np.errstate(divide='ignore'):  # 0 has the logarithm -inf: no bound
+        low, high = np.log([kind_of(name).bounds for name in problem.names]).T
+    bounds = np.sort([np.concatenate([straight.of(np.clip(
+        problem.center + sign * FARTHEST * problem.width, low, high)), sign * free])
+        for sign in (-1.0, 1.0)], axis=0)
+    begin = np.clip(np.concatenate([straight.of(start[:n]), start[n:]]), *bounds)
+    return of(minimised(
+        lambda several: problem.residuals([of(u) for u in several]),
+        lambda u: problem.jacobian(of(u)) * slope(u), begin, (bounds[0], bounds[1]),
+        np.concatenate([problem.width, np.full(len(free), GAIN)]), steps=steps,
+        enough=enough))
+
+
+def descend(
+    problem: Problem, x: FloatArray, stages: Sequence[SearchPhase], told: Callable[[int], None],
+) -> FloatArray:
+    """Improve the parameters stage by stage: x (names,); returns (names,)."""
+    for number, stage in enumerate(stages):
+        told(number)
+        problem.inner = stage.inner
+        x = problem.draw(x, stage.bandwidth)
+        reweight(problem, x)
+        x = improve(problem, x, stage.steps, stage.enough)
+    return problem.draw(x, 0.0)
+
+
+# -- Where the search for the parameters of an elastic arm begins: frequencies first, then damping.
+#
+# The error of a simulated oscillation has a minimum wherever it is in phase now and then, so
+# several stiffnesses are tried: a scan of one common factor over short pieces. Gear and link
+# behind it are springs in a row, of which oscillations show the sum; so the scan is done for
+# several ways in which the two share their compliance. The best of each is improved by stiffness
+# and damping alone.
+
+FACTORS = np.exp(np.linspace(-0.9, 0.9, 37))
+"""Of all stiffnesses, tried one by one: 5 % apart, 2.5 % in frequency."""
+STARTS = {None: 3, 0.5: 1, 0.8: 1}
+"""By the share of compliance that lies in the gears, first as described: factors to be improved
+before one is chosen."""
+THIN = 2
+"""Of the factors with other shares than described, every so manieth is tried."""
+EXCERPT = 60.0
+"""Length of what starts are compared on, all pieces together [s]."""
+PIECES = 4
+STEPS, MORE = 5, 3
+"""With which each is improved, and then the best: between a gear and its link a compliance is
+shared out slowly."""
+CANDIDATES = 2
+"""Best starts, of different shares, that are improved further."""
+COARSE = 5e-3
+"""Inner step while starts are compared [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Where to start."""
+
+    # (names,): logarithms of the best start as described, then of each other share, better ones
+    # first.
+    best: tuple[FloatArray, ...]
+    compared: tuple[Start, ...]  # what was improved and compared
+    runs: int  # simulations done in all
+
+
+def _pieces(records: Sequence[Record]) -> list[Record]:
+    """Take the beginnings of a few records, from the liveliest to the calmest."""
+    order = sorted(records, key=lambda r: -float(np.std(r.strain)))
+    chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
+    return [record.head(EXCERPT / len(chosen)).thinned(2.0 * COARSE) for record in chosen]
+
+
+def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
+    return np.array([i for i, name in enumerate(names) if kind_of(name).adds < 0], dtype=np.intp)
+
+
+def shared(
+    arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
+) -> FloatArray:
+    """
+    Give gears a share of the compliance that each has together with the link behind it.
+
+    x (names,); share: None to change nothing; returns (names,).
+    """
+    x = x.copy()
+    if share is None:
+        return x
+    mechanism = reduced_mechanism(arm)
+    for joint in mechanism.beams:
+        if not {f'gear({joint})', f'bending({joint})'} <= {*names}:
+            continue
+        gear, bending = names.index(f'gear({joint})'), names.index(f'bending({joint})')
+        length = float(mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
+        link = length / (3.0 * np.exp(x[bending]))  # slope of a cantilever by moment at its root
+        both = link + np.exp(-x[gear])
+        x[gear] = -np.log(share * both)
+        x[bending] = np.log(length / (3.0 * (1.0 - share) * both))
+    return x
+
+
+def compare_starts(
+    arm: Arm, records: Sequence[Record], names: tuple[str, ...], center: FloatArray,
+    width: FloatArray, progress: Callable[[str], None],
+) -> Starts:
+    """Find where to start: center, width (names,)."""
+    pieces = _pieces(records)
+    scan = Problem(arm, pieces, names, {}, center, width, inner=COARSE)
+    some = tuple(name for name in names if kind_of(name).early)
+    index = np.array([names.index(name) for name in some], dtype=np.intp)
+    starts: list[tuple[Start, FloatArray]] = []
+    runs = 0
+
+    def better(x: FloatArray, steps: int) -> float:
+        nonlocal runs
+        fixed = {name: float(np.exp(v)) for name, v in zip(names, x, strict=True)
+                 if name not in some}
+        part = Problem(arm, pieces, some, fixed, x[index], width[index], inner=COARSE)
+        x[index] = improve(part, x[index], steps)
+        runs += part.runs
+        return part.fits([x[index]])[0]
+
+    for share, count in STARTS.items():
+        progress('elastic model, stiffness')
+        peaks = _peaks(scan, shared(arm, names, center, share),
+                       FACTORS if share is None else FACTORS[::THIN])
+        for factor, x in peaks[:count]:
+            progress('elastic model, stiffness and damping')
+            starts.append((Start(factor, share, better(x, STEPS)), x))
+    if not starts:
+        msg = (f'{arm.name}: the elastic model cannot be simulated along these bags with any '
+               'stiffness; check links and motors of the arm description')
+        raise FitError(msg)
+    starts.sort(key=lambda item: -item[0].fit)
+    first: dict[float | None, FloatArray] = {}
+    for start, x in starts:
+        first.setdefault(start.share, x)
+    order = sorted(first, key=lambda share: share is not None)
+    for share in order[:CANDIDATES]:
+        better(first[share], MORE)
+    return Starts(tuple(first[share] for share in order), tuple(start for start, _ in starts),
+                  runs + scan.runs)
+
+
+def _peaks(
+    scan: Problem, center: FloatArray, factors: FloatArray,
+) -> list[tuple[float, FloatArray]]:
+    """Give peaks among factors on all stiffnesses, best first, with the parameters they make."""
+    stiff = _stiff(scan.names)
+
+    def times(factor: float) -> FloatArray:
+        x = center.copy()
+        x[stiff] += np.log(factor)
+        return x
+
+    values = np.array(scan.fits([times(factor) for factor in factors]))
+    padded = np.concatenate([[-np.inf], values, [-np.inf]])
+    peaks = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:])
+                           & np.isfinite(values))
+    return [(float(factors[peak]), times(factors[peak]))
+            for peak in peaks[np.argsort(-values[peaks])]]
+
+
+# -- The search for the parameters of an elastic arm.
+#
+# Starts are compared first (``starts``). Then everything is searched in stages, in which the
+# simulated arm is drawn towards the measured strain less and less: each begins where the one
+# before has left errors small enough. It is drawn to the last: see ``LAST``.
+
+ENOUGH = 100.0
+"""Length of what the first stages are done on [s]."""
+FIRST = (SearchPhase(2.0, COARSE, 6, 1e-3), SearchPhase(1.0, COARSE, 6, 1e-3))
+"""On part of the records: from where the scan ends, errors must be forgotten soon."""
+LAST = (SearchPhase(0.7, INNER_STEP, 7, 1e-3), SearchPhase(0.7, INNER_STEP, 7, 1e-4))
+"""On all of them. What draws the arm belongs to the parameters it began with: so it is renewed.
+A last phase in which nothing draws, as the model will be used, explains the training bags better
+and those of a real arm worse; of an arm that crosses its plays undamped, parameters that differ by
+a tenth of their standard errors explain a recording better or worse by points of fit."""
+LATE = 0.03
+"""Lag of the gauges that is tried [s]: without, damping of the links takes its place."""
+CLEARLY = 0.9
+"""Part of the error that another start must not exceed: less says nothing about unseen motion."""
+AS_GOOD, APART = 1.05, 0.2
+"""Ends of searches with errors up to the former times the best tell nothing about a stiffness in
+which they differ by more than the latter, as a logarithm."""
+
+
+def knowledge_of(arm: Arm, *, payload: bool) -> Knowledge:
+    """Collect starting values and their widths."""
+    start: dict[str, float] = {}
+    width: dict[str, float] = {}
+    for name, value in DrivenArm(arm).parameters.items():
+        kind = kind_of(name)
+        value = value if value > 0.0 else kind.least
+        if kind.width is not None and value > 0.0 and (name != 'payload' or payload):
+            start[name], width[name] = value, kind.width
+    return Knowledge(start, width)
+
+
+def identify(
+    arm: Arm, records: Sequence[Record], *, warm: dict[str, float] | None = None,
+    knowledge: Knowledge | None = None, progress: Progress = lambda _: None,
+) -> Identified:
+    """
+    Identify the physical parameters of an elastic arm from strain.
+
+    knowledge: those of the description by default.
+    """
+    if not records or not arm.gauges:
+        msg = (f'{arm.source}: the elastic model is identified from strain, and there is none; '
+               'give gauges and bags with their readings')
+        raise FitError(msg)
+    known = knowledge or knowledge_of(
+        arm, payload=any(record.payload is None for record in records))
+    starts: tuple[Start, ...] = ()
+    untold: tuple[str, ...] = ()
+    runs = 0
+    if warm is not None:
+        known = known if warm.get('lag') else known.without('lag')
+        finalists = [(known, np.log([max(warm.get(name, value), 1e-12)
+                                     for name, value in known.start.items()]))]
+    else:
+        prompt = known.without('lag')
+        compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
+                                  progress)
+        some = [record.thinned(2.0 * COARSE) for record in _some(records)]
+        first = shared_out(_descended, [
+            _Descent('first search', arm, some, prompt, start, FIRST)
+            for start in compared.best[:CANDIDATES]], progress)
+        fits = [end.fit for end in first]
+        starts = compared.compared
+        untold = rivals(prompt.names, [end.x for end in first], fits)
+        finalists = [(prompt, first[0].x)]
+        best = int(np.argmax(fits))
+        if best:
+            finalists.append((prompt, first[best].x))
+        if 'lag' in known.start:
+            found = dict(zip(prompt.names, first[best].x.tolist(), strict=True))
+            late = _descended(_Descent('search with a lag', arm, some, known, np.array([
+                found.get(name, np.log(LATE)) for name in known.names]), FIRST), progress)
+            first.append(late)
+            if chosen((fits[best], late.fit)):
+                finalists.append((known, late.x))
+        runs = compared.runs + sum(end.runs for end in first)
+    done = shared_out(_descended, [
+        _Descent('all parameters', arm, records, known, x, LAST) for known, x in finalists],
+        progress)
+    which = chosen([end.fit for end in done])
+    known, end = finalists[which][0], done[which]
+    return result_of(_problem(arm, records, known), end.x, starts,
+                     runs + sum(end.runs for end in done), untold)
+
+
+@dataclass(frozen=True, eq=False)
+class _Descent:
+    """Search from one start; also a worker of a cluster can do it."""
+
+    name: str
+    arm: Arm
+    records: Sequence[Record]
+    known: Knowledge
+    start: FloatArray
+    stages: Sequence[SearchPhase]
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    x: FloatArray
+    fit: float
+    runs: int
+
+
+def _problem(arm: Arm, records: Sequence[Record], known: Knowledge) -> Problem:
+    return Problem(arm, records, known.names, {}, known.center, known.width_of)
+
+
+def _descended(task: _Descent, told: Progress) -> _End:
+    problem = _problem(task.arm, task.records, task.known)
+    x = descend(problem, task.start, task.stages, lambda k: told(
+        f'elastic model, {task.name}, stage {k + 1} of {len(task.stages)}'))
+    fit, = problem.fits([x])
+    return _End(x, fit, problem.runs)
+
+
+def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:
+    """
+    Take over what a search found out of the same bags behind another filter.
+
+    The arm is the same whatever its recordings pass; gauges and errors are those of these records.
+    """
+    known = knowledge_of(arm, payload=any(record.payload is None for record in records))
+    values = {p.name: p.value for p in found.physical}
+    known = known if 'lag' in values else known.without('lag')
+    x = np.log([values[name] for name in known.names])
+    return result_of(_problem(arm, records, known), x, found.starts, found.runs, found.untold)
+
+
+def chosen(fits: Sequence[float]) -> int:
+    """Choose the first of several searches, or the best that explains clearly more: fits [%]."""
+    best = int(np.argmax(fits))
+    return best if 100.0 - fits[best] < CLEARLY * (100.0 - fits[0]) else 0
+
+
+def rivals(
+    names: tuple[str, ...], ends: Sequence[FloatArray], fits: Sequence[float],
+) -> tuple[str, ...]:
+    """
+    Name stiffnesses that searches end at different values of, with errors as small.
+
+    ends (names,), fits [%].
+    """
+    best = chosen(fits)
+    good = [end for end, fit in zip(ends, fits, strict=True)
+            if 100.0 - fit <= AS_GOOD * (100.0 - fits[best])]
+    apart = np.ptp(good, axis=0)
+    return tuple(name for name, width in zip(names, apart, strict=True)
+                 if kind_of(name).adds < 0 and width > APART)
+
+
+def _some(records: Sequence[Record]) -> list[Record]:
+    """Take as much of each record as makes ENOUGH together."""
+    total = sum(float(record.dt[1:].sum()) for record in records)
+    if total <= ENOUGH:
+        return list(records)
+    return [record.head(float(record.dt[1:].sum()) * ENOUGH / total) for record in records]

@@ -1,0 +1,477 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a planned motion shows of the parameters, and its limits as penalties."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import effort_limits, SelfCollision
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import SignalError
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Blocks, TrainingBlock
+from tudor_dynamics.models.estimation import expected, rescaled
+from tudor_dynamics.models.regressor import column_unit, EffortRegressor, Regressor
+from tudor_dynamics.signals.excitation import fade, JointRange
+from tudor_dynamics.signals.motion_profile import MotionLimits, Reference, states
+from tudor_dynamics.signals.preprocessing import noise_gain, prepare, Stretch
+from tudor_dynamics.typing import FloatArray
+
+
+# -- A Fourier series of every joint over the whole motion, faded in from rest and out to rest.
+#
+# Positions, velocities and accelerations are linear in the coefficients, so that whatever is asked
+# of the motion has exact slopes by them. One period is as long as the motion: nothing has to
+# repeat, and the band of frequencies is what is bounded (Swevers et al., IEEE T-RA 13, 1997,
+# repeat a short period instead, which costs freedom that a search may use).
+
+REST = 1.0
+"""Rest at both ends: filters settle [s]."""
+FADE = 3.0
+"""Way from rest into the series and back [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Basis of the motion on a grid of times, and sizes of its coefficients."""
+
+    dt: float  # step of the grid [s]
+    # (3, samples, functions): functions of time and their first and second derivatives; the first
+    # is constant.
+    basis: FloatArray
+    # Amplitude of each that alone goes to a limit of the joint, (functions, joints) [rad or m].
+    sizes: FloatArray
+    centre: FloatArray  # middle of the range, (joints,) [rad or m]
+
+    def motion(self, x: FloatArray) -> FloatArray:
+        """
+        Give ``[q, dq, ddq]`` of coefficients, shape (n_samples, 3 n_joints).
+
+        x (functions, joints).
+        """
+        parts = self.basis @ (x * self.sizes)
+        parts[0] += self.centre
+        return np.hstack(list(parts))
+
+    def slope(self, motion: FloatArray) -> FloatArray:
+        """
+        Turn slopes by motion into slopes by coefficients.
+
+        motion (samples, 3 joints): slopes by each sample of ``[q, dq, ddq]``.
+        """
+        parts = np.stack(np.split(motion, 3, axis=1))
+        return np.asarray(np.einsum('dsf,dsj->fj', self.basis, parts) * self.sizes)
+
+    def reference(self, x: FloatArray) -> Reference:
+        """Give the motion of coefficients as a reference: x (functions, joints)."""
+        return Reference(self.dt, *np.split(self.motion(x), 3, axis=1))
+
+
+def series(
+    bounds: JointRange, limits: MotionLimits, seconds: float, highest: float, dt: float,
+) -> Series:
+    """Lay out the basis: seconds, dt [s], highest [Hz]."""
+    length = seconds - 2.0 * REST
+    harmonics = int(highest * length + 1e-9)
+    if length < 2.0 * FADE or harmonics < 1:
+        msg = (f'a Fourier series of {seconds:g} s up to {highest:g} Hz has no room; give at '
+               f'least {2.0 * (REST + FADE):g} s, and a frequency above '
+               f'{1.0 / max(length, 1e-3):.3g} Hz')
+        raise SignalError(msg)
+    t = np.asarray(np.arange(int(round(seconds / dt)) + 1) * dt - REST, dtype=np.float64)
+    window = [part[:, None] for part in fade(t, length, FADE)]
+    w = 2.0 * np.pi / length * np.arange(1, harmonics + 1)
+    sine, cosine = np.sin(np.outer(t, w)), np.cos(np.outer(t, w))
+    plain = np.hstack([sine, cosine])
+    slope = np.hstack([w * cosine, -w * sine])
+    bend = -np.hstack([w, w]) ** 2 * plain
+    whole = np.stack([window[0] * plain, window[1] * plain + window[0] * slope,
+                      window[2] * plain + 2.0 * window[1] * slope + window[0] * bend])
+    constant = np.zeros((3, len(t), 1))
+    constant[0] = 1.0
+    half = 0.5 * (bounds.upper - bounds.lower)
+    both = np.concatenate([w, w])[:, None]
+    sizes = np.minimum(half, np.minimum(limits.velocity / both, limits.acceleration / both**2))
+    return Series(dt, np.concatenate([constant, whole], axis=2), np.vstack([half, sizes]),
+                  0.5 * (bounds.upper + bounds.lower))
+
+
+# -- What a motion shows of the parameters of models: information, standard errors, and their
+#    slopes.
+#
+# The information about the parameters of a group of channels is ``sum_c Y_c' Y_c / sigma_c^2``
+# over its rows; the inverse is the covariance of weighted least squares. The slope by the motion
+# goes through the rows: each coordinate of all samples is moved at once, since a row depends on
+# its own sample alone, so that a gradient costs 3 n_joints evaluations whatever the motion is made
+# of.
+
+STEP = 1e-6
+"""Step of difference quotients [rad, rad/s, rad/s^2 or m, m/s, m/s^2]."""
+LEAST = 1e-12
+"""Part of the largest eigenvalue of a scaled information matrix that every direction is given:
+what a motion does not show at all is expensive, not infinite."""
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A model whose parameters are to be shown."""
+
+    model: AnalyticalModel  # model of efforts or strains; it need not be fitted
+    noise: FloatArray  # standard deviation of each channel, in its unit, (channels,)
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Channels with common parameters, and what brings their rows to units of the noise."""
+
+    channels: list[int]
+    kept: NDArray[np.intp]
+    factor: FloatArray
+
+    @classmethod
+    def of(cls, subject: Subject, place: int) -> _Group:
+        """Give one group of a model."""
+        model, base = subject.model, subject.model.base_[place]
+        channels = list(base.channels)
+        factor = np.repeat(1.0 / subject.noise[channels, None], len(base.kept), axis=1)
+        constants = model.groups_[place].constants if model.groups_ else None
+        if constants is not None:
+            factor[:, model.regressor.scaled[base.kept]] /= constants.values[:, None]
+        return cls(channels, base.kept, factor)
+
+    def rows(self, rows: FloatArray) -> FloatArray:
+        """Pick the group's own rows, in units of the noise."""
+        return rows[:, self.channels][:, :, self.kept] * self.factor
+
+
+Criterion = Callable[[Sequence[FloatArray]], tuple[float, list[FloatArray]]]
+"""From the covariance of each group to a cost, and its slope by the information of each."""
+
+
+def mean_error(covariances: Sequence[FloatArray]) -> tuple[float, list[FloatArray]]:
+    """Give the mean logarithm of all standard errors: units and sizes do not matter."""
+    count = sum(len(item) for item in covariances)
+    cost, slopes = 0.0, []
+    for covariance in covariances:
+        variance = np.diag(covariance)
+        cost += 0.5 * float(np.sum(np.log(variance))) / count
+        slopes.append(-0.5 / count * (covariance / variance) @ covariance)
+    return cost, slopes
+
+
+class Information:
+    """Information that motions hold about the parameters of several models."""
+
+    def __init__(self, subjects: Sequence[Subject]) -> None:
+        self._parts: list[tuple[Regressor, list[_Group]]] = []
+        for subject in subjects:
+            regressor = subject.model.regressor
+            regressor.assume(None)
+            self._parts.append((regressor, [
+                _Group.of(subject, place) for place in range(len(subject.model.base_))]))
+
+    def matrices(self, motion: FloatArray) -> list[FloatArray]:
+        """
+        Give the information matrix of each group of channels of all models.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        """
+        return [_square(rows) for rows in self.rows(motion)]
+
+    def rows(self, motion: FloatArray) -> list[FloatArray]:
+        """
+        Give the rows of each group in units of its noise, (n_samples, n_channels, n_parameters).
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        """
+        found = [(regressor.rows(motion), groups) for regressor, groups in self._parts]
+        return [group.rows(rows) for rows, groups in found for group in groups]
+
+    def cost(
+        self, motion: FloatArray, criterion: Criterion = mean_error,
+    ) -> tuple[float, FloatArray]:
+        """
+        Judge a motion.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
+        """
+        rows = [regressor.rows(motion) for regressor, _ in self._parts]
+        cost, slopes = criterion([
+            covariance_of(_square(group.rows(rows_)))
+            for rows_, (_, groups) in zip(rows, self._parts, strict=True) for group in groups])
+        slope = np.zeros_like(motion)
+        place = 0
+        for rows_, (regressor, groups) in zip(rows, self._parts, strict=True):
+            pulls = []
+            for group in groups:
+                pulls.append(2.0 * (group.rows(rows_) @ slopes[place]))
+                place += 1
+            for k in range(motion.shape[1]):
+                moved = motion.copy()
+                moved[:, k] += STEP
+                change = (regressor.rows(moved) - rows_) / STEP
+                for group, pull in zip(groups, pulls, strict=True):
+                    slope[:, k] += np.einsum('scp,scp->s', pull, group.rows(change))
+        return cost, slope
+
+
+def _square(rows: FloatArray) -> FloatArray:
+    flat = rows.reshape(-1, rows.shape[2])
+    return flat.T @ flat
+
+
+def covariance_of(information: FloatArray) -> FloatArray:
+    """
+    Invert an information matrix in units of its columns.
+
+    information (parameters, parameters); returns (parameters, parameters).
+    """
+    size = np.sqrt(np.diag(information))
+    size = np.where(size > 0.0, size, 1e-6 * max(float(size.max(initial=0.0)), 1e-300))
+    values, vectors = linalg.eigh(information / np.outer(size, size))
+    values = np.maximum(values, 0.0) + LEAST * max(float(values[-1]), 1e-300)
+    return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
+
+
+# -- Standard errors that a motion will bring, by the filters and the estimator of a fit.
+#
+# The planned motion goes through what a recording goes through: filters, decimation, regressor,
+# products. Only the outputs are missing, and the inverse of the information does not depend on
+# them.
+
+OUTPUTS = ('effort', 'strain')
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Noise of the outputs."""
+
+    size: dict[str, FloatArray]  # for each output, standard deviation of each channel, in its unit
+    # Whether that is what a fit leaves, behind its filters; otherwise that of single samples,
+    # white.
+    residual: bool = False
+
+
+@dataclass(frozen=True)
+class ExpectedError:
+    """Standard error of one parameter."""
+
+    output: str  # what the parameter predicts
+    channels: tuple[str, ...]  # channels that share it
+    column: str  # column of the regressor
+    name: str  # what the base parameter stands for
+    unit: str  # unit of the parameter, and so of its standard error
+    value: float  # standard error; infinite where the motion does not show it
+
+
+def played(trajectory: Trajectory, arm: Arm) -> Recording:
+    """Give the recording of an arm that followed a trajectory exactly."""
+    n, joints = trajectory.q.shape
+    return Recording(
+        'the planned motion', np.round(trajectory.t * 1e9).astype(np.int64), trajectory.q,
+        states(trajectory)[:, joints:2 * joints], np.zeros((n, joints)),
+        np.zeros((n, len(arm.gauges))) if arm.gauges else None, (slice(0, n),),
+        float(np.median(np.diff(trajectory.t))))
+
+
+def expected_errors(
+    models: Mapping[str, AnalyticalModel], arm: Arm, trajectory: Trajectory,
+    preprocessing: PreprocessingSpec, noise: Noise,
+) -> list[ExpectedError]:
+    """Say how well a motion will show the parameters of models."""
+    stretches = prepare(played(trajectory, arm), preprocessing)
+    gain = 1.0 if noise.residual else noise_gain(stretches[0], preprocessing)
+    found = []
+    for output, model in models.items():
+        data = model.products(_blocks(stretches, output))
+        for place, (base, products) in enumerate(zip(model.base_, data, strict=True)):
+            names = tuple(model.channels[i] for i in base.channels)
+            constants = model.groups_[place].constants if model.groups_ else None
+            if constants is not None:
+                scaled = model.regressor.scaled[base.kept]
+                products = [rescaled(product, scaled, value) for product, value in zip(
+                    products, constants.values, strict=True)]
+            estimate = expected(products, (gain * noise.size[output][list(base.channels)]) ** 2)
+            found += [ExpectedError(
+                output, names, column := model.regressor.columns[kept], name,
+                column_unit(arm, output, names, column), float(error))
+                for kept, name, error in zip(
+                    base.kept, base.names, estimate.standard_errors, strict=True)]
+    return found
+
+
+def _blocks(stretches: list[Stretch], output: str) -> Blocks:
+    return lambda: [TrainingBlock(block.motion, getattr(block, output), block.decimation)
+                    for stretch in stretches for block in stretch.blocks()]
+
+
+# -- What a motion has to keep to, as penalties with slopes, and how far it goes beyond.
+#
+# Positions, speeds, accelerations and efforts are ratios to their limits; distances between links
+# fall short of a clearance. A penalty grows with the square of what is beyond.
+
+CLEARANCE = 0.02
+"""Distance that links are to keep from each other [m]."""
+TOUCH = 0.005
+"""Distance that is taken for a collision: motion is looked at sample by sample [m]."""
+EFFORT = 0.8
+"""Part of the largest effort that is planned: friction and tracking need the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Efforts:
+    """Efforts that a motion asks for, by what is known of the arm, and their limits."""
+
+    regressor: EffortRegressor  # rows of the efforts
+    parameters: FloatArray  # parameters of each channel, (joints, columns)
+    # (joints,): largest planned effort [A, N m or N]; infinite where none is known.
+    largest: FloatArray
+
+    def ratio(self, motion: FloatArray) -> FloatArray:
+        """
+        Give efforts over their limits, shape (n_samples, n_joints).
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints.
+        """
+        return self.regressor.outputs(motion, self.parameters) / self.largest
+
+
+def known_efforts(arm: Arm, parameters: FloatArray | None = None) -> Efforts | None:
+    """
+    Collect what is known of the efforts of an arm and of their limits.
+
+    parameters (joints, columns); returns None where no limit, or nothing of the bodies, is known.
+    """
+    largest = EFFORT * effort_limits(arm)
+    if parameters is None:
+        if any(joint.effort.unit == 'A' and joint.effort.torque_constant is None
+               for joint in arm.joints):
+            return None
+        inertias = list(arm.model.inertias)[1:]
+        if not sum(float(inertia.mass) for inertia in inertias) > 0.0:
+            return None
+        regressor = EffortRegressor(arm)
+        bodies = np.concatenate([inertia.toDynamicParameters() for inertia in inertias])
+        parameters = np.zeros((len(arm.joints), len(regressor.columns)))
+        parameters[:, :len(bodies)] = bodies
+    if not np.isfinite(largest).any():
+        return None
+    return Efforts(EffortRegressor(arm), parameters, largest)
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """How far a motion goes to its limits and beyond."""
+
+    # (joints,): largest part of each limit; of the effort 0 where it is not known.
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    effort: FloatArray
+    clearance: float  # least distance between links, where it is less than `CLEARANCE` [m]
+    nearest: tuple[str, ...]  # links that come as near as that
+
+    @property
+    def excess(self) -> float:
+        """Give what no joint can mend alone: efforts beyond their limits, links that touch."""
+        return float(max(self.effort.max(initial=0.0) - 1.0, 0.0)
+                     + max(TOUCH - self.clearance, 0.0) / CLEARANCE)
+
+
+class Bounds:
+    """All that a motion keeps to."""
+
+    def __init__(
+        self, bounds: JointRange, limits: MotionLimits, efforts: Efforts | None = None,
+        links: SelfCollision | None = None,
+    ) -> None:
+        self.range, self.limits = bounds, limits
+        self.efforts = efforts
+        self.links = links if links is not None and links.pairs else None
+        n = len(bounds.lower)
+        self._centre = np.concatenate([0.5 * (bounds.lower + bounds.upper), np.zeros(2 * n)])
+        self._size = np.concatenate([0.5 * (bounds.upper - bounds.lower), limits.velocity,
+                                     limits.acceleration])
+
+    def penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
+        """
+        Punish positions, speeds and accelerations beyond their limits.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
+        """
+        ratio = (motion - self._centre) / self._size
+        beyond = np.maximum(np.abs(ratio) - 1.0, 0.0)
+        count = beyond.shape[0] * len(self.range.lower)
+        cost = float(np.sum(beyond**2)) / count
+        return cost, 2.0 / count * beyond * np.sign(ratio) / self._size
+
+    def coupled_penalty(self, motion: FloatArray) -> tuple[float, FloatArray]:
+        """
+        Punish efforts beyond their limits, and links that come too near; as `penalty` does.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, 3 joints).
+        """
+        cost, slope = 0.0, np.zeros_like(motion)
+        count = len(motion) * len(self.range.lower)
+        if self.efforts is not None:
+            here = self.efforts.ratio(motion)
+            beyond = np.maximum(np.abs(here) - 1.0, 0.0)
+            if beyond.any():
+                cost += float(np.sum(beyond**2)) / count
+                pull = 2.0 / count * beyond * np.sign(here)
+                for k in range(motion.shape[1]):
+                    moved = motion.copy()
+                    moved[:, k] += STEP
+                    slope[:, k] += np.sum(
+                        pull * (self.efforts.ratio(moved) - here), axis=1) / STEP
+        if self.links is not None:
+            n = len(self.range.lower)
+            for row, q in zip(slope, motion[:, :n], strict=True):
+                near = self.links.near(q, 2.0 * CLEARANCE)
+                missing = 2.0 - near.distance / CLEARANCE
+                cost += float(np.sum(missing**2)) / count
+                row[:n] -= 2.0 / (count * CLEARANCE) * missing @ near.slope
+        return cost, slope
+
+    def beyond(self, motion: FloatArray) -> Beyond:
+        """
+        Say how far a motion goes.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        """
+        parts = np.split(np.abs((motion - self._centre) / self._size).max(axis=0), 3)
+        n = len(self.range.lower)
+        effort = np.zeros(n) if self.efforts is None else np.abs(
+            self.efforts.ratio(motion)).max(axis=0)
+        clearance, nearest = CLEARANCE, tuple[str, ...]()
+        if self.links is not None:
+            for q in motion[:, :n]:
+                near = self.links.near(q, clearance)
+                if len(near.distance):
+                    k = int(np.argmin(near.distance))
+                    clearance, nearest = float(near.distance[k]), near.names[k]
+        return Beyond(parts[0], parts[1], parts[2], effort, clearance, nearest)

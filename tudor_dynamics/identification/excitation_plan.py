@@ -1,0 +1,613 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The search for the motion to record, and the plan as a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from scipy import optimize
+
+from tudor_dynamics.arm.description import Arm, validation_message
+from tudor_dynamics.arm.limits import SelfCollision
+from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec
+from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.errors import SignalError, UsageError
+from tudor_dynamics.files import read_bounded, write_whole
+from tudor_dynamics.identification.excitation import (
+    Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
+    Information, known_efforts, mean_error, Noise, OUTPUTS, Series, series, Subject)
+from tudor_dynamics.mechanics.run import modes
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.regressor import (
+    base_sets, EffortRegressor, plain_regressor, StrainRegressor)
+from tudor_dynamics.signals.excitation import aprbs, joint_range, JointRange, Targets
+from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits, Reference
+from tudor_dynamics.typing import FloatArray
+
+
+# -- How well a motion excites the parameters of an arm: condition numbers before it is run
+
+REPORT_RATE = 20.0
+"""Rate at which the motion is looked at [Hz]."""
+
+
+@dataclass(frozen=True)
+class GroupCondition:
+    """Conditioning of one group of outputs with common parameters."""
+
+    channels: tuple[str, ...]  # joints or gauges
+    condition: float  # condition number of the regressor with columns of unit length
+    weakest: str  # parameter that the motion excites least in relation to the others
+    parameters: int  # number of base parameters
+
+
+@dataclass(frozen=True)
+class ExcitationReport:
+    """Conditioning of all outputs."""
+
+    # Groups of joints; groups of gauges, empty where the arm has none.
+    effort: tuple[GroupCondition, ...]
+    strain: tuple[GroupCondition, ...]
+
+    @property
+    def worst(self) -> float:
+        """Largest condition number of all."""
+        return max(item.condition for item in (*self.effort, *self.strain))
+
+
+def excitation_report(arm: Arm, reference: Reference, *, form: str = 'exact') -> ExcitationReport:
+    """Judge a motion by the regressors of an arm."""
+    every = max(int(round(1.0 / (REPORT_RATE * reference.dt))), 1)
+    motion = reference.motion[::every]
+    return ExcitationReport(
+        _conditions(EffortRegressor(arm), motion, len(arm.active_joints)),
+        _conditions(StrainRegressor(arm, form), motion, len(arm.active_joints))
+        if arm.gauges else ())
+
+
+def _conditions(
+    regressor: EffortRegressor | StrainRegressor, motion: FloatArray, joints: int,
+) -> tuple[GroupCondition, ...]:
+    rows = regressor.rows(motion)
+    result = []
+    for group, base in zip(regressor.groups, base_sets(regressor, joints), strict=True):
+        columns = rows[:, group, :].reshape(-1, rows.shape[2])[:, base.kept]
+        length = np.linalg.norm(columns, axis=0)
+        names = base.names
+        if (length <= 0.0).any():
+            weakest, condition = int(np.argmin(length)), np.inf
+        else:
+            _, values, vectors = np.linalg.svd(columns / length, full_matrices=False)
+            condition = float(values[0] / values[-1]) if values[-1] > 0.0 else np.inf
+            weakest = int(np.argmax(np.abs(vectors[-1])))
+        channels = tuple(regressor.channels[i] for i in group)
+        result.append(GroupCondition(channels, float(condition), names[weakest], len(names)))
+    return tuple(result)
+
+
+@dataclass(frozen=True)
+class ChosenSeed:
+    """A seed, the report of its motion, and the worst condition number of each seed tried."""
+
+    seed: int  # seed with the best motion
+    report: ExcitationReport  # condition numbers of its motion
+    tried: dict[int, float]  # worst condition number of each seed tried
+
+
+def best_seed(
+    arm: Arm, make: Callable[[int], Reference], seeds: Sequence[int],
+) -> ChosenSeed:
+    """Choose the seed whose motion has the least worst condition number."""
+    if not seeds:
+        msg = 'no seed to try; give at least one'
+        raise SignalError(msg)
+    reports = {seed: excitation_report(arm, make(seed)) for seed in seeds}
+    tried = {seed: report.worst for seed, report in reports.items()}
+    best = min(seeds, key=lambda seed: tried[seed])
+    return ChosenSeed(best, reports[best], tried)
+
+
+# -- The search for the motion that shows the parameters best, within all limits.
+#
+# A Fourier series has hundreds of coefficients, and the cost exact slopes by them: a quasi-Newton
+# descent (L-BFGS) with penalties for what is beyond the limits, which grow from stage to stage. At
+# its end each joint is scaled into its limits exactly, and the whole motion is drawn towards its
+# middle where efforts or links ask for it. An APRBS is a draw: the best of many, and of changes to
+# the best.
+
+STAGES = (10.0, 1e3, 1e4)
+"""Weights of the penalties, one after the other."""
+SAMPLES, CLOSE_SAMPLES = 4.0, 20.0
+"""Samples for each period of the largest frequency, while it is searched: of what the motion
+shows, which is cheaper where they are few, and of its limits, which are passed between them
+otherwise."""
+LEAST_RATE = 5.0
+"""Samples a second at least [Hz]."""
+POSES = 100
+"""Random poses from which the one with the most room between links is where a search begins."""
+HALVINGS = 12
+CHECKED = 50.0
+"""Rate at which efforts and distances between links are looked at in the end [Hz]."""
+LOOKED_AT = 20.0
+"""Rate at which an APRBS is judged [Hz]."""
+
+Report = Callable[[float], bool]
+"""Told the cost of each step of a search; answers whether to stop."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What motion is wanted."""
+
+    seconds: float  # length with the rests at its ends [s]
+    highest: float  # largest frequency of a Fourier series [Hz]
+    dt: float  # sample time of the motion that comes out [s]
+    steps: int  # steps of the descent in each stage, or draws of an APRBS
+    seed: int  # of where the search begins
+
+
+def best_series(
+    information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
+    criterion: Criterion = mean_error,
+) -> Reference:
+    """Find a Fourier series that shows parameters well."""
+    basis, close = (series(bounds.range, bounds.limits, order.seconds, order.highest,
+                           1.0 / max(samples * order.highest, LEAST_RATE))
+                    for samples in (SAMPLES, CLOSE_SAMPLES))
+    shape = basis.sizes.shape
+    generator = np.random.default_rng(order.seed)
+    x = generator.normal(size=shape) / np.sqrt(shape[0])
+    x[0] = _middle(bounds, basis, generator)
+    stopped = False
+
+    def step(intermediate_result: optimize.OptimizeResult) -> None:
+        nonlocal stopped
+        stopped = report(float(intermediate_result.fun))
+        if stopped:
+            raise StopIteration
+
+    for weight in STAGES:
+        def cost(flat: FloatArray, weight: float = weight) -> tuple[float, FloatArray]:
+            own = flat.reshape(shape)
+            motion = basis.motion(own)
+            value, slope = information.cost(motion, criterion)
+            coupled, coupled_slope = bounds.coupled_penalty(motion)
+            beyond, beyond_slope = bounds.penalty(close.motion(own))
+            return (value + weight * (coupled + beyond),
+                    (basis.slope(slope + weight * coupled_slope)
+                     + close.slope(weight * beyond_slope)).ravel())
+
+        x = optimize.minimize(
+            cost, x.ravel(), jac=True, method='L-BFGS-B', callback=step,
+            options={'maxiter': order.steps, 'maxcor': 20}).x.reshape(shape)
+        if stopped:
+            break
+    fine = series(bounds.range, bounds.limits, order.seconds, order.highest, order.dt)
+    return _within(fine, x, bounds)
+
+
+def _middle(bounds: Bounds, basis: Series, generator: np.random.Generator) -> FloatArray:
+    """Choose the pose about which a search begins: that with the most room between links."""
+    n = len(bounds.range.lower)
+    if bounds.links is None:
+        return generator.uniform(-0.1, 0.1, n)
+    best, room = np.zeros(n), -np.inf
+    for _ in range(POSES):
+        x = generator.uniform(-0.5, 0.5, n)
+        near = bounds.links.near(basis.centre + basis.sizes[0] * x, 10.0 * CLEARANCE)
+        least = float(near.distance.min(initial=10.0 * CLEARANCE))
+        if least > room:
+            best, room = x, least
+    return best
+
+
+def _within(fine: Series, x: FloatArray, bounds: Bounds) -> Reference:
+    """Scale a motion into its limits, each joint by itself, then all where it has to be."""
+    motion = fine.motion(x)
+    n = x.shape[1]
+    mid, half = fine.centre, fine.sizes[0]
+    constant = np.clip(mid + x[0] * half, bounds.range.lower + 0.01 * half,
+                       bounds.range.upper - 0.01 * half)
+    swing = motion[:, :n] - (mid + x[0] * half)
+    room = np.minimum(
+        (bounds.range.upper - constant) / np.maximum(swing.max(axis=0), 1e-12),
+        (constant - bounds.range.lower) / np.maximum(-swing.min(axis=0), 1e-12))
+    fast = bounds.limits.velocity / np.maximum(np.abs(motion[:, n:2 * n]).max(axis=0), 1e-12)
+    sharp = bounds.limits.acceleration / np.maximum(np.abs(motion[:, 2 * n:]).max(axis=0), 1e-12)
+    scale = np.minimum(1.0, np.minimum(room, np.minimum(fast, sharp)))
+    y = x * scale
+    y[0] = (constant - mid) / half
+
+    def scaled(factor: float) -> FloatArray:
+        smaller = y * factor
+        smaller[0] = y[0]
+        return smaller
+
+    every = max(int(round(1.0 / (CHECKED * fine.dt))), 1)
+
+    def allowed(factor: float) -> bool:
+        return bounds.beyond(fine.motion(scaled(factor))[::every]).excess == 0.0
+
+    factor = 1.0
+    if not allowed(1.0):
+        low, high = 0.0, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if allowed(middle) else (low, middle)
+        factor = low
+    if factor < 0.1:
+        found = bounds.beyond(fine.motion(scaled(0.1))[::every])
+        msg = (f'no motion was found within all limits: {", ".join(found.nearest) or "efforts"} '
+               'already in small motions')
+        raise SignalError(msg, remedy='give another --seed, planned ranges without '
+                                      'collisions, or an SRDF that takes pairs out')
+    return fine.reference(scaled(factor))
+
+
+def best_aprbs(
+    information: Information, bounds: Bounds, order: Order, report: Report = lambda _: False,
+) -> Reference:
+    """Find an APRBS that shows parameters well, by draws and by changes to the best of them."""
+    generator = np.random.default_rng(order.seed)
+    samples = int(round(order.seconds / order.dt)) + 1
+    every = max(int(round(1.0 / (LOOKED_AT * order.dt))), 1)
+    best: tuple[tuple[float, float], Targets, Reference] | None = None
+    for draw in range(order.steps):
+        if best is None or draw < order.steps // 3:
+            targets = aprbs(_part(bounds, generator), order.seconds,
+                            int(generator.integers(2**31)),
+                            clock=float(generator.uniform(0.5, 1.5)))
+        else:
+            targets = _changed(best[1], bounds, generator)
+        reference = follow_targets(targets.start, targets.times, targets.values, bounds.limits,
+                                   order.dt, samples)
+        motion = reference.motion[::every]
+        # first what is allowed, then what shows most
+        cost = (bounds.beyond(motion).excess, mean_error(
+            [covariance_of(item) for item in information.matrices(motion)])[0])
+        if best is None or cost < best[0]:
+            best = (cost, targets, reference)
+        if report(best[0][1]):
+            break
+    if best is None or best[0][0] > 0.0:
+        raise SignalError(f'none of {order.steps} APRBS is within the limits of efforts and free '
+                          'of collisions', remedy='take --kind fourier, or smaller planned ranges')
+    return best[2]
+
+
+def _part(bounds: Bounds, generator: np.random.Generator) -> JointRange:
+    """Draw a part of the range, where all of it is more than links and efforts allow."""
+    if bounds.links is None and bounds.efforts is None:
+        return bounds.range
+    size = bounds.range.upper - bounds.range.lower
+    length = size * generator.uniform(0.2, 1.0)
+    lower = bounds.range.lower + generator.uniform(0.0, 1.0, len(size)) * (size - length)
+    return JointRange(lower, lower + length)
+
+
+def _changed(targets: Targets, bounds: Bounds, generator: np.random.Generator) -> Targets:
+    """Give one joint another target at one time."""
+    j = int(generator.integers(len(targets.values)))
+    values = targets.values[j].copy()
+    values[int(generator.integers(len(values)))] = generator.uniform(
+        bounds.range.lower[j], bounds.range.upper[j])
+    return replace(targets, values=tuple(
+        values if i == j else item for i, item in enumerate(targets.values)))
+
+
+# -- From an arm to the plan of a recording: the motion, what it keeps to, what it will show
+
+KINDS = ('fourier', 'aprbs')
+HIGHEST = 2.0
+"""Largest frequency of a series where links do not bend [Hz]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """What is to be identified, behind which filters, in which noise."""
+
+    arm: Arm  # arm with the friction that is identified
+    models: dict[str, AnalyticalModel]  # for each output the model that a fit would fit
+    preprocessing: PreprocessingSpec  # filters and rate of that fit
+    noise: Noise  # noise of the outputs
+    parameters: FloatArray | None = None  # what is known of the efforts, (joints, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion to record."""
+
+    trajectory: Trajectory  # motion of the active joints, at the rate of the messages
+    expected: list[ExpectedError]  # what it will show
+    beyond: Beyond  # how far it goes to the limits
+    noise: Noise  # noise that the standard errors are for
+
+
+def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
+    """Say what a fit of an arm would identify."""
+    spec = arm.spec.preprocessing
+    if 'filter' not in spec.model_fields_set:
+        spec = spec.model_copy(update={'filter': 'zero_phase'})
+    outputs = OUTPUTS if arm.gauges else OUTPUTS[:1]
+    return Target(arm, {output: _planned(arm, output) for output in outputs}, spec, Noise(noise))
+
+
+def _planned(arm: Arm, output: str) -> AnalyticalModel:
+    """Give the model that a motion is planned for: any reversal shows where friction gives way."""
+    sliding = arm.with_joints({joint.name: {'friction': tuple(
+        term for term in joint.friction if term != 'presliding')} for joint in arm.joints})
+    return AnalyticalModel(plain_regressor(sliding, output, 'exact'), len(arm.active_joints))
+
+
+def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
+    """Say what a fit like an earlier one would identify, in the noise that it left."""
+    found, noise = {}, {}
+    known: FloatArray | None = None
+    for output, kinds in bundle.models.items():
+        model = kinds.get('analytical')
+        if isinstance(model, AnalyticalModel) and model.payload_range is None:
+            if output == 'effort':
+                known = model.coefficients()
+            found[output] = model if model.bristles is None else _planned(bundle.arm, output)
+            noise[output] = np.zeros(len(model.channels))
+            for group in model.groups_:
+                noise[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+    if not found:
+        raise UsageError('there is no analytical model for one payload in the bundle',
+                         remedy='give --noise in place of --model')
+    friction = {joint.name: {key: getattr(joint, key) for key in FRICTION_KEYS}
+                for joint in bundle.arm.spec.joints}
+    return Target(arm.with_joints(friction), found, bundle.preprocessing,
+                  Noise(noise, residual=True), known)
+
+
+def default_highest(arm: Arm) -> float:
+    """Choose the largest frequency of a series: below what makes links swing [Hz]."""
+    if any(link.flexible is not None for link in arm.spec.links):
+        return min(HIGHEST, float(modes(arm, 1).frequency[0]) / 3.0)
+    return HIGHEST
+
+
+def bounds_of(target: Target, links: SelfCollision | None = None) -> Bounds:
+    """Collect what motions of an arm keep to."""
+    return Bounds(joint_range(target.arm), motion_limits(target.arm),
+                  known_efforts(target.arm, target.parameters), links)
+
+
+def information_of(target: Target) -> Information:
+    """Give what judges motions by what they show."""
+    return Information([Subject(model, target.noise.size[output])
+                        for output, model in target.models.items()])
+
+
+def make_plan(
+    target: Target, order: Order, *, kind: str = 'fourier', links: SelfCollision | None = None,
+    report: Callable[[float], bool] = lambda _: False,
+) -> Plan:
+    """Search for the motion that shows best what is to be identified."""
+    bounds, information = bounds_of(target, links), information_of(target)
+    search = best_series if kind == 'fourier' else best_aprbs
+    reference = search(information, bounds, order, report)
+    return plan_of(target, reference, bounds)
+
+
+def plan_of(target: Target, reference: Reference, bounds: Bounds) -> Plan:
+    """Say what a motion will show, and how far it goes."""
+    trajectory = Trajectory(
+        target.arm.active_joints, np.asarray(np.arange(len(reference.q)) * reference.dt),
+        reference.q, reference.dq, reference.ddq)
+    return Plan(trajectory, expected_errors(
+        target.models, target.arm, trajectory, target.preprocessing, target.noise),
+        bounds.beyond(reference.motion), target.noise)
+
+
+# -- A plan as a folder: the motion as a bag and as a table, and what it is to show as JSON.
+#
+# ``bag`` has one trajectory_msgs/JointTrajectory, ``trajectory.csv`` the same numbers;
+# ``plan.json`` says what was asked for, what the motion keeps to, and the standard errors that it
+# will bring.
+
+FORMAT, VERSION = 'tudor_dynamics/excitation', 1
+HEAD, TABLE, BAG, PICTURE = 'plan.json', 'trajectory.csv', 'bag', 'motion.png'
+MAX_HEAD_BYTES = 20_000_000
+STAMP = 1_000_000_000
+"""Stamp of the only message [ns]; one of zero would mean "not set" in ROS."""
+
+
+class _Error(BaseModel):
+    """One standard error; null where the motion does not show the parameter."""
+
+    model_config = ConfigDict(extra='ignore', frozen=True)
+    output: str
+    column: str
+    standard_error: float | None = Field(ge=0.0, allow_inf_nan=False)
+
+
+class _Head(BaseModel):
+    """What is read of ``plan.json``."""
+
+    model_config = ConfigDict(extra='ignore', frozen=True)
+    format: str  # noqa: A003
+    version: int
+    arm: str
+    noise: dict[str, dict[str, float]]
+    noise_of: str
+    noise_stated: bool
+    expected: tuple[_Error, ...] = Field(max_length=100_000)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanFolder:
+    """
+    A plan that was read.
+
+    Attributes
+    ----------
+    path : Path
+        Folder that it was read from.
+    arm : str
+        Name of the arm.
+    trajectory : Trajectory
+        Motion that was planned.
+    noise : Noise
+        Noise that was stated.
+    stated : bool
+        Whether anybody stated it.
+
+    """
+
+    path: Path
+    arm: str
+    trajectory: Trajectory
+    noise: Noise
+    stated: bool
+
+
+def plan_head(plan: Plan, arm: Arm, facts: dict[str, Any], *, stated: bool) -> dict[str, Any]:
+    """
+    Say what is planned as plain values.
+
+    Parameters
+    ----------
+    plan : Plan
+        Motion and what it will show.
+    arm : Arm
+        Arm that is to move.
+    facts : dict
+        What was asked for.
+    stated : bool
+        Whether the noise was stated, or is 1 for want of anything better.
+
+    Returns
+    -------
+    dict
+        Content of ``plan.json``.
+
+    """
+    joints = arm.active_joints
+
+    def by_joint(values: Any) -> dict[str, float]:
+        return dict(zip(joints, (round(float(value), 6) for value in values), strict=True))
+    names = {'effort': joints, 'strain': arm.gauge_names}
+    errors = []
+    for item in plan.expected:
+        row = asdict(item)
+        value = row.pop('value')
+        errors.append({**row, 'channels': list(item.channels),
+                       'standard_error': value if math.isfinite(value) else None})
+    return {
+        'format': FORMAT, 'version': VERSION, 'arm': arm.name, 'digest': arm.digest, **facts,
+        'noise': {output: dict(zip(names[output], size.tolist(), strict=True))
+                  for output, size in plan.noise.size.items()},
+        'noise_of': 'residuals' if plan.noise.residual else 'samples', 'noise_stated': stated,
+        'part_of_limits': {
+            'position': by_joint(plan.beyond.position), 'velocity': by_joint(plan.beyond.velocity),
+            'acceleration': by_joint(plan.beyond.acceleration),
+            'effort': by_joint(plan.beyond.effort)},
+        'expected': errors}
+
+
+def write_plan(folder: Path, plan: Plan, head: dict[str, Any]) -> None:
+    """
+    Write a plan, but for its picture.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder that is there, and empty.
+    plan : Plan
+        Motion and what it will show.
+    head : dict
+        Content of ``plan.json``, see `plan_head`.
+
+    """
+    write_whole(folder / TABLE, plan.trajectory.table())
+    write_bag(folder / BAG, [TrajectorySeries(
+        '/joint_trajectory', np.array([STAMP]), [plan.trajectory])])
+    write_whole(folder / HEAD, json.dumps(head, indent=2, allow_nan=False).encode() + b'\n')
+
+
+def read_motion(path: Path) -> Trajectory:
+    """
+    Read the motion of a plan.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of a plan, or a table as there is one in it.
+
+    Returns
+    -------
+    Trajectory
+        Motion.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+
+    """
+    return read_trajectory(path / TABLE if path.is_dir() else path)
+
+
+def read_plan(path: str | Path) -> PlanFolder:
+    """
+    Read a plan.
+
+    Parameters
+    ----------
+    path : str or Path
+        Folder that ``tudor excite`` wrote.
+
+    Returns
+    -------
+    PlanFolder
+        Motion, and the noise that it was judged with.
+
+    Raises
+    ------
+    UsageError, BagError
+        If it is no such folder, or damaged.
+
+    """
+    path = Path(path)
+    try:
+        text = read_bounded(path / HEAD, MAX_HEAD_BYTES).decode()
+        head = _Head.model_validate_json(text)
+    except OSError as err:
+        raise UsageError(f'there is no {HEAD} to be read ({err.strerror})', place=path,
+                         remedy='give a folder of `tudor excite`') from None
+    except (ValidationError, ValueError) as err:
+        cause = validation_message(err) if isinstance(err, ValidationError) else str(err)
+        raise UsageError(f'no plan ({cause})', place=path / HEAD) from None
+    if (head.format, head.version) != (FORMAT, VERSION):
+        raise UsageError(f'found {head.format[:60]} {head.version}, expected {FORMAT} {VERSION}',
+                         place=path / HEAD, remedy='plan again with this version')
+    noise = {output: np.array(list(values.values())) for output, values in head.noise.items()}
+    if not noise or any(not np.all(size > 0.0) or not np.isfinite(size).all()
+                        for size in noise.values()):
+        raise UsageError('noise: expected a positive number for each channel', place=path / HEAD)
+    return PlanFolder(path, head.arm, read_trajectory(path / TABLE),
+                      Noise(noise, head.noise_of == 'residuals'), head.noise_stated)

@@ -1,0 +1,236 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Loads of bags by a fitted model, how bending was found, and the bundle of a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+import math
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.errors import TudorError, UsageError
+from tudor_dynamics.identification.dataset import BagData, motion_span, part
+from tudor_dynamics.identification.fit import choices_to_list, FitResult, FittedOutput, RowTrainer
+from tudor_dynamics.identification.next_steps import assess, Assessment, spread
+from tudor_dynamics.identification.uses import as_plain
+from tudor_dynamics.identification.validation import rounded
+from tudor_dynamics.load.bending import (
+    bent_links, BentLinks, CUTOFF, FACT, find_bending, KIND, relearned, Watched)
+from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate, Verdict
+from tudor_dynamics.load.rows import LoadWorth, Source
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.payload import PayloadModel
+from tudor_dynamics.signals.filters import SmoothStates
+
+
+# -- How the links of a fit's arm bend: what its training bags show of it
+
+def bent_links_of(result: FitResult) -> BentLinks | None:
+    """
+    Find how links bend, where that helps to tell loads.
+
+    Returns None where strain tells no kilograms, or links hardly bend.
+    """
+    model = next((item.model for item in result.fitted
+                  if (item.output, item.kind) == ('strain', KIND)), None)
+    if not isinstance(model, AnalyticalModel):
+        return None
+    try:
+        if (not isinstance(model, PayloadModel)
+                and LoadWorth(result.arm, 'strain', model).source is Source.NOTHING):
+            return None
+        return find_bending(result.arm, model, [
+            item for bag in result.training for item in watched(bag)])
+    except TudorError:
+        return None  # rigid links tell loads as well, if less so
+
+
+def watched(bag: BagData) -> list[Watched]:
+    """Give the stretches of a bag that move, as they were read, and what filters settle on."""
+    recording = bag.recording
+    if recording.strain is None:
+        return []
+    begin, end = motion_span(recording)
+    t, found = recording.t, []
+    for segment in recording.segments:
+        first = max(segment.start, int(np.searchsorted(t, begin - SmoothStates(CUTOFF).settle)))
+        inside = slice(first, min(segment.stop, int(np.searchsorted(t, end, 'right'))))
+        strain, stamps = recording.strain[inside], recording.stamp[inside]
+        if len(stamps) < 2 or not np.isfinite(strain).all():
+            continue
+        dt = np.diff(stamps) * 1e-9
+        found.append(Watched(np.concatenate([dt[:1], dt]), recording.q[inside], strain,
+                             bag.payload or 0.0, float(t[first])))
+    return found
+
+
+# -- How far off a load is that a model tells, on motion with a known load that it has not seen
+
+ERRORS_KIND = 'analytical'
+"""Kind of model that loads are told by."""
+PARTS = 4
+"""Into which all training bags are cut; each part is left out once."""
+
+
+def payload_errors(result: FitResult, bent: BentLinks | None = None) -> dict[str, float]:
+    """
+    Let models of a part of the training motion tell the known load of the rest.
+
+    What their errors have beyond the standard deviations of their own residuals is the error of
+    the models, a little more than that of a model of all the motion.
+
+    Returns output to the standard deviation of a load by its model [kg].
+    """
+    pieces = []
+    for i in range(PARTS):
+        try:
+            pieces.append([part(bag, i / PARTS, (i + 1) / PARTS, result.preprocessing)
+                           for bag in result.training])
+        except TudorError:
+            return {}  # too short to be cut
+    found = {}
+    for item in result.fitted:
+        if item.kind != ERRORS_KIND:
+            continue
+        trainer = RowTrainer(ERRORS_KIND, result.arm, result.settings)
+        errors, variances = [], []
+        for i, left in enumerate(pieces):
+            known = [bag for j, bags in enumerate(pieces) if j != i for bag in bags]
+            try:
+                model = trainer.fit(known, item.output)
+                links = None
+                if bent is not None and item.output == 'strain':
+                    links = relearned(bent, [one for bag in known for one in watched(bag)])
+                for bag in left:
+                    error, std = _error(result, model, item.output, bag, links)
+                    if math.isfinite(error) and 0.0 < std < math.inf:
+                        errors.append(error)
+                        variances.append(std ** 2)
+            except TudorError:
+                continue
+        if errors:
+            # parts that say little of a load say little of errors
+            squares = np.average(np.square(errors), weights=1.0 / np.array(variances))
+            noise = len(variances) / float(np.sum(1.0 / np.array(variances)))
+            found[item.output] = math.sqrt(max(float(squares) - noise, 0.0))
+    return found
+
+
+def _error(
+    result: FitResult, model: Model, output: str, bag: BagData, bent: BentLinks | None,
+) -> tuple[float, float]:
+    told = estimate_payload(result.arm, {output: model}, bag.stretches,
+                            known=bag.payload or 0.0, whole=False, bent=bent,
+                            watched=[] if bent is None else watched(bag))
+    if told.verdict is Verdict.UNKNOWN:
+        return math.nan, math.nan
+    one = told.outputs[0]
+    true = (bag.payload or 0.0) - told.known
+    return one.mass - true, one.std
+
+
+# -- What the arm of bags carries, by the models of a bundle and what is known of their errors
+
+def telling(bundle: ModelBundle, kind: str | None = None) -> dict[str, Model]:
+    """
+    Give the models of a bundle that can tell a load.
+
+    kind: analytical by default, elastic where that is not there.
+    """
+    have = sorted({name for kinds in bundle.models.values() for name in kinds})
+    chosen = kind or ('elastic' if 'elastic' in have and 'analytical' not in have else
+                      'analytical')
+    found = {output: kinds[chosen] for output, kinds in bundle.models.items() if chosen in kinds}
+    if chosen == 'elm' or not found:
+        msg = (f'the bundle has models of the kinds {have}; a load is told by an analytical or an '
+               'elastic one: fit that, or name it')
+        raise UsageError(msg)
+    return found
+
+
+def payload_of(
+    bundle: ModelBundle, bags: Sequence[BagData], kind: str | None = None,
+) -> PayloadEstimate:
+    """Estimate what the arm carries in bags that were read, the same in all of them."""
+    stretches = [stretch for bag in bags for stretch in bag.stretches]
+    models = telling(bundle, kind)
+    rigid = not any(model.has_memory for model in models.values())
+    kept = bundle.facts.get('payload_errors')
+    errors: Mapping[str, float] = {
+        output: float(value) for output, value in (kept if isinstance(kept, dict) else {}).items()
+        if rigid and isinstance(value, (int, float)) and value >= 0.0}
+    bent = bent_links(bundle.facts, bundle.arm) if rigid else None
+    return estimate_payload(
+        bundle.arm, models, stretches, known=bundle.payload or 0.0, errors=errors, bent=bent,
+        watched=[] if bent is None else [item for bag in bags for item in watched(bag)])
+
+
+# -- From a fit to the bundle that is saved, and to the figures that are printed
+
+def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelBundle:
+    """Collect the models of a fit with all that is known of their worth."""
+    assessment = assess(result) if assessment is None else assessment
+    bent = bent_links_of(result)
+    facts = {
+        'training': [bag.as_dict() for bag in result.learned],
+        'test': [bag.as_dict() for bag in result.judged],
+        'validation': figures(result),
+        'ringing': [{'channel': r.channel, 'frequency': r.frequency, 'rms': r.rms,
+                     'share': r.share} for r in result.ringing],
+        'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
+        'findings': [item.as_dict() for item in result.findings],
+        **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {}),
+        **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
+        'payload_errors': payload_errors(result, bent),
+        **({} if bent is None else {FACT: bent.as_dict(result.arm)})}
+    causal = None
+    if result.causal is not None:
+        facts['causal_validation'] = figures(result.causal)
+        causal = CausalModels(result.causal.preprocessing, _models(result.causal))
+    return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
+
+
+def _models(result: FitResult) -> dict[str, dict[str, Model]]:
+    models: dict[str, dict[str, Model]] = {}
+    for item in result.fitted:
+        models.setdefault(item.output, {})[item.kind] = item.model
+    return models
+
+
+def figures(result: FitResult) -> dict[str, Any]:
+    """Give the figures of a fit as plain values: output, model, then training and validation."""
+    content: dict[str, Any] = {}
+    for item in result.fitted:
+        content.setdefault(item.output, {})[item.kind] = _figures(item)
+    return content
+
+
+def _figures(item: FittedOutput) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        'verdict': item.verdict.level.value, 'reasons': list(item.verdict.reasons),
+        'method': item.validation.method, 'validation': rounded(item.validation.score),
+        'spread': {name: float(f'{value:.3g}') for name, value in spread(item.validation).items()},
+        'noise': {name: float(f'{value:.3g}') for name, value in zip(
+            item.validation.channels, item.noise.tolist(), strict=False)},
+        'channel_verdicts': {name: level.value for name, level in item.verdict.channels.items()},
+        'training': rounded(item.training.score)}
+    if item.random is not None:
+        content['random_split_optimistic'] = rounded(item.random.score)
+    return content

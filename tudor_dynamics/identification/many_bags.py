@@ -1,0 +1,492 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A fit to more bags than memory holds: sums of products, groups left out together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import copy
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+import warnings
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.info import recorded_names
+from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
+from tudor_dynamics.identification.choice import choose
+from tudor_dynamics.identification.dataset import (
+    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, payload_range, Unused)
+from tudor_dynamics.identification.doctor.between import examine_bags
+from tudor_dynamics.identification.fit import (
+    blank, Case, ENOUGH, FitResult, FitSettings, FittedOutput)
+from tudor_dynamics.identification.passes import (
+    files_of, forget, gather, judge, Part, Place, read_bag, read_judged, Sight, survey, Task,
+    Trial)
+from tudor_dynamics.identification.ringdowns import find_ringing
+from tudor_dynamics.identification.validation import (
+    judge_model, noise_floor, Tally, trace, Validation)
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import TrainingBlock
+from tudor_dynamics.models.estimation import Products, summed
+from tudor_dynamics.typing import Progress
+
+
+# -- Sums over many bags, by groups that are left out together, and models of such sums
+
+FOLDS = 10
+"""Groups of bags that are left out, one after the other."""
+
+
+def fold_of(number: int, bags: int) -> int:
+    """Say which group a bag is left out with: neighbours in time go together."""
+    return number * min(FOLDS, bags) // bags
+
+
+@dataclass
+class FoldSums:
+    """What groups of bags came to, added up bag by bag, in their order."""
+
+    task: Task  # what was asked of every bag
+    # Filters and output, then group, to sums.
+    parts: dict[Place, dict[int, Part]] = field(default_factory=dict)
+
+    def add(self, seen: Sight) -> None:
+        """Add what was kept of a bag."""
+        file = self.task.file(seen, '.npz')
+        kept = read_bag(file)
+        if kept is None:
+            raise gone(file)
+        for place, part in kept.parts.items():
+            folds = self.parts.setdefault(place, {})
+            known = folds.get(seen.fold)
+            folds[seen.fold] = part if known is None else summed([known, part])
+
+    def models(self, place: Place) -> tuple[AnalyticalModel, dict[int, AnalyticalModel]]:
+        """
+        Fit the model of all groups, and one without each of them.
+
+        Returns others, an empty dict where there is one group alone.
+        """
+        folds = self.parts[place]
+        known: dict[tuple[str, bool], Part] = {}
+        for fold, part in folds.items():
+            known[name_of(fold), True] = part
+            known[name_of(fold), False] = [[Products(item.gram, item.n) for item in group]
+                                           for group in part]
+        arm, settings = self.task.arm, self.task.settings
+
+        def fit(some: Sequence[int]) -> AnalyticalModel:
+            return _fitted(arm, place[1], settings, [name_of(fold) for fold in some], known)
+
+        return fit(list(folds)), {
+            fold: fit([other for other in folds if other != fold])
+            for fold in folds if len(folds) > 1}
+
+
+@dataclass
+class ErrorSums:
+    """How models did on many bags, added up bag by bag, in their order."""
+
+    # Filters and output to errors of models that have not seen the bags, and of those that have.
+    unseen: dict[Place, Tally] = field(default_factory=dict)
+    seen: dict[Place, Tally] = field(default_factory=dict)
+
+    def add(self, file: Path) -> None:
+        """Add what was kept of a bag."""
+        judged = read_judged(file)
+        if judged is None:
+            raise gone(file)
+        for total, found in ((self.unseen, judged.unseen), (self.seen, judged.seen)):
+            for place, tally in found.items():
+                total[place] = total[place] + tally if place in total else tally
+
+
+def gone(file: Path) -> FitError:
+    """Say that what was kept is not there any more."""
+    return FitError('what a bag came to cannot be read any more', place=file,
+                    remedy='fit again, leave that directory alone meanwhile, and let all machines '
+                           'see it')
+
+
+def name_of(fold: int) -> str:
+    """Name a group of bags, in a bundle."""
+    return f'group {fold + 1}'
+
+
+def _fitted(
+    arm: object, output: str, settings: FitSettings, names: Sequence[str],
+    known: Mapping[tuple[str, bool], Part],
+) -> AnalyticalModel:
+    model = blank('analytical', arm, output, settings)  # type: ignore[arg-type]
+    assert isinstance(model, AnalyticalModel)
+    return model.fit_parts(dict.fromkeys(names, _nothing), dict(known))
+
+
+def _nothing() -> Iterator[TrainingBlock]:
+    """Give no data: all sums are known."""
+    return iter(())
+
+
+def light(model: AnalyticalModel) -> AnalyticalModel:
+    """Give a model without the data that it was fitted to, to be sent."""
+    other = copy.copy(model)
+    other.data_ = {}
+    return other
+
+
+# -- From sums over many bags to judged models, in the shape of any other fit
+
+@dataclass(frozen=True, eq=False)
+class Streamed:
+    """What the passes over many bags came to."""
+
+    task: Task  # what was asked of every bag
+    models: Mapping[Place, AnalyticalModel]  # filters and output to the model of all bags
+    others: Mapping[Place, Mapping[int, AnalyticalModel]]  # the same without each group of bags
+    # Bags learned from, and test bags.
+    learned: tuple[BagFacts, ...]
+    judged: tuple[BagFacts, ...]
+    unused: tuple[Unused, ...]  # bags that were left out
+    # How models did on the test bags, or on each bag left out; and on the bags learned from.
+    unseen: Mapping[Place, Tally]
+    seen: Mapping[Place, Tally]
+    # A sample of the bags, which stays in memory: for choices, thresholds and figures.
+    training: tuple[BagData, ...]
+    test: tuple[BagData, ...]
+    folds: Mapping[str, int]  # bag to the group that it is left out with
+
+    @property
+    def method(self) -> str:
+        """Say how it was judged, in words."""
+        if len(self.judged) == 1:
+            return f'test bag {self.judged[0].bag}'
+        if self.judged:
+            return f'{len(self.judged)} test bags'
+        groups, bags = len({*self.folds.values()}), len(self.learned)
+        return (f'leave one bag out, {bags} bags' if groups == bags else
+                f'leave one of {groups} groups of bags out, {bags} bags')
+
+    def result(self, number: int) -> FitResult:
+        """Give the fit behind some of the filters."""
+        task, spec = self.task, self.task.specs[number]
+        training, test = (tuple(filtered(bag, spec) for bag in bags)
+                          for bags in (self.training, self.test))
+        fitted = tuple(self._output(number, output, training, test) for output in task.outputs)
+        ringing = find_ringing(fitted[-1].model, [*training, *test], fitted[-1].output)
+        told = [text for bag in (*self.learned, *self.judged) for text in bag.warnings]
+        return FitResult(task.arm, spec, task.settings, fitted, training, test, ringing,
+                         tuple(dict.fromkeys(told)), learned=self.learned, judged=self.judged,
+                         unused=self.unused)
+
+    def _output(
+        self, number: int, output: str, training: Sequence[BagData], test: Sequence[BagData],
+    ) -> FittedOutput:
+        place = number, output
+        model = self.models[place]
+        left = self._cases(place, training)
+        cases = [(model_for(model, bag), bag) for bag in test] if test else left
+        validation = Validation(
+            self.method, self.unseen[place].score(model.channels),
+            tuple(trace(at, bag, output) for at, bag in cases), model.channels, tuple(cases))
+        seen = Validation('the training bags themselves',
+                          self.seen[place].score(model.channels), (), model.channels)
+        noise = noise_floor(test or training, output, self.task.specs[number])
+        verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
+        return FittedOutput(output, 'analytical', model, seen, validation, None, verdict,
+                            _enough([*cases, *(left if test else ())]), noise)
+
+    def _cases(self, place: Place, bags: Sequence[BagData]) -> list[Case]:
+        """Pair bags of the sample with models that have not seen them."""
+        others = self.others[place]
+        return [(model_for(others[self.folds[str(bag.choice)]], bag), bag) for bag in bags]
+
+
+def _enough(cases: Sequence[Case]) -> tuple[Case, ...]:
+    """Take no more than thresholds profit from."""
+    taken: list[Case] = []
+    for case in cases:
+        if sum(float(bag.recording.t[-1]) for _, bag in taken) >= ENOUGH:
+            break
+        taken.append(case)
+    return tuple(taken)
+
+
+# -- An arm with the gauges that its recordings have
+
+def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
+    """Leave out gauges of the description that no bag has, where bags have others."""
+    if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
+                                  for gauge in arm.gauges):
+        return arm
+    topics = {gauge.topic for gauge in arm.gauges}
+    found = frozenset[str]().union(*(recorded_names(path, topics)
+                                     for path in dict.fromkeys(bag.path for bag in bags)))
+    missing = [name for name in arm.gauge_names if name not in found]
+    damped = () if arm.spec.damper is None else arm.spec.damper.joints
+    if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
+        return arm
+    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
+           'models are of the others alone')
+    warnings.warn(msg, TudorWarning, stacklevel=2)
+    return arm.with_gauges(found)
+
+
+# -- A fit to more bags than memory holds: which of them, in how many passes, kept where
+
+FROM = 33
+"""Bags from which a fit is streamed without being asked to."""
+SAMPLE = 8
+"""Bags that stay in memory, for choices, thresholds and figures."""
+TOLD = 5
+"""Bags left out that are warned of one by one."""
+SUFFIX = '.sums'
+"""Of the directory beside a bundle in which sums are kept."""
+
+
+@dataclass(frozen=True)
+class Streaming:
+    """How many bags are gone through."""
+
+    # Where sums of each bag are kept, to go on after an interruption; made where it is not.
+    folder: Path
+    jobs: int = 1  # number of processes
+    strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
+
+
+def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
+    """Say whether a fit goes bag by bag."""
+    if not asked and bags < FROM:
+        return False
+    others = [kind for kind in settings.kinds if kind != 'analytical']
+    said = f'{bags} bags are gone through one by one'
+    if others or settings.random_split:
+        what = '--random-split' if not others else ' and '.join(others)
+        raise UsageError(f'{said}, and {what} needs all of them at once',
+                         remedy=f'leave it out, or name fewer than {FROM} bags')
+    if settings.estimator == 'huber':
+        raise UsageError(f"{said}, and the weights of Huber's estimator depend on all of them",
+                         remedy=f'use wls or ols, or name fewer than {FROM} bags')
+    if bags < 2:
+        raise UsageError('a single bag is not gone through bag by bag',
+                         remedy='leave --stream out')
+    return True
+
+
+def fit_many(
+    arm: Arm,
+    training: Sequence[BagChoice],
+    test: Sequence[BagChoice],
+    preprocessing: PreprocessingSpec,
+    settings: FitSettings,
+    payloads: Mapping[str, float],
+    streaming: Streaming,
+    progress: Progress = lambda _: None,
+    *,
+    ignore_payload: bool = False,
+) -> FitResult:
+    """
+    Fit analytical models to any number of bags.
+
+    What is left open is chosen by a sample of the bags, which thresholds and figures come from as
+    well. Models and validation are of all of them.
+
+    payloads [kg].
+    """
+    many = _Many(arm, settings, preprocessing, streaming, progress)
+    return many.fit(training, test, payloads, ignore_payload=ignore_payload)
+
+
+class _Many:
+    """The steps of a fit to many bags, and what they share."""
+
+    def __init__(
+        self, arm: Arm, settings: FitSettings, spec: PreprocessingSpec, streaming: Streaming,
+        progress: Progress,
+    ) -> None:
+        self.arm, self.settings, self.spec = arm, settings, spec
+        self.streaming, self.progress, self.base = streaming, progress, Path.cwd()
+        self.unused: list[Unused] = []
+
+    def fit(
+        self, choices: Sequence[BagChoice], tests: Sequence[BagChoice],
+        payloads: Mapping[str, float], *, ignore_payload: bool,
+    ) -> FitResult:
+        """Go through all bags three times: seen, multiplied out, judged."""
+        seen = survey([*choices, *tests], payloads, self.base, self.streaming.jobs,
+                      self._count('see bags'))
+        training, test = self._told_apart(seen[:len(choices)], seen[len(choices):])
+        found = None if ignore_payload else payload_range(training, test)
+        if found is not None:
+            self.settings = replace(self.settings, payloads=found)
+        bags, test_bags = self._sample(training), self._sample(test)
+        recorded = with_recorded_gauges(self.arm, [bag.choice for bag in (*bags, *test_bags)])
+        if recorded is not self.arm:
+            self.arm = recorded
+            bags, test_bags = self._sample(training), self._sample(test)
+        outputs = self._outputs([*bags, *test_bags])
+        bags, test_bags = ([bag for bag in some if all(map(bag.has, outputs))]
+                           for some in (bags, test_bags))
+        chosen = choose(self.arm, bags, self.spec, self.settings, self.progress, summable=True)
+        if any('load' in joint.friction for joint in chosen.arm.joints):
+            raise UsageError('friction that grows with the load is not fitted bag by bag: its '
+                             'rows depend on all of them', remedy='leave the term load out')
+        self.progress('doctor')
+        findings = examine_bags(chosen.arm, [*bags, *test_bags])
+        specs = [chosen.preprocessing]
+        if chosen.preprocessing.filter == 'zero_phase':  # causal ones run beside the robot
+            specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
+        task = Task(chosen.arm, tuple(specs), outputs, chosen.settings, self.base,
+                    self.streaming.folder.absolute())
+        done = self._streamed(task, training, test, bags, test_bags)
+        result = replace(done.result(0), findings=findings, choices=chosen.made)
+        return result if len(specs) == 1 else replace(result, causal=done.result(1))
+
+    def _streamed(
+        self, task: Task, training: Sequence[Sight], test: Sequence[Sight],
+        bags: Sequence[BagData], test_bags: Sequence[BagData],
+    ) -> Streamed:
+        facts = gather([(task, training)], self.streaming.jobs, self._count('multiply out'))
+        used = [(seen, item) for seen, item in zip(training, facts, strict=True)
+                if not isinstance(item, Unused)]
+        self._leave_out([item for item in facts if isinstance(item, Unused)])
+        if len(used) < 2:
+            raise FitError(f'of {len(training)} bags {len(used)} can be used: {self.unused[0]}',
+                           remedy='give others')
+        known = [replace(seen, fold=fold_of(i, len(used))) for i, (seen, _) in enumerate(used)]
+        sums = FoldSums(task)
+        for seen in known:
+            self.progress('add up')
+            sums.add(seen)
+        self.progress('fit')
+        models, others = {}, {}
+        for place in sums.parts:
+            models[place], others[place] = sums.models(place)
+        trials = _trials(task, known, test, models, others)
+        told = judge(trials, self.streaming.jobs, self._count('judge'))
+        lost = [item for item in told[:len(known)] if isinstance(item, Unused)]
+        if lost:
+            raise FitError(f'{lost[0]}, though it could be read before',
+                           remedy='fit again, and leave the bags alone meanwhile')
+        judged = [item for item in told[len(known):] if not isinstance(item, Unused)]
+        self._leave_out([item for item in told[len(known):] if isinstance(item, Unused)])
+        if test and not judged:
+            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
+        errors = ErrorSums()
+        files = [trial.file(seen) for trial in trials for seen in trial.bags]
+        for file, item in zip(files, told, strict=True):
+            if not isinstance(item, Unused):
+                errors.add(file)
+        forget(task.folder, files_of(trials))
+        folds = {str(item.choice): item.fold for item in known}
+        return Streamed(
+            task, models, others, tuple(item for _, item in used), tuple(judged),
+            tuple(self.unused), errors.unseen, errors.seen,
+            tuple(bag for bag in bags if str(bag.choice) in folds), tuple(test_bags), folds)
+
+    def _told_apart(
+        self, training: Sequence[Sight | Unused], test: Sequence[Sight | Unused],
+    ) -> tuple[list[Sight], list[Sight]]:
+        """Leave out what cannot be opened, and copies; a copy of a training bag is no test."""
+        known: dict[str, list[Sight]] = {}
+        found: tuple[list[Sight], list[Sight]] = ([], [])
+        wrong = []
+        for sights, some in zip(found, (training, test), strict=True):
+            for item in some:
+                if isinstance(item, Unused):
+                    wrong.append(item)
+                    continue
+                same = known.setdefault(item.checksum, [])
+                other = next((one for one in same if one.choice.overlaps(item.choice)), None)
+                if other is None:
+                    sights.append(item)
+                    if some is training:
+                        same.append(item)
+                    continue
+                copy = Unused(str(item.choice), f'has the very bytes of the training bag '
+                                                f'{other.choice} (sha256 {item.checksum[:12]})')
+                if some is test:
+                    raise FitError(f'{copy}: a copy is no test of what was learned from it',
+                                   remedy='give another recording')
+                wrong.append(copy)
+        self._leave_out(wrong)
+        if len(found[0]) < 2:
+            raise FitError(f'of {len(training)} bags {len(found[0])} can be used: '
+                           f'{self.unused[0]}', remedy='give others')
+        if test and not found[1]:
+            raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
+        return found
+
+    def _leave_out(self, wrong: Sequence[Unused]) -> None:
+        if wrong and self.streaming.strict:
+            more = f' (and {len(wrong) - 1} more)' if len(wrong) > 1 else ''
+            raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave it out, or --strict')
+        for item in wrong[:max(0, TOLD - len(self.unused))]:
+            warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
+        self.unused += wrong
+        if wrong and len(self.unused) > TOLD:
+            warnings.warn(f'{len(self.unused)} bags are left out; the bundle and --json name all',
+                          TudorWarning, stacklevel=2)
+
+    def _sample(self, seen: Sequence[Sight]) -> list[BagData]:
+        """Read some bags, evenly among all; those that cannot be read are told of later."""
+        edges = [i * len(seen) // SAMPLE for i in range(SAMPLE + 1)]
+        found = []
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', TudorWarning)
+            for first, last in zip(edges[:-1], edges[1:], strict=True):
+                for item in seen[first:last]:
+                    try:
+                        found.append(load(item.choice, self.arm, self.spec, learn=True,
+                                          payload=item.payload))
+                    except TudorError:
+                        continue
+                    break
+        return found
+
+    def _outputs(self, bags: Sequence[BagData]) -> tuple[str, ...]:
+        """Give the outputs that most bags have."""
+        outputs = tuple(output for output in OUTPUTS
+                        if 2 * sum(bag.has(output) for bag in bags) > len(bags))
+        if not outputs:
+            raise FitError('most bags can neither be read nor have efforts or strains in common',
+                           remedy='tudor info BAG says what is in one')
+        return outputs
+
+    def _count(self, text: str) -> Callable[[int], None]:
+        """Tell each bag that is done."""
+        told = 0
+
+        def count(done: int) -> None:
+            nonlocal told
+            for _ in range(told, done):
+                self.progress(text)
+            told = max(told, done)
+        return count
+
+
+def _trials(
+    task: Task, known: Sequence[Sight], test: Sequence[Sight],
+    models: Mapping[Place, AnalyticalModel],
+    others: Mapping[Place, Mapping[int, AnalyticalModel]],
+) -> list[Trial]:
+    """Let each group of bags be judged by models of the others, or test bags by those of all."""
+    whole = {place: light(model) for place, model in models.items()}
+    found = []
+    for fold in dict.fromkeys(seen.fold for seen in known):
+        blind = {} if test else {place: light(of[fold]) for place, of in others.items()}
+        found.append(Trial(task, tuple(seen for seen in known if seen.fold == fold), blind,
+                           whole))
+    return [*found, Trial(task, tuple(test), whole, {})] if test else found

@@ -1,0 +1,404 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Assessment of a fit, what to do next, and comparison with plans and earlier figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+import math
+import os
+import shlex
+from typing import Any
+
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.dataset import BagFacts
+from tudor_dynamics.identification.excitation import expected_errors, Noise, played
+from tudor_dynamics.identification.excitation_plan import PlanFolder
+from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.uses import learn_all, marks, short, Use, uses_of
+from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validation
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.online.thresholds import MethodThresholds
+from tudor_dynamics.signals.preprocessing import prepare
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What to do next, in the order of what it would bring, with the command
+
+FINDING, NO_THRESHOLDS, UNTESTED, WIDE = 100.0, 50.0, 8.0, 6.0
+"""What a remedy brings where no figure tells it, beside points of fit."""
+HARMLESS = 1.0
+MILD = ('standstill', 'jitter')
+"""Findings that cost little."""
+WIDER = 1.2
+"""Doubt about thresholds that more motion is worth."""
+LITTLE = 0.5
+"""Points of fit that are not worth a step."""
+NAMED = 20
+"""Bags that a command names one by one."""
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """One thing to do."""
+
+    gain: float  # what it would bring, in points of fit or as much as those [%]
+    what: str  # what to do, and why
+    command: str = ''  # command that does it; empty where there is none
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give it as plain values."""
+        return asdict(self)
+
+
+def next_steps(
+    result: FitResult, uses: Sequence[Use],
+    learned: Mapping[tuple[str, str], MethodThresholds], missing: Sequence[str],
+) -> tuple[NextStep, ...]:
+    """List what to do next."""
+    found = [NextStep(HARMLESS if item.kind in MILD else FINDING,
+                      f'{item.title}: {item.what}; {item.remedy}') for item in result.findings]
+    if missing:
+        found.append(NextStep(
+            NO_THRESHOLDS, f'no collision thresholds ({"; ".join(missing)}): record a minute in '
+            'which nothing touches the arm, and fit it too', _fit(result, more='BAG')))
+    elif learned and (doubt := max(item.doubt(1.0) for item in learned.values())) > WIDER:
+        seconds = min(item.seconds for item in learned.values())
+        found.append(NextStep(
+            WIDE * math.log(doubt) / math.log(2.0), f'thresholds from {seconds:.0f} s of free '
+            f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
+            'touches the arm', _fit(result, more='BAG')))
+    found += _elastic(result)
+    headline = [item for item in result.fitted if item.kind != 'elm'] or list(result.fitted)
+    for item in headline:
+        found += _of_model(result, item)
+    if len(result.learned) == 1 and not result.judged:
+        found.append(NextStep(
+            UNTESTED, 'one bag cannot tell how the model does on another day: record a second, of '
+            'another motion', _fit(result, more='BAG')))
+    if not found and any(use.level is not Grade.DO_NOT_USE for use in uses):
+        found.append(NextStep(0.0, 'try it beside the robot',
+                              'ros2 run tudor_dynamics monitor --ros-args -p model:=MODEL'))
+    return tuple(sorted(found, key=lambda step: -step.gain))
+
+
+def _elastic(result: FitResult) -> list[NextStep]:
+    """Send to the elastic model what rings under a rigid one."""
+    if not result.ringing or result.elastic is not None:
+        return []
+    strain = next((item for item in result.fitted
+                   if item.output == 'strain' and item.kind == 'analytical'), None)
+    loudest = max(result.ringing, key=lambda item: item.share)
+    gain = 0.0
+    if strain is not None and loudest.channel in strain.validation.score.channels:
+        fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
+        gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
+    text = (f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} % '
+            'of what is left above 0.5 Hz, and no rigid model can know it: ')
+    if result.arm.gauges and result.arm.spec.links:
+        return [NextStep(gain, f'{text}fit the elastic model as well',
+                         _fit(result, options=('--models', 'analytical', 'elastic')))]
+    if not result.arm.gauges:
+        return [NextStep(gain, f'{text}damp the arm while it is recorded, or leave the ringing '
+                         'out', _fit(result, options=('--filter', 'zero_phase', '--rate', '5')))]
+    return [NextStep(gain, f'{text}describe what bends (links and motors, docs/elastic.md) and '
+                     'fit the elastic model as well',
+                     _fit(result, options=('--models', 'analytical', 'elastic')))]
+
+
+def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
+    name, validation = f'{item.output} {item.kind}', item.validation.score
+    found = []
+    gap = item.training.score.fit - validation.fit
+    if gap > LARGEST_GAP:
+        found.append(NextStep(
+            gap, f'{name}: {gap:.0f} points worse than in training: more bags, of more motion',
+            _fit(result, more='BAG')))
+    known = item.model.conditioning()
+    if known.unexcited:
+        shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
+        found.append(NextStep(
+            5.0, f'{name}: the motion does not show {shown}: record one that does; the condition '
+            'numbers of planned motions say how well', 'tudor record --arm '
+            f'{shlex.quote(result.arm.source)} --stimuli 2 --seconds 20 --best-of 3 --conditions '
+            '--out none'))
+    held = [(channel, score, score.standing_rmse, score.moving_rmse)
+            for channel, score in validation.channels.items()
+            if score.standing_rmse is not None and score.moving_rmse is not None
+            and score.standing_rmse > 2.0 * score.moving_rmse]
+    gain = max((max(0.0, 100.0 - score.fit) * (1.0 - moving / score.rmse)
+                for _, score, _, moving in held), default=0.0)
+    if gain > LITTLE:
+        each = ', '.join(f'{channel} {short(rest)} after {short(moving)}'
+                         for channel, _, rest, moving in held)
+        found.append(NextStep(
+            gain, f'{name}: further off at rest than in motion ({each}): friction that holds a '
+            'joint, which no motion tells; judge what stands by its changes, or by strain'))
+    return found
+
+
+def _fit(result: FitResult, more: str = '', options: Sequence[str] = ()) -> str:
+    """Write the command of a fit like this one, with something else."""
+    words = ['tudor', 'fit', *_names(result.learned)]
+    if result.judged:
+        # what follows --test would be a test as well
+        words += [more] if more else []
+        words += ['--test', *_names(result.judged)]
+    elif more:
+        words.append(more)
+    words += ['--arm', result.arm.source, *options, '--out', 'MODEL']
+    return shlex.join(words)
+
+
+def _names(bags: Sequence[BagFacts]) -> list[str]:
+    """Name bags as the command line may; many by the folder that all of them are in."""
+    names = [bag.bag for bag in bags]
+    return names if len(names) <= NAMED else [os.path.commonpath(names) or '.']
+
+
+# -- All that can be said of the worth of a fit: uses, thresholds, marks, and what to do next
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What a fit is worth."""
+
+    uses: tuple[Use, ...]  # verdicts, model by model
+    thresholds: dict[tuple[str, str], MethodThresholds]  # method and kind to what was learned
+    missing: tuple[str, ...]  # methods without thresholds, with the reason
+    marks: tuple[str, ...]  # what no arm can be
+    steps: tuple[NextStep, ...]  # what to do next, that with the largest gain first
+
+    @property
+    def detects(self) -> Grade | None:
+        """Give how well the best model detects collisions; None without thresholds."""
+        found = [use.level for use in self.uses
+                 if use.name.startswith('collision') and use.level is not None]
+        return min(found, key=list(Grade).index, default=None)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give verdicts and steps as plain values."""
+        uses: dict[str, Any] = {}
+        for use in self.uses:
+            uses.setdefault(use.output, {}).setdefault(use.kind, []).append(use.as_dict())
+        return {'uses': uses, 'marks': list(self.marks),
+                'without_thresholds': list(self.missing),
+                'next_steps': [step.as_dict() for step in self.steps]}
+
+
+def assess(result: FitResult) -> Assessment:
+    """Judge a fit by what it is to be used for."""
+    # beside the robot filters are causal: thresholds are those of the models that run there
+    beside = result if result.causal is None else result.causal
+    learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in beside.fitted],
+                                 beside.preprocessing)
+    uses: list[Use] = []
+    found: list[str] = []
+    for item in result.fitted:
+        methods = (item.output, *(('momentum',) if (
+            item.output == 'effort' and item.kind == 'analytical') else ()))
+        uses += uses_of(
+            item, result.arm,
+            {method: learned[method, item.kind] for method in methods
+             if (method, item.kind) in learned},
+            {method: reasons[method, item.kind] for method in methods
+             if (method, item.kind) in reasons})
+        if item.output == 'effort' and item.kind == 'analytical' and item.validation.cases:
+            model, bag = item.validation.cases[0]
+            found += marks(model, result.arm, [bag])
+    missing = tuple(f'{method} {kind}: {why}' for (method, kind), why in reasons.items())
+    return Assessment(tuple(uses), learned, missing, tuple(found),
+                      next_steps(result, uses, learned, missing))
+
+
+# -- Is a model still what it was: its errors on other bags beside those of its validation
+
+BLOCK = 5.0
+"""Time whose mean squared error counts as one observation: errors are correlated [s]."""
+FACTOR = 1.3
+"""Growth of the error below which nothing is said, however certain it is."""
+RELATIVE = 1.15
+"""The same for the relative error: livelier motion has larger errors, not larger relative ones."""
+SIGMAS = 3.0
+"""Standard errors by which the error must have grown."""
+UNKNOWN = 0.5
+"""Relative standard error of a mean squared error where nothing tells it."""
+LEAST = 0.1
+"""It is no less: two motions are not alike."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Errors of one channel, then and now."""
+
+    # What is predicted, by which kind of model.
+    output: str
+    kind: str
+    channel: str
+    # Root mean square error in the validation and on the bags, in the unit of the output.
+    then: float
+    now: float
+    # Relative error in the validation and on the bags.
+    relative_then: float
+    relative_now: float
+    sigmas: float  # growth of the logarithm of the mean squared error over its standard error
+    changed: bool  # whether the model is no longer what it was
+
+    def __str__(self) -> str:
+        """Write it on one line."""
+        said = 'no longer what it was' if self.changed else 'as it was'
+        return (f'{self.output} {self.kind}, {self.channel}: {said}: error {self.now:.3g}, in '
+                f'validation {self.then:.3g}; relative {100 * self.relative_now:.1f} % after '
+                f'{100 * self.relative_then:.1f} % ({self.sigmas:+.1f} standard errors)')
+
+    def as_dict(self) -> dict[str, Any]:
+        """Give it as plain values."""
+        content = asdict(self)
+        return {key: content[key] for key in content if key not in ('output', 'kind', 'channel')}
+
+
+def spread(validation: Validation) -> dict[str, float]:
+    """Say how well the mean squared errors of a validation are known."""
+    means = []
+    for trace in validation.traces:
+        number = np.floor((trace.t - trace.t[0]) / BLOCK).astype(int)
+        squares = (trace.measured - trace.predicted) ** 2
+        means += [squares[number == k].mean(axis=0) for k in np.unique(number)
+                  if np.sum(number == k) > 1]
+    if len(means) < 2:
+        return dict.fromkeys(validation.channels, UNKNOWN)
+    blocks = np.array(means)
+    errors = blocks.std(axis=0, ddof=1) / math.sqrt(len(blocks)) / np.maximum(
+        blocks.mean(axis=0), 1e-300)
+    return dict(zip(validation.channels, errors.tolist(), strict=True))
+
+
+def changes(
+    facts: Mapping[str, Any], found: Mapping[str, Mapping[str, Validation]],
+) -> tuple[Change, ...]:
+    """Compare errors on bags with those of the validation that a bundle tells of."""
+    said = []
+    for output, kinds in found.items():
+        for kind, validation in kinds.items():
+            now = spread(validation)
+            for channel, score in validation.score.channels.items():
+                try:
+                    known = facts['validation'][output][kind]
+                    old = known['validation']['channels'][channel]
+                    then, relative = float(old['rmse']), float(old['relative_error'])
+                    doubt = float(known.get('spread', {}).get(channel, UNKNOWN))
+                except (KeyError, TypeError, ValueError):
+                    continue  # of a bundle made by hand, of which nothing is known
+                said.append(change_of(
+                    (output, kind, channel), (then, score.rmse),
+                    (relative, score.relative_error), (doubt, now[channel])))
+    return tuple(said)
+
+
+def change_of(
+    name: tuple[str, str, str], errors: tuple[float, float], relative: tuple[float, float],
+    doubts: tuple[float, float],
+) -> Change:
+    """Compare errors of one channel, then and now: errors [unit of the output]."""
+    growth = errors[1] / max(errors[0], 1e-300)
+    sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(max(x, LEAST) for x in doubts))
+    return Change(*name, *errors, *relative, sigmas,
+                  growth > FACTOR and sigmas > SIGMAS and relative[1] > RELATIVE * relative[0])
+
+
+# -- What a plan promised of the parameters, beside what a fit reached
+
+WITHIN = 0.3
+"""Relative difference up to which a promise counts as kept."""
+
+
+@dataclass(frozen=True)
+class Promise:
+    """One parameter."""
+
+    output: str  # what it predicts
+    channels: tuple[str, ...]  # channels that share it
+    # The base parameter and its unit.
+    name: str
+    unit: str
+    # Standard error by the planned motion and the stated noise, for as many samples.
+    expected: float
+    by_noise: float  # the same by the noise that the fit left, in place of the stated one
+    reached: float  # standard error of the fit
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A plan and a fit."""
+
+    promises: tuple[Promise, ...]  # all parameters that both know
+    runs: float  # length of the training bags over that of the plan, in samples that are used
+    stated: bool  # whether anybody stated the noise of the plan
+
+    def ratios(self) -> dict[str, float]:
+        """Give medians of what was reached over what was promised, and the part within 30 %."""
+        def of(key: str) -> FloatArray:
+            return np.array([item.reached / getattr(item, key) for item in self.promises
+                             if np.isfinite(item.reached) and np.isfinite(item.expected)])
+        both = {'expected': of('expected'), 'by_noise': of('by_noise')}
+        return {name: float(value) for key, values in both.items() if len(values)
+                for name, value in ((f'median_over_{key}', np.median(values)),
+                                    (f'within_30_percent_of_{key}', np.mean(
+                                        np.abs(values - 1.0) <= WITHIN)))}
+
+    def content(self) -> dict[str, object]:
+        """Give it as plain values for JSON."""
+        return {'runs': self.runs, 'noise_stated': self.stated, **self.ratios(),
+                'parameters': [asdict(item) for item in self.promises]}
+
+
+def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
+    """Put a fit beside the plan of its recordings."""
+    arm = result.arm
+    trajectory = _ordered(plan, arm)
+    models = {item.output: item.model for item in result.fitted
+              if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
+              and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
+    if not models:
+        raise UsageError('no analytical model for one payload was fitted that a plan could be '
+                         'compared with', place=plan.path, remedy='leave out --plan')
+    planned = sum(stretch.n_kept for stretch in prepare(
+        played(trajectory, arm), result.preprocessing))
+    runs = sum(facts.used for facts in result.learned) / planned
+    found = {}
+    for output, model in models.items():
+        found[output] = np.zeros(len(model.channels))
+        for group in model.groups_:
+            found[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+    promised, honest = (expected_errors(models, arm, trajectory, result.preprocessing, noise)
+                        for noise in (plan.noise, Noise(found, residual=True)))
+    reached = [error for model in models.values() for group in model.groups_
+               for error in group.estimate.standard_errors.tolist()]
+    return Comparison(tuple(
+        Promise(one.output, one.channels, one.name, one.unit, one.value / float(np.sqrt(runs)),
+                other.value / float(np.sqrt(runs)), error)
+        for one, other, error in zip(promised, honest, reached, strict=True)), runs, plan.stated)
+
+
+def _ordered(plan: PlanFolder, arm: Arm) -> Trajectory:
+    names = plan.trajectory.joints
+    if sorted(names) != sorted(arm.active_joints):
+        msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
+        raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
+    return plan.trajectory.of(arm.active_joints)

@@ -1,0 +1,363 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ringing: in residuals, in bags, and as the elastic model has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import Delaunay, QhullError
+
+from tudor_dynamics.errors import SignalError, SimulationError
+from tudor_dynamics.identification.dataset import BagData, model_for
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.model import follow_motion
+from tudor_dynamics.signals.filters import ring_modes, RingMode
+from tudor_dynamics.signals.preprocessing import Stretch
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Does the arm ring? The residual of a rigid-body model tells, and at which frequency
+
+LOWEST = 0.5
+"""Below, the residual is the model's own error, not a vibration [Hz]."""
+HALF_WIDTH = 0.2
+"""Half width of a resonance, relative to its frequency: it moves with the pose."""
+SMALLEST_SHARE = 0.5
+"""Share of the residual's power above LOWEST that the resonance must have."""
+SMALLEST_AMPLITUDE = 0.02
+"""Rms of the resonance relative to the signal's standard deviation."""
+
+
+@dataclass(frozen=True)
+class Ringing:
+    """A vibration found in a channel."""
+
+    channel: str  # joint or gauge that rings
+    frequency: float  # where the residual's power density peaks [Hz]
+    rms: float  # root mean square of the band around it, in the channel's unit
+    share: float  # its share of the residual's power above 0.5 Hz
+
+    def __str__(self) -> str:
+        """Say it in a sentence."""
+        return (f'{self.channel} rings at {self.frequency:.2f} Hz with {self.rms:.3g} rms, '
+                f'{100 * self.share:.0f} % of the residual above {LOWEST} Hz')
+
+
+def power_density(
+    x: FloatArray, rate: float, length: int,
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Estimate how the power of a record is distributed (Welch, IEEE Trans. AU 15(2), 1967).
+
+    As scipy's `welch` does it: windows of Hann that overlap by half, without their means.
+
+    x (samples, channels), rate [Hz]; returns frequency (frequencies,) [Hz] and density
+    (frequencies, channels) [unit of x squared per Hz].
+    """
+    pieces = np.lib.stride_tricks.sliding_window_view(x, length, axis=0)[::length - length // 2]
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    spectra = np.fft.rfft((pieces - pieces.mean(axis=-1, keepdims=True)) * window)
+    density = (np.abs(spectra) ** 2).mean(axis=0).T / (rate * np.sum(window ** 2))
+    density[1:(length + 1) // 2] *= 2.0  # all but 0 Hz and half the sample rate
+    return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=np.float64), density
+
+
+def find_ringing(
+    model: Model, data: Sequence[BagData], output: str,
+) -> tuple[Ringing, ...]:
+    """
+    Look for a resonance in what a rigid-body model leaves over, at the full sample rate.
+
+    Returns an empty tuple for a damped arm.
+    """
+    densities: list[FloatArray] = []
+    seconds: list[float] = []
+    spread: list[FloatArray] = []
+    frequency: FloatArray | None = None
+    for bag in data:
+        rate = 1.0 / bag.recording.dt
+        length = int(round(8.0 * rate))  # 1/8 Hz resolution
+        at = model_for(model, bag)
+        for s in bag.stretches:
+            measured = getattr(s, output)
+            if len(measured) < length:
+                continue
+            residual = measured - at.follow(s)
+            grid, density = power_density(residual, rate, length)
+            if frequency is None:
+                frequency = grid
+            if len(grid) != len(frequency):
+                continue  # a bag of another rate
+            densities.append(density)
+            seconds.append(len(measured) / rate)
+            spread.append(measured.std(axis=0))
+    if frequency is None:
+        return ()
+    density = np.average(densities, axis=0, weights=seconds)
+    deviation = np.average(spread, axis=0, weights=seconds)
+    found = []
+    above = frequency >= LOWEST
+    step = frequency[1] - frequency[0]
+    for i, channel in enumerate(model.channels):
+        power = density[:, i] * step
+        peak = float(frequency[above][np.argmax(power[above])])
+        band = above & (np.abs(frequency - peak) <= HALF_WIDTH * peak)
+        total = float(power[above].sum())
+        inside_band = float(power[band].sum())
+        rms, share = float(np.sqrt(inside_band)), inside_band / max(total, 1e-300)
+        inside = LOWEST * 1.5 < peak < 0.8 * frequency[-1]
+        if inside and share > SMALLEST_SHARE and rms > SMALLEST_AMPLITUDE * deviation[i]:
+            found.append(Ringing(channel, peak, rms, share))
+    return tuple(found)
+
+
+# -- Frequencies and damping of an elastic arm, joints held, over the poses that its bags cover
+
+CELLS = 18
+"""Of the map along each joint."""
+MOVING = 1e-3
+"""Range of positions above which a joint counts as moving [rad or m]."""
+MODES = 2
+"""Modes wanted: links and gears have more, but bags hardly show them."""
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """A damped oscillation."""
+
+    frequency: float  # of the damped oscillation [Hz]
+    damping: float  # damping ratio of the mode
+
+
+@dataclass(frozen=True, eq=False)
+class ModeMap:
+    """The first modes over the poses of some bags."""
+
+    joints: tuple[int, ...]  # indices of the one or two joints that move most, the axes of the map
+    edges: tuple[FloatArray, ...]  # edges of the cells along each of them, (cells + 1,) [rad or m]
+    # At the middle of each cell, other joints at their mean; first joint first. NaN outside of
+    # what the bags enclose, (modes, cells) or (modes, cells, cells) [Hz; 1].
+    frequency: FloatArray
+    damping: FloatArray
+
+
+def vibrations(driven: DrivenArm, q: FloatArray, count: int = MODES) -> tuple[Vibration, ...]:
+    """
+    Find the slowest small vibrations about the equilibrium at a pose, joints held.
+
+    q (joints,) [rad or m].
+    """
+    small = driven.linearised(q)
+    m = len(small.mass)
+    rates = np.zeros((2 * m, 2 * m))
+    rates[:m, m:] = np.eye(m)
+    rates[m:] = -np.linalg.solve(small.mass, np.hstack([small.stiffness, small.damping]))
+    poles = np.linalg.eigvals(rates)
+    # rounding leaves a pole without oscillation a little imaginary part
+    poles = poles[poles.imag > 1e-6 * np.abs(poles)]
+    return tuple(Vibration(float(pole.imag) / (2.0 * math.pi), float(-pole.real / abs(pole)))
+                 for pole in poles[np.argsort(np.abs(poles))][:count])
+
+
+def busiest(positions: FloatArray) -> tuple[int, ...]:
+    """Choose the joints that span the map: positions (samples, joints) [rad or m]."""
+    order = np.argsort(-positions.std(axis=0), kind='stable')[:2]
+    return tuple(sorted(int(i) for i in order if np.ptp(positions[:, i]) > MOVING))
+
+
+def mode_map(driven: DrivenArm, positions: FloatArray, cells: int = CELLS) -> ModeMap | None:
+    """
+    Find the first modes over the poses that were visited, and those between them.
+
+    positions (samples, joints) [rad or m]; returns None where no joint moves.
+    """
+    joints = busiest(positions)
+    if not joints:
+        return None
+    edges = tuple(np.linspace(positions[:, i].min(), positions[:, i].max(), cells + 1)
+                  for i in joints)
+    place = [np.clip(np.searchsorted(edge, positions[:, i], side='right') - 1, 0, cells - 1)
+             for i, edge in zip(joints, edges, strict=True)]
+    visited = np.zeros((cells,) * len(joints), dtype=bool)
+    visited[tuple(place)] = True
+    middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    frequency = np.full((MODES, visited.size), np.nan)
+    damping = frequency.copy()
+    q = positions.mean(axis=0)
+    for number in np.flatnonzero(enclosed(visited)):
+        for i, k, values in zip(joints, np.unravel_index(number, visited.shape), middle,
+                                strict=True):
+            q[i] = values[k]
+        try:
+            found = vibrations(driven, q)
+        except SimulationError:
+            continue
+        for order, mode in enumerate(found):
+            frequency[order, number], damping[order, number] = mode.frequency, mode.damping
+    shape = (MODES,) + (cells,) * len(joints)
+    return ModeMap(joints, edges, frequency.reshape(shape), damping.reshape(shape))
+
+
+def enclosed(visited: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill a map of visited cells up to its convex hull."""
+    spots = np.argwhere(visited)
+    if visited.ndim == 1:
+        inside = np.zeros_like(visited)
+        inside[spots.min():spots.max() + 1] = True
+        return inside
+    try:
+        hull = Delaunay(spots)
+    except QhullError:  # all in a line: nothing is between
+        return visited
+    every = np.argwhere(np.ones_like(visited))
+    return np.asarray((hull.find_simplex(every) >= 0).reshape(visited.shape) | visited)
+
+
+# -- Ring-downs that bags hold by themselves, measured and as an elastic model has them.
+#
+# Where the joints stand still after a motion, strain shows the arm's own frequency and damping.
+# The model is asked twice: linearised with the joints held at that pose, and simulated along the
+# measured motion, so that play and joints that give way count as they did.
+
+STILL = 0.02
+"""Speed below which a joint stands still [rad/s or m/s]."""
+LEAST_SECONDS = 1.2
+"""Shortest standstill that is looked at: three periods of 2.5 Hz [s]."""
+MOST_SECONDS = 4.0
+"""Of a standstill, from its beginning: later there is mostly noise [s]."""
+LEAST_SHARE = 0.8
+"""Share of the strain's variance, less a drift, that an oscillation must explain to count."""
+SAME = 2.0
+"""Frequencies farther apart than this factor are not the same oscillation."""
+
+
+@dataclass(frozen=True)
+class Ringdown:
+    """An oscillation that died out while the joints stood still."""
+
+    bag: str  # bag that it was found in
+    # When, and how much of it was looked at [s].
+    begin: float
+    seconds: float
+    q: tuple[float, ...]  # pose of the arm [rad or m]
+    gauge: str  # gauge that showed it best
+    amplitude: float  # at the beginning, in the unit of the gauge
+    measured: Vibration  # from the strain measured
+    # The model's mode of nearest frequency at this pose, joints held, small amplitude.
+    held: Vibration | None
+    # From the model's strain along the measured motion, analysed in the same way; None where it
+    # does not show this oscillation.
+    simulated: Vibration | None
+
+
+def standstills(stretch: Stretch) -> list[slice]:
+    """Find where all joints stand still for long enough."""
+    still = np.all(np.abs(stretch.states.dq) < STILL, axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    found = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        last = int(np.searchsorted(stretch.t, stretch.t[begin] + MOST_SECONDS, side='right'))
+        part = slice(int(begin), min(int(end), last))
+        if stretch.t[part.stop - 1] - stretch.t[part.start] >= LEAST_SECONDS:
+            found.append(part)
+    return found
+
+
+def find_ringdowns(
+    driven: DrivenArm, values: Mapping[str, float], bags: Sequence[BagData],
+) -> tuple[Ringdown, ...]:
+    """Measure the ring-downs of some bags and predict each."""
+    found: list[Ringdown] = []
+    for bag in bags:
+        own = {} if bag.payload is None else {'payload': bag.payload}
+        driven.set_parameters({**values, **own})
+        for stretch in bag.stretches:
+            parts = standstills(stretch)
+            if stretch.strain is None or not parts:
+                continue
+            moment = _simulated(driven, stretch)
+            found += [one for part in parts
+                      if (one := _ringdown(driven, bag, stretch, part, moment)) is not None]
+    return tuple(found)
+
+
+def _simulated(driven: DrivenArm, stretch: Stretch) -> FloatArray | None:
+    """Give the moments at the gauges along the measured motion [N m]."""
+    try:
+        return follow_motion(driven, stretch.states.q, stretch.dt, stretch.before).moment
+    except SimulationError:
+        return None
+
+
+def clear_ring(signal: FloatArray, dt: float) -> tuple[float, RingMode | None]:
+    """
+    Find the strongest oscillation, and how much of the signal it is.
+
+    signal (samples,), dt [s]; returns mode, None where it is not clear.
+    """
+    try:
+        modes = ring_modes(signal, dt, count=1)
+    except SignalError:
+        return 0.0, None
+    if not modes:
+        return 0.0, None
+    t = np.arange(len(signal)) * dt
+    w = 2.0 * np.pi * modes[0].frequency
+    ratio = modes[0].damping
+    fading = np.exp(-w * ratio / np.sqrt(max(1.0 - ratio**2, 1e-6)) * t)
+    drift = np.column_stack([np.ones_like(t), t])
+    whole = np.column_stack([drift, fading * np.cos(w * t), fading * np.sin(w * t)])
+    slow, left = (float(np.sum((signal - rows @ np.linalg.lstsq(rows, signal, rcond=None)[0])**2))
+                  for rows in (drift, whole))
+    share = 1.0 - left / max(slow, 1e-300)
+    return share, modes[0] if share >= LEAST_SHARE else None
+
+
+def _nearest(modes: Sequence[Vibration], frequency: float) -> Vibration | None:
+    """Give the mode of nearest frequency, if it can be the same oscillation at all."""
+    best = min(modes, key=lambda mode: abs(np.log(mode.frequency / frequency)), default=None)
+    if best is None or not 1.0 / SAME < best.frequency / frequency < SAME:
+        return None
+    return best
+
+
+def _ringdown(
+    driven: DrivenArm, bag: BagData, stretch: Stretch, part: slice, moment: FloatArray | None,
+) -> Ringdown | None:
+    assert stretch.strain is not None
+    strain, t, dt = stretch.strain[part], stretch.t[part], bag.recording.dt
+    rings = [clear_ring(column, dt) for column in strain.T]
+    gauge = int(np.argmax([share for share, _ in rings]))
+    measured = rings[gauge][1]
+    if measured is None:
+        return None
+    q = stretch.states.q[part].mean(axis=0)
+    try:
+        held = _nearest(vibrations(driven, q), measured.frequency)
+    except SimulationError:
+        held = None
+    same = None if moment is None else clear_ring(moment[part, gauge], dt)[1]
+    return Ringdown(
+        str(bag.choice), float(t[0]), float(t[-1] - t[0]), tuple(float(x) for x in q),
+        driven.arm.gauge_names[gauge], measured.amplitude,
+        Vibration(measured.frequency, measured.damping), held,
+        None if same is None else _nearest([Vibration(same.frequency, same.damping)],
+                                           measured.frequency))

@@ -1,0 +1,571 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""From names of bags to models and predictions: what ``td`` and the commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, TYPE_CHECKING, TypeVar
+import warnings
+
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.errors import check_type, ModelError, TudorWarning, UsageError
+from tudor_dynamics.identification.choice import choose
+from tudor_dynamics.identification.dataset import (
+    BagChoice, BagData, check_choices, choices, common_outputs, facts_of, filtered, load,
+    parse_choice, Paths, payload_range, refuse_copies, split_bag, training_blocks)
+from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
+from tudor_dynamics.identification.doctor.between import examine_bags
+from tudor_dynamics.identification.elastic_trainer import Searches
+from tudor_dynamics.identification.fit import check_kinds, fit_models, FitResult, FitSettings
+from tudor_dynamics.identification.loads import bundle_of, payload_of
+from tudor_dynamics.identification.many_bags import (
+    fit_many, Streaming, streams, with_recorded_gauges)
+from tudor_dynamics.identification.next_steps import assess
+from tudor_dynamics.identification.validation import part_errors, validate, Validation
+from tudor_dynamics.load.offline import PayloadEstimate
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import CausalModels, ModelBundle
+from tudor_dynamics.models.bundle_io import check_target, save_bundle
+from tudor_dynamics.models.estimation import Products, triangular
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.online.monitor import MonitorSettings
+from tudor_dynamics.typing import FloatArray, Progress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+# -- From the names of bags to fitted models: what ``tudor fit`` and ``td.fit`` have in common
+
+HELD_OUT = 0.4
+"""Part at the end of an only bag that is kept for validation."""
+
+
+def read_bags(
+    arm: Arm,
+    training: Sequence[BagChoice],
+    test: Sequence[BagChoice],
+    preprocessing: PreprocessingSpec,
+    payloads: Mapping[str, float],
+    progress: Progress = lambda _: None,
+) -> tuple[list[BagData], list[BagData]]:
+    """Read and filter the bags of a fit: payloads [kg]."""
+    def read(choice: BagChoice, *, learn: bool) -> BagData:
+        progress(f'read {choice}')
+        return load(choice, arm, preprocessing, learn=learn,
+                    payload=payloads.get(str(Path(choice.path).resolve())))
+
+    training_data = [read(choice, learn=True) for choice in training]
+    test_data = [read(choice, learn=False) for choice in test]
+    refuse_copies(training_data, test_data)
+    return training_data, test_data
+
+
+def fit_bags(
+    arm: Arm,
+    training: Sequence[BagData],
+    test: Sequence[BagData],
+    preprocessing: PreprocessingSpec,
+    settings: FitSettings,
+    progress: Progress = lambda _: None,
+    *,
+    ignore_payload: bool = False,
+) -> FitResult:
+    """Fit models to bags that were read, of all payloads where the bags have several."""
+    found = None if ignore_payload else payload_range(training, test)
+    if found is not None:
+        settings = _of_all_payloads(settings, found)
+    alone = len(training) == 1 and not test
+    known = [split_bag(training[0], HELD_OUT, preprocessing)[0]] if alone else training
+    chosen = choose(arm, known, preprocessing, settings, progress)
+
+    def fitted(spec: PreprocessingSpec, known: Searches | None = None) -> FitResult:
+        seen, unseen = ([filtered(bag, spec) for bag in bags] for bags in (training, test))
+        holdout = split_bag(training[0], HELD_OUT, spec) if alone else None
+        return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress,
+                          known)
+
+    progress('doctor')
+    findings = examine_bags(arm, [*training, *test])
+    result = fitted(chosen.preprocessing)
+    causal = None
+    if chosen.preprocessing.filter == 'zero_phase':
+        progress('causal models for the robot')
+        causal = fitted(chosen.preprocessing.model_copy(update={'filter': 'causal'}),
+                        result.searches)
+    return replace(result, findings=findings, choices=chosen.made, causal=causal)
+
+
+def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
+    if settings.random_split:
+        msg = ('--random-split is for models of one payload, and these bags have several; leave '
+               'it out, or add --ignore-payload')
+        raise UsageError(msg)
+    kinds = tuple(kind for kind in settings.kinds if KINDS[kind].of_payloads is not None)
+    left_out = [kind for kind in settings.kinds if kind not in kinds]
+    if left_out and kinds:
+        msg = f'{", ".join(left_out)}: not fitted to several payloads at once, and left out'
+        warnings.warn(msg, TudorWarning, stacklevel=2)
+    if not kinds:
+        msg = (f'{", ".join(left_out)} cannot be fitted to several payloads at once; fit each '
+               'payload apart, or add --ignore-payload')
+        raise UsageError(msg)
+    return replace(settings, kinds=kinds, payloads=payloads)
+
+
+def fit(
+    bags: Paths,
+    arm: Arm,
+    *,
+    test: Paths = (),
+    settings: FitSettings = FitSettings(),
+    preprocessing: PreprocessingSpec | None = None,
+    payloads: Mapping[str, float] | None = None,
+    ignore_payload: bool = False,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    streaming: Streaming | None = None,
+    progress: Progress = lambda _: None,
+) -> ModelBundle:
+    """
+    Learn the models of an arm from bags, as ``tudor fit`` does.
+
+    Parameters
+    ----------
+    bags : str, path, or sequence of them
+        Bags to learn from, or parts of them: ``BAG@0-60%`` or ``BAG@5s-50s``.
+    arm : Arm
+        Arm that was recorded, see ``load_arm``.
+    test : str, path, or sequence of them
+        Bags to judge by; without them each training bag is left out once, and of an only bag the
+        last 40 %.
+    settings : FitSettings
+        Kinds of models and their choices; analytical model and extreme learning machine by
+        default.
+    preprocessing : PreprocessingSpec, optional
+        Filters and rate; by default those of the arm description, and what that leaves open is
+        chosen by left-out parts of the training bags.
+    payloads : mapping of str to float, optional
+        Bag, as it is named in ``bags`` or ``test``, to its mass at the tip, in place of what its
+        metadata say [kg].
+    ignore_payload : bool, default=False
+        Fit as if all bags had the same payload.
+    out : str or Path, optional
+        Directory for the bundle and its report; nothing is written by default.
+    overwrite : bool, default=False
+        Replace a bundle that stands at ``out``.
+    streaming : Streaming, optional
+        Go through the bags one by one, as is done with many in any case, and how.
+    progress : callable
+        Told what is done next, in words.
+
+    Returns
+    -------
+    ModelBundle
+        Models of all outputs, with figures on unseen bags, verdicts and collision thresholds.
+
+    Raises
+    ------
+    TudorError
+        If an argument, a bag or the arm cannot be used; see ``errors`` for the kinds.
+
+    """
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
+    check_type(settings, FitSettings, 'settings', "such as FitSettings(kinds=('elastic',))")
+    training, judging = choices(bags), choices(test, 'test')
+    check_choices(training, judging)
+    if out is not None:
+        check_target(Path(out), overwrite=overwrite)
+    check_kinds(settings.kinds, arm)
+    spec = arm.spec.preprocessing if preprocessing is None else preprocessing
+    check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
+    if preprocessing is not None:  # what is given is meant, defaults included
+        spec = PreprocessingSpec.model_validate(spec.model_dump())
+    masses = _by_path(payloads or {}, [*training, *judging])
+    with ExitStack() as stack:
+        if streams(len(training), settings, asked=streaming is not None):
+            if streaming is None:
+                streaming = Streaming(Path(stack.enter_context(TemporaryDirectory())))
+            result = fit_many(arm, training, judging, spec, settings, masses, streaming, progress,
+                              ignore_payload=ignore_payload)
+        else:
+            arm = with_recorded_gauges(arm, [*training, *judging])
+            data, test_data = read_bags(arm, training, judging, spec, masses, progress)
+            result = fit_bags(arm, data, test_data, spec, settings, progress,
+                              ignore_payload=ignore_payload)
+    progress('collision thresholds')
+    assessment = assess(result)
+    bundle = bundle_of(result, assessment)
+    if out is not None:
+        from tudor_dynamics.show.page import report_bytes  # plots are slow to import
+
+        progress('report')
+        save_bundle(bundle, out, overwrite=overwrite,
+                    extra={'report.html': report_bytes(result, assessment)})
+    return bundle
+
+
+def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[str, float]:
+    known = {str(Path(choice.path).resolve()) for choice in bags}
+    found = {}
+    for bag, mass in payloads.items():
+        path = str(Path(bag).resolve())
+        if path not in known or not 0.0 <= mass < float('inf'):
+            msg = (f'payloads has {mass!r} kg for {os.fspath(bag)!r}; expected a mass of 0 or '
+                   f'more for one of the bags {[str(choice) for choice in bags]}')
+            raise UsageError(msg)
+        found[path] = float(mass)
+    return found
+
+
+# -- Bags added to a model, or taken from it, without going through the others again
+
+Part = list[list[Products]]
+
+
+@dataclass(frozen=True, eq=False)
+class Changed:
+    """A bundle with other bags."""
+
+    # Its models are those of a fit to all its bags with the same choices. Validation and
+    # thresholds among its facts are still of the model before.
+    bundle: ModelBundle
+    # Output to bag to the relative error of each channel, when this bag alone is left out.
+    left_out: dict[str, dict[str, FloatArray]]
+
+
+def change_bags(
+    bundle: ModelBundle, add: Sequence[str] = (), drop: Sequence[str] = (),
+) -> Changed:
+    """Add bags to the models of a bundle, and take others away."""
+    names = _parts(bundle)
+    choices = [parse_choice(text) for text in add]
+    keys = [str(choice) for choice in choices]
+    missing = [name for name in drop if name not in names]
+    if missing:
+        raise UsageError(f'--drop {missing[0]}: the model was not fitted to it',
+                         remedy=f'name one of {", ".join(names)}')
+    again = [key for key in keys if key in names and key not in drop]
+    if again:
+        raise UsageError(f'--add {again[0]}: the model was fitted to it already',
+                         remedy='leave it out')
+    if not {*names} - {*drop} and not keys:
+        raise UsageError('no bag would be left to learn from', remedy='drop fewer bags')
+    facts = dict(bundle.facts)
+    listed = facts.get('training')
+    training = [item for item in (listed if isinstance(listed, list) else [])
+                if isinstance(item, dict) and item.get('bag') not in drop]
+    data = [load(choice, bundle.arm, bundle.preprocessing, learn=True) for choice in choices]
+    _refuse_copies(data, training)
+    facts['training'] = [*training, *(facts_of(bag).as_dict() for bag in data)]
+    history = facts.get('changed')
+    facts['changed'] = [*(history if isinstance(history, list) else []),
+                        {'added': keys, 'dropped': list(drop)}]
+    models = _changed(bundle.arm, bundle.models, data, drop)
+    causal = None
+    if bundle.causal is not None:
+        spec = bundle.causal.preprocessing
+        others = [load(choice, bundle.arm, spec, learn=True) for choice in choices]
+        causal = CausalModels(spec, _changed(bundle.arm, bundle.causal.models, others, drop))
+    left_out = {output: _left_out(model) for output, kinds in models.items()
+                for model in kinds.values() if isinstance(model, AnalyticalModel)}
+    return Changed(replace(bundle, models=models, causal=causal, facts=facts), left_out)
+
+
+def _parts(bundle: ModelBundle) -> list[str]:
+    """Name the bags; refuse models that are no sum over them."""
+    sets = [bundle.models, *([] if bundle.causal is None else [bundle.causal.models])]
+    names: list[str] | None = None
+    for output, kind, model in ((output, kind, model) for models in sets
+                                for output, kinds in models.items()
+                                for kind, model in kinds.items()):
+        if not isinstance(model, AnalyticalModel):
+            raise ModelError(f'the {kind} model of {output} is no sum over its bags',
+                             remedy='fit again, with all of them')
+        listed = bundle.facts.get('training')
+        own = [item.get('bag') for item in (listed if isinstance(listed, list) else [])
+               if isinstance(item, dict)]
+        if not model.data_ or {*model.data_} != {*own}:
+            raise ModelError(
+                f'the {kind} model of {output} has not kept what each of its bags came to (older '
+                "models, Huber's estimator, friction that grows with the load, and more than "
+                '100 MB of data keep none, or their sum alone)',
+                remedy='fit again, with all bags')
+        names = list(model.data_) if names is None else names
+    return names or []
+
+
+def _refuse_copies(data: Sequence[BagData], training: Sequence[Mapping[str, Any]]) -> None:
+    for bag in data:
+        for item in training:
+            same = item.get('sha256') == bag.recording.checksum
+            if same and bag.choice.overlaps(parse_choice(str(item.get('bag')))):
+                raise UsageError(f'--add {bag.choice}: the same samples as {item["bag"]}, which '
+                                 'the model was fitted to', remedy='leave it out')
+
+
+def _changed(
+    arm: Arm, models: Mapping[str, Mapping[str, Model]], data: Sequence[BagData],
+    drop: Sequence[str],
+) -> dict[str, dict[str, Model]]:
+    return {output: {kind: _one(model, output, data, drop) for kind, model in kinds.items()}
+            for output, kinds in models.items()}
+
+
+def _one(
+    model: Model, output: str, data: Sequence[BagData], drop: Sequence[str],
+) -> AnalyticalModel:
+    """Fit one model to the sum of what stays and what comes."""
+    assert isinstance(model, AnalyticalModel)
+    lacking = [str(bag.choice) for bag in data if not bag.has(output)]
+    if lacking:
+        raise UsageError(f'--add {lacking[0]}: it has no {output}, of which there is a model',
+                         remedy='add bags with all outputs of the model')
+    kept = {name: part for name, part in model.data_.items() if name not in drop}
+    factors = triangular(model.data_.values())
+    for bag in data:
+        blocks = training_blocks([bag], output, with_payload=model.payload_range is not None,
+                                 inputs=model.inputs)
+        kept[str(bag.choice)] = model.products(blocks, triangular=factors)
+    return model.like().fit_data(kept)
+
+
+def _left_out(model: AnalyticalModel) -> dict[str, FloatArray]:
+    """Leave each bag out once, and give the relative errors on it."""
+    found = {}
+    for name, part in model.data_.items():
+        others = {other: item for other, item in model.data_.items() if other != name}
+        if not others:
+            continue
+        blind = model.like().fit_data(others)
+        errors = part_errors(blind, part)
+        found[name] = np.sqrt(errors.squares / np.maximum(errors.power, 1e-300))
+    return found
+
+
+# -- Bags against models: what ``tudor evaluate`` and ``td.predict`` have in common
+
+T = TypeVar('T')
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the models of a bundle make of bags."""
+
+    arm: Arm  # arm of the models
+    data: tuple[BagData, ...]  # bags, filtered as the models need it
+    # Output (`effort`, `strain`) to kind of model to figures and traces.
+    outputs: dict[str, dict[str, Validation]]
+
+    def __repr__(self) -> str:
+        """Write the fit of each model, one line each."""
+        bags = ', '.join(str(bag.choice) for bag in self.data)
+        lines = [f'{output} {kind}: fit {item.score.fit:.1f} %'
+                 for output, kinds in self.outputs.items() for kind, item in kinds.items()]
+        return '\n  '.join([f'Prediction of {self.arm.name} on {bags}', *lines])
+
+    def plot(
+        self, path: str | Path | None = None, *, output: str | None = None,
+        channel: str | None = None,
+    ) -> Figure:
+        """
+        Draw one channel of the first bag: measured, predicted by each model, and the residual.
+
+        path: only drawn by default; output: strain by default, where it was predicted; channel:
+        the first one by default.
+        """
+        # plots are slow to import, and most predictions are read
+        from tudor_dynamics.show.figures import liveliest
+        from tudor_dynamics.show.figures import write_figure
+        from tudor_dynamics.show.figures import ComparedSignal, draw_signal
+        from tudor_dynamics.show.pictures import picture_path
+        from tudor_dynamics.show.figures import PAGE, style
+
+        target = None if path is None else picture_path(path)
+        output = output or ('strain' if 'strain' in self.outputs else next(iter(self.outputs)))
+        kinds = _known(self.outputs, output, 'output')
+        first = next(iter(kinds.values()))
+        columns = {name: i for i, name in enumerate(first.channels)}
+        column = _known(columns, channel or first.channels[0], 'channel')
+        name, trace = first.channels[column], first.traces[0]
+        series = ComparedSignal(output, name, output_units(self.arm, output)[name], trace.t,
+                                trace.measured[:, column],
+                                {kind: item.traces[0].predicted[:, column]
+                                 for kind, item in kinds.items()})
+        with style(PAGE):
+            figure = draw_signal(series, liveliest(trace, self.data))
+            if target is not None:
+                write_figure(figure, target)
+        return figure
+
+
+def _known(items: dict[str, T], name: str, what: str) -> T:
+    if name not in items:
+        msg = f'there is no {what} {name!r} here; there are {", ".join(items)}'
+        raise UsageError(msg)
+    return items[name]
+
+
+def predict_bags(bundle: ModelBundle, data: Sequence[BagData]) -> Prediction:
+    """Let every model of a bundle predict bags that were read."""
+    outputs = [output for output in common_outputs(data) if output in bundle.models]
+    bags = ', '.join(str(bag.choice) for bag in data)
+    if not outputs:
+        msg = (f'the model predicts {" and ".join(bundle.models)}, which not all of {bags} have: '
+               'evaluate them apart, or use other bags')
+        raise UsageError(msg)
+    return Prediction(bundle.arm, tuple(data), {
+        output: {kind: validate(model, data, output, bags)
+                 for kind, model in bundle.models[output].items()} for output in outputs})
+
+
+def warn_of_training(bundle: ModelBundle, data: Sequence[BagData]) -> list[str]:
+    """Warn of bags that a model was trained on."""
+    seen = _trained_on(bundle.facts, data)
+    if seen:
+        msg = (f'{", ".join(seen)}: the model was trained on this; how well it does there is no '
+               'test')
+        warnings.warn(msg, TudorWarning, stacklevel=3)
+    return seen
+
+
+def _trained_on(facts: Mapping[str, Any], bags: Sequence[BagData]) -> list[str]:
+    """Name those bags that have samples of a training bag, by checksum, under whatever names."""
+    training = facts.get('training')
+    known = [(item['sha256'], parse_choice(str(item.get('bag')))) for item in
+             (training if isinstance(training, list) else ())
+             if isinstance(item, dict) and item.get('sha256')]
+    return [str(bag.choice) for bag in bags if any(
+        bag.recording.checksum == checksum and bag.choice.overlaps(choice)
+        for checksum, choice in known)]
+
+
+def predict(bundle: ModelBundle, bags: Paths, *, payload: float | None = None) -> Prediction:
+    """
+    Compare models with what bags have measured, as ``tudor evaluate`` does.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Fitted models, of ``fit`` or ``load_bundle``.
+    bags : str, path, or sequence of them
+        Bags of the same arm, or parts of them: ``BAG@60-100%``.
+    payload : float, optional
+        Mass at the tip, in place of what the metadata of the bags say [kg].
+
+    Returns
+    -------
+    Prediction
+        Figures and traces of each model; ``plot`` draws them.
+
+    Raises
+    ------
+    TudorError
+        If a bag cannot be read, has nothing that the models predict, or its payload is unknown.
+
+    """
+    check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+    if payload is not None:
+        bundle.at(payload)  # says so if it is no use
+    chosen: list[BagChoice] = choices(bags)
+    data = [load(choice, bundle.arm, bundle.preprocessing, payload=payload) for choice in chosen]
+    found = predict_bags(bundle, data)
+    warn_of_training(bundle, data)
+    return found
+
+
+# -- What the arm of a bag carries, from its name: ``td.carried``
+
+def carried(bundle: ModelBundle, bags: Paths, *, kind: str | None = None) -> PayloadEstimate:
+    """
+    Estimate what the arm carries in bags, as ``tudor payload`` does.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Fitted models, of ``fit`` or ``load_bundle``.
+    bags : str, path, or sequence of them
+        Bags of the same arm with one load, or parts of them: ``BAG@60-100%``.
+    kind : {'analytical', 'elastic'}, optional
+        Kind of model that tells the load.
+
+    Returns
+    -------
+    PayloadEstimate
+        Mass, place and inertia with standard deviations, as far as the bags show them.
+
+    Raises
+    ------
+    TudorError
+        If a bag cannot be read, or has nothing that the models predict.
+
+    """
+    check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+    data = [load(choice, bundle.arm, bundle.preprocessing) for choice in choices(bags)]
+    return payload_of(bundle, data, kind)
+
+
+# -- How well collisions are found in bags, from their names: ``td.detect``
+
+def detect(
+    bundle: ModelBundle, bags: Paths, settings: MonitorSettings = MonitorSettings(),
+) -> list[MethodResult]:
+    """
+    Let bags with known pushes be watched, as ``tudor evaluate --collisions`` does.
+
+    The pushes are those on the topic ``applied_wrench`` of a bag; without it an event is neither
+    right nor false.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models with collision thresholds, of ``fit`` or ``load_bundle``.
+    bags : str, path, or sequence of them
+        Bags of the same arm, or parts of them: ``BAG@60-100%``.
+    settings : MonitorSettings
+        Kind of model and false alarms allowed; every method that there are thresholds for is
+        given all of these.
+
+    Returns
+    -------
+    list of MethodResult
+        For each method (``strain``, ``effort``, ``momentum``) its ``score``, the ``watched`` bags
+        with events and pushes, and ``roc``: factor on the threshold, false alarms per hour [1/h],
+        detection rate.
+
+    Raises
+    ------
+    TudorError
+        If a bag cannot be read, or the models have no thresholds for what it has.
+
+    """
+    check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+    check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elastic')")
+    chosen = choices(bags)
+    recordings = [(choice.path, load(choice, bundle.arm, bundle.preprocessing).recording)
+                  for choice in chosen]
+    return evaluate_collisions(bundle, recordings, settings,
+                               [find_truth(path) for path, _ in recordings])

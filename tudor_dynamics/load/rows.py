@@ -1,0 +1,374 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What each parameter of the last body adds to the outputs, in physical units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.consistent import parameters_from, pseudo_inertia
+from tudor_dynamics.models.payload import last_body, PayloadModel
+from tudor_dynamics.models.regressor import EffortRegressor, plain_regressor, random_inputs
+from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Inertial parameters of a rigid body: linear forms, change of frame, physical consistency.
+#
+# The ten parameters (mass, first moments, inertia about the origin, in Pinocchio's order) are
+# those of a body that can exist if the pseudo-inertia ``[[S, h], [h', m]]``, ``S = tr(I) 1 / 2 -
+# I``, is positive semidefinite (Wensing, Kim, Slotine, "Linear matrix inequalities for physically
+# consistent inertial parameter identification", IEEE RA-L 3(1), 2018, Theorem 1).
+
+COUNT = 10
+_LOWER = np.tril_indices(4)
+
+
+def reframed(placement: pin.SE3) -> FloatArray:
+    """
+    Give the matrix that takes parameters about one frame to those about another.
+
+    Returns (10, 10).
+    """
+    into = placement.inverse().homogeneous
+    return np.column_stack([parameters_from(into @ pseudo_inertia(unit) @ into.T)
+                            for unit in np.eye(COUNT)])
+
+
+def point_mass(place: FloatArray) -> FloatArray:
+    """Give the parameters of one kilogram at a place: place (3,) [m]."""
+    lever = np.append(place, 1.0)
+    return parameters_from(np.outer(lever, lever))
+
+
+def consistent(parameters: FloatArray, information: FloatArray, size: float) -> FloatArray:
+    """
+    Find the body that can exist and explains an estimate best.
+
+    What the estimate does not know is that of a small body: each kilogram is drawn into a sphere
+    of the given size, by so little that no direction that is known moves.
+
+    parameters (10,), information (10, 10), size [m]; returns (10,).
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+    mass = max(float(parameters[0]), 1e-6)
+    # a thousandth of what one standard deviation of a body of this size would weigh
+    shy = 1e-3 / np.array([mass, *3 * [mass * size], *6 * [mass * size ** 2]])
+
+    def body(x: FloatArray) -> FloatArray:
+        lower = np.zeros((4, 4))
+        lower[_LOWER] = x
+        return parameters_from(lower @ lower.T)
+
+    def left(x: FloatArray) -> FloatArray:
+        found = body(x)
+        return np.concatenate([root @ (found - parameters), shy * found])
+
+    def slope(x: FloatArray) -> FloatArray:
+        lower = np.zeros((4, 4))
+        lower[_LOWER] = x
+        columns = []
+        for row, column in zip(*_LOWER, strict=True):
+            turned = np.zeros((4, 4))
+            turned[row] = lower[:, column]
+            columns.append(parameters_from(turned + turned.T))
+        change = np.column_stack(columns)
+        return np.vstack([root @ change, shy[:, None] * change])
+
+    w, v = np.linalg.eigh(pseudo_inertia(parameters))
+    scale = np.array([size, size, size, 1.0])
+    start = (v * np.maximum(w, 0.0)) @ v.T + 1e-6 * mass * np.diag(scale ** 2)
+    from scipy.optimize import least_squares  # slow to import, and few loads need it
+
+    found = least_squares(left, np.linalg.cholesky(start)[_LOWER], slope, method='lm',
+                          x_scale='jac', ftol=1e-14, xtol=1e-14, gtol=1e-14, max_nfev=500)
+    return body(found.x)
+
+
+# -- What each parameter of the last body adds to the outputs of an arm
+
+def carrier(arm: Arm) -> str:
+    """Give the joint that moves what the arm carries; its frame is that of all parameters."""
+    return last_body(arm.model)
+
+
+def carrier_frame(arm: Arm) -> str:
+    """Give the name of the frame that turns with the carrier: its link's, or the joint's own."""
+    joint = carrier(arm)
+    index = arm.model.getJointId(joint)
+    for frame in arm.model.frames:
+        if (frame.type == pin.FrameType.BODY and frame.parentJoint == index
+                and frame.placement.isIdentity(1e-9)):
+            return str(frame.name)
+    return joint
+
+
+def tip(arm: Arm) -> FloatArray:
+    """
+    Give the place that a load is taken to sit at: the frame that is farthest out.
+
+    Returns (3,) [m].
+    """
+    index = arm.model.getJointId(carrier(arm))
+    place = np.zeros(3)
+    for frame in arm.model.frames:
+        if frame.parentJoint == index:
+            found = np.array(frame.placement.translation)
+            if np.linalg.norm(found) > np.linalg.norm(place):
+                place = found
+    return place
+
+
+class LoadRows:
+    """
+    Rows of the last body, about the frame of the carrier whatever the output is.
+
+    point_parameters (channels, columns).
+    """
+
+    def __init__(self, arm: Arm, output: str) -> None:
+        model = arm.gauge_model if output == 'strain' else arm.model
+        self.regressor = plain_regressor(arm, output, 'exact')
+        self.channels = self.regressor.channels
+        body = last_body(model)
+        columns = self.regressor.columns
+        self._carried = np.array([columns.index(f'{name}({body})') for name in BODY_PARAMETERS],
+                                 dtype=np.intp)
+        data = model.createData()
+        pin.forwardKinematics(model, data, pin.neutral(model))
+        places = [data.oMi[model.getJointId(name)] for name in (carrier(arm), body)]
+        self._frame = reframed(places[0].actInv(places[1]))
+        self.point_parameters = np.zeros((len(self.channels), len(columns)))
+        self.point_parameters[:, self._carried] = self._frame @ point_mass(tip(arm))
+
+    def rows(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate the rows of all ten parameters.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels, 10) [its unit].
+        """
+        return np.asarray(self.regressor.rows(motion)[:, :, self._carried] @ self._frame)
+
+    def point(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate what one kilogram at the tip adds, without making the rows.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, channels).
+        """
+        return self.regressor.outputs(motion, self.point_parameters)
+
+
+# -- What a reading is worth: from the unit of an output to newton metres, and so to kilograms.
+#
+# Strains of unknown gain and currents of unknown torque constants show a load in their own unit
+# only. Kilograms need torque constants, the gain of a gauge, or the masses of the description.
+
+BELIEVED = 0.6
+"""Part of an effort that the masses of the description explain before they are believed."""
+MEASURED, PUBLISHED, GAUGE = 0.03, 0.10, 0.05
+"""Relative standard deviations where nothing else is known: of measured torques, of published
+torque constants (with the losses of the gear in them), of the gain of a gauge. Assumed."""
+SLOW = 0.03
+"""Part of a joint's usual speed over which the sign of its friction is taken to change."""
+
+
+class Source(Enum):
+    """Where kilograms come from."""
+
+    PAYLOADS = 'a model of two known payloads'
+    TORQUE = 'efforts that are torques or forces'
+    CONSTANTS = 'the torque constants of the description'
+    GAIN = 'the gains of the gauges in the description'
+    MASSES = 'the masses of the description (an assumption)'
+    ELASTIC = 'the elastic model and the masses of the description'
+    NOTHING = 'nothing: no torque constants, gains, known payloads or masses'
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """What a row of a load is worth in an output."""
+
+    # (channels,): unit of the channel per unit of `LoadRows.rows`; 0 where it is not known.
+    factor: FloatArray
+    relative: float  # relative standard deviation that all channels have in common
+    source: Source  # where it comes from
+
+
+@dataclass(frozen=True, eq=False)
+class Described:
+    """Efforts over those of the masses of the description."""
+
+    # (joints,): unit of the effort per N m or N; 1 for a right description in N m.
+    ratio: FloatArray
+    share: FloatArray  # part of the effort, friction left out, that they explain, (joints,)
+    # (joints,): mean square of the effort of these masses, friction left out, in its unit.
+    size: FloatArray
+
+    @property
+    def believed(self) -> FloatArray:
+        """Ratios of the joints whose efforts the masses explain."""
+        return np.asarray(self.ratio[self.share > BELIEVED])
+
+
+def friction_terms(speed: FloatArray, slow: float) -> FloatArray:
+    """
+    Give what a joint's friction may change by from one day to another.
+
+    speed (samples,) [rad/s or m/s]; returns (samples, 3).
+    """
+    sharp = max(slow, SLOW * float(np.sqrt(np.mean(speed ** 2))), 1e-9)
+    return np.column_stack([speed, np.tanh(speed / sharp), np.ones(len(speed))])
+
+
+def described_masses(arm: Arm, motion: FloatArray, effort: FloatArray) -> Described | None:
+    """
+    Compare efforts with those of the masses of the description.
+
+    effort (samples, joints) [its unit]; motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
+    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns None where the description has no
+    masses.
+    """
+    values = np.concatenate([inertia.toDynamicParameters()
+                             for inertia in list(arm.model.inertias)[1:]])
+    if not values.any():
+        return None
+    rows = EffortRegressor(arm)
+    parameters = np.zeros((len(arm.active_joints), len(rows.columns)))
+    parameters[:, :len(values)] = values
+    torque = rows.outputs(motion, parameters)
+    n = len(arm.joints)
+    ratios, shares, sizes = np.zeros(n), np.zeros(n), np.zeros(n)
+    for i, joint in enumerate(arm.joints):
+        basis = np.linalg.qr(friction_terms(motion[:, n + i], joint.friction_velocity))[0]
+        x, y = (column - basis @ (basis.T @ column) for column in (torque[:, i], effort[:, i]))
+        both, size, whole = float(x @ y), float(x @ x), float(y @ y)
+        sizes[i] = size / len(motion)
+        if whole > 0.0 and size > 1e-6 * whole:
+            ratios[i], shares[i] = both / size, both ** 2 / (size * whole)
+    return Described(ratios, shares, sizes)
+
+
+def find_scale(
+    arm: Arm, output: str, motion: FloatArray, predicted: FloatArray,
+) -> Scale:
+    """
+    Find out what the readings of an output are worth.
+
+    predicted (samples, channels); motion (samples, 3 joints): ``[q, dq, ddq]`` of the active
+    joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    """
+    if output == 'strain':
+        gains = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
+        factor = np.array([gains.get(name, 0.0) for name in arm.gauge_names])
+        return Scale(factor, GAUGE, Source.GAIN if factor.any() else Source.NOTHING)
+    known = np.array([joint.effort.unit != 'A' or joint.effort.torque_constant is not None
+                      for joint in arm.joints])
+    masses = described_masses(arm, motion, predicted)
+    if known.any():
+        measured = all(joint.effort.unit != 'A' for joint in arm.joints if joint.effort.unit != 'A'
+                       or joint.effort.torque_constant is not None)
+        relative = MEASURED if measured else PUBLISHED
+        if masses is not None:
+            # how far the two tell different weights of the arm is how far either may be off
+            told = known & (masses.share > BELIEVED)
+            if told.any():
+                off = np.average((masses.ratio[told] - 1.0) ** 2, weights=masses.size[told])
+                relative = max(relative, min(math.sqrt(float(off)), 1.0))
+        return Scale(known.astype(float), relative,
+                     Source.TORQUE if measured else Source.CONSTANTS)
+    if masses is not None and len(masses.believed):
+        factor = np.where(masses.share > BELIEVED, masses.ratio, 0.0)
+        return Scale(factor, PUBLISHED, Source.MASSES)
+    return Scale(np.zeros(len(known)), 0.0, Source.NOTHING)
+
+
+# -- What a kilogram at the tip adds to an output, sample by sample
+
+SAMPLES = 200
+"""Random motion by which masses of the description are compared with torques."""
+
+
+class LoadWorth:
+    """Outputs per kilogram: reference [kg], typical (channels,)."""
+
+    def __init__(self, arm: Arm, output: str, model: AnalyticalModel) -> None:
+        self._factor: FloatArray | None = None
+        if isinstance(model, PayloadModel):
+            low, high = model.payload_range
+            self.source, self.reference = Source.PAYLOADS, high - low
+            full = model.coefficients()
+            both: Any = model.regressor  # a PayloadRegressor: rows, and those for a kilogram
+            self._regressor = both.plain
+            count = len(both.plain.columns)
+            self._parameters = np.zeros((len(full), count))
+            self._parameters[:, both.carried] = full[:, count:]
+            motion = random_inputs(both.plain, len(arm.joints), SAMPLES, 1)
+            self.typical = both.plain.outputs(motion, self._parameters).std(axis=0)
+            return
+        rows = LoadRows(arm, output)
+        motion = random_inputs(model.regressor, len(arm.joints), SAMPLES, 1)
+        predicted = model.predict(motion)
+        scale = find_scale(arm, output, motion, predicted)
+        self.source = scale.source
+        self._regressor, self._parameters = rows.regressor, rows.point_parameters
+        self._factor = scale.factor
+        self.typical = (rows.point(motion) * np.abs(scale.factor)).std(axis=0)
+        most = int(np.argmax(self.typical))
+        self.reference = float(predicted.std(axis=0)[most] /
+                               max(float(self.typical[most]), 1e-300))
+
+    def at(self, row: FloatArray) -> FloatArray:
+        """
+        Evaluate one sample.
+
+        row (3 joints,): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns
+        (channels,).
+        """
+        return self.along(row[None, :])[0]
+
+    def along(self, motion: FloatArray) -> FloatArray:
+        """
+        Evaluate samples.
+
+        motion (samples, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
+        returns (samples, channels).
+        """
+        found = self._regressor.outputs(motion, self._parameters)
+        return found if self._factor is None else found * self._factor
+
+
+def load_worth(arm: Arm, models: Mapping[str, Mapping[str, Model]]) -> dict[str, LoadWorth]:
+    """Find the outputs of a bundle that tell kilograms."""
+    found = {}
+    for output, kinds in models.items():
+        model = kinds.get('analytical')
+        if isinstance(model, AnalyticalModel):
+            worth = LoadWorth(arm, output, model)
+            if worth.source is not Source.NOTHING:
+                found[output] = worth
+    return found

@@ -1,0 +1,466 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Recordings of the simulated arm: stimuli, pushes with their truth, changes of load."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
+
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.hardware import InertiaPart
+from tudor_dynamics.arm.kinematics import joint_axis, link_frame
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.bags.writer import recording_series, write_bag
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop
+from tudor_dynamics.mechanics.hardware import (
+    Imperfections, link_length, LoopRecord, Push, push_forces, push_table, with_payload)
+from tudor_dynamics.mechanics.mechanism import Mechanism
+from tudor_dynamics.parallel import Count, in_processes
+from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
+from tudor_dynamics.signals.motion_profile import motion_limits, Reference, states
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Loads that are picked up and put down while the arm moves
+
+LOADS = (0.1, 0.4)  # kg
+FIRST_CHANGE = 6.0  # s: not before models and filters have settled
+APART = 6.0  # s: long enough to tell one from the next
+
+
+@dataclass(frozen=True)
+class LoadChange:
+    """A load at the tip from a time on."""
+
+    time: float  # from when [s]
+    mass: float  # what is carried then in all [kg]
+
+    def __post_init__(self) -> None:
+        """Refuse what is no time and no mass."""
+        if not (math.isfinite(self.time) and self.time >= 0.0
+                and math.isfinite(self.mass) and self.mass >= 0.0):
+            msg = f'{self}: a time and a mass are 0 or more'
+            raise SimulationError(msg)
+
+
+def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple[LoadChange, ...]:
+    """
+    Choose loads that are picked up where nothing is carried, and put down where something is.
+
+    Parameters
+    ----------
+    count : int
+        Number of changes.
+    seconds : float
+        Length of the recording [s].
+    carried : float
+        What is carried at the beginning [kg].
+    seed : int
+        Of the choice.
+
+    Returns
+    -------
+    tuple of LoadChange
+        In the order of time.
+
+    Raises
+    ------
+    SimulationError
+        If they do not fit into the recording.
+
+    """
+    if count == 0:
+        return ()
+    slot = (seconds - FIRST_CHANGE) / count
+    if slot < APART:
+        msg = (f'{count} changes of the load do not fit into {seconds:g} s: each takes '
+               f'{APART:g} s after the first {FIRST_CHANGE:g} s; record longer or change less')
+        raise SimulationError(msg)
+    rng = np.random.default_rng(seed)
+    found = []
+    for number in range(count):
+        time = FIRST_CHANGE + slot * number + rng.uniform(0.0, slot - APART)
+        mass = round(float(rng.uniform(*LOADS)), 4)
+        carried = 0.0 if carried > 0.0 else mass
+        found.append(LoadChange(round(float(time), 3), carried))
+    return tuple(found)
+
+
+def carried_at(changes: Sequence[LoadChange], before: float, t: FloatArray) -> FloatArray:
+    """Give what is carried over time: before [kg], t (samples,) [s]; returns (samples,) [kg]."""
+    masses = np.array([before, *(change.mass for change in changes)])
+    return np.asarray(masses[np.searchsorted([change.time for change in changes], t, 'right')])
+
+
+# -- Pushes of a recording: their random choice, and the truth about them as messages
+
+PUSH_FORCE = (3.0, 12.0)  # N
+PUSH_TIME = (0.1, 1.0)  # s
+HELD_FORCE = (2.0, 6.0)  # N
+HELD_TIME = (1.5, 4.0)  # s
+FIRST_PUSH = 3.0  # s: not before the arm moves
+
+
+def random_pushes(
+    arm: Arm, mechanism: Mechanism, count: int, seconds: float, seed: int, *,
+    held: bool = False,
+) -> tuple[Push, ...]:
+    """
+    Choose pushes on any beam, one after the other, across the axis of its joint.
+
+    Parameters
+    ----------
+    arm, mechanism : Arm, Mechanism
+        What is pushed.
+    count : int
+        Number of pushes.
+    seconds : float
+        Length of the recording [s].
+    seed : int
+        Of the choice.
+    held : bool, default=False
+        Let every second push be weaker and last for seconds.
+
+    Returns
+    -------
+    tuple of Push
+        In the order of time.
+
+    Raises
+    ------
+    SimulationError
+        If they do not fit into the recording.
+
+    """
+    if count == 0:
+        return ()
+    slot = (seconds - FIRST_PUSH) / count
+    longest = HELD_TIME[1] if held else PUSH_TIME[1]
+    if slot < 1.5 * longest + 0.5 * PUSH_TIME[1]:
+        room = 1.5 * longest + 0.5 * PUSH_TIME[1]
+        msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to {room:g} s after '
+               f'the first {FIRST_PUSH:g} s; record longer or push less')
+        raise SimulationError(msg)
+    beams = [joint for joint in arm.active_joints if link_length(mechanism, joint) > 0.0]
+    if not beams:
+        msg = f'{arm.source}: no active joint moves an elastic link that could be pushed'
+        raise SimulationError(msg)
+    data = arm.full_model.createData()
+    pin.forwardKinematics(arm.full_model, data, pin.neutral(arm.full_model))
+    rng = np.random.default_rng(seed)
+    result = []
+    for number in range(count):
+        joint = beams[int(rng.integers(len(beams)))]
+        times, forces = ((HELD_TIME, HELD_FORCE) if held and number % 2 else
+                         (PUSH_TIME, PUSH_FORCE))
+        duration = float(rng.uniform(*times))
+        begin = FIRST_PUSH + slot * number + rng.uniform(0.0, slot - 1.5 * duration)
+        axis = (data.oMi[arm.full_model.getJointId(joint)].rotation
+                @ joint_axis(arm.full_model, joint))
+        across = np.cross(axis, rng.standard_normal(3))
+        force = across / np.linalg.norm(across) * rng.uniform(*forces)
+        place = float(rng.uniform(0.2, 1.0)) * link_length(mechanism, joint)
+        fx, fy, fz = (round(float(value), 4) + 0.0 for value in force)
+        result.append(Push(round(float(begin), 3), round(duration, 3), joint, round(place, 4),
+                           (fx, fy, fz)))
+    return tuple(result)
+
+
+def push_wrenches(
+    arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: LoopRecord,
+    stamp: NDArray[np.int64],
+) -> WrenchSeries:
+    """
+    Give the truth about the pushes, each in the frame of its (rigid) link.
+
+    stamp (samples,) [ns].
+    """
+    forces = push_forces(push_table(pushes, mechanism), signals.t)
+    force, torque = np.zeros((2, len(stamp), 3))
+    frames = ['base'] * len(stamp)
+    model = arm.full_model
+    data = model.createData()
+    hold = {joint.name: joint.hold for joint in arm.spec.joints}
+    columns = [model.joints[model.getJointId(name)].idx_q for name in arm.active_joints]
+    q = np.zeros(model.nq)
+    for name, value in hold.items():
+        q[model.joints[model.getJointId(name)].idx_q] = value
+    for push, values in zip(pushes, forces, strict=True):
+        floats = mechanism.body_float[mechanism.body_of[push.joint]]
+        along = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)[:, 0]
+        place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * along
+        index, frame = model.getJointId(push.joint), link_frame(model, push.joint)
+        for row in np.flatnonzero(np.any(values != 0.0, axis=1)):
+            q[columns] = signals.q_true[row]
+            pin.forwardKinematics(model, data, q)
+            force[row] = data.oMi[index].rotation.T @ values[row]
+            torque[row] = np.cross(place, force[row])
+            frames[row] = frame
+    return WrenchSeries('/applied_wrench', stamp, force, torque, frames)
+
+
+# -- Motions of stimuli: random ones by their seeds, and planned ones
+
+def stimulus_seeds(seed: int, stimulus: int) -> tuple[int, int, int]:
+    """Give the seeds of motion, noise and pushes of a stimulus."""
+    state = np.random.SeedSequence([seed, stimulus]).generate_state(3)
+    return int(state[0]), int(state[1]), int(state[2])
+
+
+def stimulus_motion(arm: Arm, excitation: str, seconds: float, seed: int, dt: float) -> Reference:
+    """
+    Make the motion of a stimulus.
+
+    Parameters
+    ----------
+    arm : Arm
+        Arm with limits.
+    excitation : {'aprbs', 'fourier'}
+        Kind of motion.
+    seconds : float
+        Length of the motion [s].
+    seed : int
+        Of the motion.
+    dt : float
+        Sample time [s].
+
+    Returns
+    -------
+    Reference
+        Motion of the active joints.
+
+    """
+    if excitation == 'aprbs':
+        return aprbs_motion(arm, seconds, seed, dt)
+    return fourier_motion(joint_range(arm), motion_limits(arm), seconds, seed, dt)
+
+
+def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
+    """Make a motion of a trajectory, at the rate of the loop: dt [s]."""
+    if sorted(trajectory.joints) != sorted(arm.active_joints):
+        msg = (f'the trajectory moves {", ".join(trajectory.joints)}; {arm.name} has '
+               f'{", ".join(arm.active_joints)}')
+        raise SimulationError(msg)
+    q, dq, _ = np.split(states(trajectory.of(arm.active_joints)), 3, axis=1)
+    hard = hard_limits(arm)
+    wrong = np.any((q < hard.lower) | (q > hard.upper) | (np.abs(dq) > hard.velocity), axis=0)
+    beyond = [name for name, outside in zip(arm.active_joints, wrong, strict=True) if outside]
+    if beyond:
+        msg = f'the trajectory takes {", ".join(beyond)} beyond the limits of {arm.name}'
+        raise SimulationError(msg, remedy='plan it for this arm (tudor excite)')
+    t = trajectory.t - trajectory.t[0]
+    curve = CubicHermiteSpline(t, q, dq)
+    times = np.arange(int(t[-1] / dt + 1e-9) + 1) * dt
+    return Reference(dt, curve(times), curve(times, 1), curve(times, 2))
+
+
+# -- Recordings of the simulated arm: stimuli, pushes, and the bags that they become
+
+START = 1_000_000_000
+"""Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
+
+
+@dataclass(frozen=True)
+class StimulusSpec:
+    """
+    One recording.
+
+    Attributes
+    ----------
+    payload : float
+        Mass at the tip [kg].
+    seconds : float
+        Length of the stimulus [s].
+    rate : float
+        Of the messages [Hz].
+    damping : float
+        Part of the damper's gains, 0 for none.
+    excitation : {'aprbs', 'fourier'}
+        Kind of motion.
+    motion_seed, noise_seed, push_seed : int
+        Of motion, noise and pushes.
+    pushes : int
+        Number of pushes.
+    imperfections : Imperfections
+        What is not ideal.
+    loads : tuple of LoadChange
+        What is picked up and put down.
+    held : bool
+        Whether every second push lasts for seconds.
+    trajectory : Trajectory or None
+        Motion to be played in place of a drawn one.
+
+    """
+
+    payload: float
+    seconds: float
+    rate: float
+    damping: float
+    excitation: str
+    motion_seed: int
+    noise_seed: int
+    push_seed: int
+    pushes: int = 0
+    imperfections: Imperfections = Imperfections()  # noqa: RUF009 (frozen)
+    loads: tuple[LoadChange, ...] = ()
+    held: bool = False
+    trajectory: Trajectory | None = None
+
+
+@dataclass(frozen=True)
+class StimulusResult:
+    """What a recording came to."""
+
+    bag: str  # directory of the bag
+    samples: int  # messages of each topic
+    pushes: tuple[Push, ...]  # pushes, the truth about `/applied_wrench`
+    damper: dict[str, dict[str, float]]  # how long the damper of each joint was in which state [s]
+    notes: tuple[str, ...]  # what is odd, one sentence each
+
+    def content(self) -> dict[str, Any]:
+        """Give it as plain values for YAML and JSON."""
+        result = asdict(self)
+        result['pushes'] = [{**item, 'force': list(item['force'])} for item in result['pushes']]
+        result['notes'] = list(self.notes)
+        return result
+
+
+def record_stimulus(
+    arm: Arm, spec: StimulusSpec, path: Path, progress: Callable[[int], None] | None = None,
+) -> StimulusResult:
+    """Simulate one stimulus and write its bag."""
+    carrying = with_payload(arm, spec.payload)
+    if spec.loads and carrying.spec.payload is None:
+        # a place for what comes
+        carrying = Arm(carrying.spec.model_copy(update={'payload': InertiaPart(mass=0.0)}),
+                       arm.full_model, arm.source, arm.urdf)
+    loop = ClosedLoop(carrying, damping=spec.damping,
+                      imperfections=spec.imperfections, seed=spec.noise_seed)
+    every = steps_per_message(loop.dt, spec.rate)
+    reference = (
+        stimulus_motion(arm, spec.excitation, spec.seconds, spec.motion_seed, loop.dt)
+        if spec.trajectory is None else played_motion(arm, spec.trajectory, loop.dt))
+    pushes = random_pushes(arm, loop.plant.mechanism, spec.pushes, spec.seconds, spec.push_seed,
+                           held=spec.held)
+    loop.reset(reference.q[0])
+    loop.set_pushes(pushes)
+    parts = []
+    changes = {round(change.time / loop.dt): change.mass for change in spec.loads}
+    edges = sorted({*range(0, len(reference.q), CHUNK), *changes, len(reference.q)})
+    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        part = slice(begin, end)
+        if begin in changes:
+            loop.set_payload(changes[begin])
+        parts.append(loop.run(reference.q[part], reference.dq[part], every=every))
+        if progress is not None:
+            progress(len(reference.q[part]))
+    signals = LoopRecord(*(np.concatenate([getattr(part, name) for part in parts])
+                           for name in LoopRecord.__dataclass_fields__))
+    stamp = START + np.round(signals.t * 1e9).astype(np.int64)
+    series: list[JointStateSeries | WrenchSeries] = [
+        *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
+        JointStateSeries('/joint_reference', stamp, arm.active_joints, signals.q_ref,
+                         signals.dq_ref)]
+    if spec.loads:
+        carried = carried_at(spec.loads, spec.payload, signals.t)
+        series.append(JointStateSeries('/applied_payload', stamp, ('payload',), carried[:, None]))
+    if pushes:
+        series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
+    write_bag(path, series, custom={'payload': f'{spec.payload:g}'})
+    return StimulusResult(str(path), len(stamp), pushes, loop.status_seconds, _notes(loop))
+
+
+def _record_piece(
+    piece: tuple[Path, str, StimulusSpec, str], count: Count,
+) -> StimulusResult:
+    base, source, spec, path = piece  # who does it need not stand in the same directory
+    return replace(record_stimulus(load_arm(base / source), spec, base / path, count), bag=path)
+
+
+def record_stimuli(
+    source: str | Path,
+    specs: Sequence[StimulusSpec],
+    paths: Sequence[Path],
+    jobs: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> list[StimulusResult]:
+    """
+    Simulate and record several stimuli.
+
+    Parameters
+    ----------
+    source : str or Path
+        Arm description; each process reads it.
+    specs : sequence of StimulusSpec
+        What to record.
+    paths : sequence of Path
+        Directory of each bag; must not exist.
+    jobs : int
+        Number of processes; it makes no difference to the bags.
+    progress : callable, optional
+        Told the number of simulation steps done so far, all stimuli together.
+
+    Returns
+    -------
+    list of StimulusResult
+        What was done, in the order of ``specs``.
+
+    """
+    pieces = [(Path.cwd(), str(source), spec, str(path))
+              for spec, path in zip(specs, paths, strict=True)]
+    return in_processes(_record_piece, pieces, jobs, progress)
+
+
+def steps_per_message(dt: float, rate: float) -> int:
+    """Give the number of steps between two messages: dt [s], rate [Hz]."""
+    every = 1.0 / (dt * rate) if rate > 0.0 else 0.0
+    if every < 1.0 - 1e-9 or abs(every - round(every)) > 1e-6:
+        msg = (f'a rate of {rate:g} Hz does not divide that of the loop, {1.0 / dt:g} Hz; '
+               'give e.g. 100')
+        raise SimulationError(msg)
+    return int(round(every))
+
+
+def _recording(arm: Arm, signals: LoopRecord, stamp: NDArray[np.int64]) -> Recording:
+    motors = {motor.joint: motor for motor in arm.spec.motors}
+    scale = [1.0 if joint.effort.unit == 'A' else motors[joint.name].joint_torque_constant
+             for joint in arm.joints]
+    return Recording(
+        '', stamp, signals.q, signals.dq, signals.current * scale,
+        signals.strain if arm.gauges else None, (slice(0, len(stamp)),),
+        float(signals.t[1] - signals.t[0]) if len(stamp) > 1 else 0.0)
+
+
+def _notes(loop: ClosedLoop) -> tuple[str, ...]:
+    notes = []
+    for joint, times in loop.status_seconds.items():
+        for state, seconds in times.items():
+            if state not in ('damping', 'starting') and seconds > 0.01:
+                notes.append(f'{joint}: the damper was faded out for {seconds:.2f} s ({state})')
+    return tuple(notes)

@@ -1,0 +1,288 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Mass matrix of a mechanism by composite bodies, from the tips inwards."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.chain import Chain, put_vector, rotation_at, vector_at
+from tudor_dynamics.mechanics.equations import along, hermite_mass, inner, node_values
+from tudor_dynamics.mechanics.small_algebra import add, cross, dot, sub, times, turn, Vector
+
+
+class Composite(NamedTuple):
+    """Working memory of the mass matrix."""
+
+    columns: NDArray  # force and moment of a unit acceleration of each coordinate, (n, 6)
+    owner: NDArray  # body in whose frame a column stands, (n,)
+    inertias: NDArray  # inertia of each composite body, (bodies + 1, 10)
+
+
+@compiled
+def unit(i: int) -> Vector:
+    """Give a unit vector."""
+    return (1.0 if i == 0 else 0.0, 1.0 if i == 1 else 0.0, 1.0 if i == 2 else 0.0)
+
+
+@compiled
+def times_inertia(inertia: NDArray, linear: Vector, angular: Vector) -> tuple[Vector, Vector]:
+    """Give force and moment of a composite body: mass, first moment (3), second moment (6)."""
+    mass, s = inertia[0], (inertia[1], inertia[2], inertia[3])
+    push = add(times(mass, linear), cross(angular, s))
+    xx, yy, zz, xy, xz, yz = (inertia[4], inertia[5], inertia[6], inertia[7], inertia[8],
+                              inertia[9])
+    moment = add(cross(s, linear), (
+        xx * angular[0] + xy * angular[1] + xz * angular[2],
+        xy * angular[0] + yy * angular[1] + yz * angular[2],
+        xz * angular[0] + yz * angular[1] + zz * angular[2]))
+    return push, moment
+
+
+@compiled
+def put_basis(column: NDArray, x: tuple, y: tuple, z: tuple, axis: int, h: tuple) -> None:
+    """Add force and moment of a unit acceleration field along one axis to a column."""
+    total = h[0] + h[2]
+    column[axis] += total
+    if axis == 0:
+        column[4] += inner(z, h)
+        column[5] -= inner(y, h)
+    elif axis == 1:
+        column[3] -= inner(z, h)
+        column[5] += inner(x, h)
+    else:
+        column[3] += inner(y, h)
+        column[4] -= inner(x, h)
+
+
+@compiled
+def own_beam(
+    z: NDArray, ints: NDArray, floats: NDArray, inertia: NDArray, columns: NDArray,
+    matrix: NDArray,
+) -> None:
+    """Fill mass matrix, force columns and inertia of one beam by itself."""
+    first, length, density = ints[at.FIRST], floats[at.LENGTH], floats[at.DENSITY]
+    polar = floats[at.POLAR] * length
+    for e in range(ints[at.ELEMENTS]):
+        u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
+        x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
+        y = (u1[1], u1[5], u2[1], u2[5])
+        s = (u1[2], -u1[4], u2[2], -u2[4])
+        hx, hy = hermite_mass(x, length, density), hermite_mass(y, length, density)
+        hz = hermite_mass(s, length, density)
+        xx, yy, zz = inner(x, hx), inner(y, hy), inner(s, hz)
+        xy, xz, yz = inner(x, hy), inner(x, hz), inner(y, hz)
+        inertia[0] += density * length
+        inertia[1] += hx[0] + hx[2]
+        inertia[2] += hy[0] + hy[2]
+        inertia[3] += hz[0] + hz[2]
+        inertia[4] += yy + zz + polar
+        inertia[5] += xx + zz
+        inertia[6] += xx + yy
+        inertia[7] -= xy
+        inertia[8] -= xz
+        inertia[9] -= yz
+        for side in range(2):
+            if e + side == 0:
+                continue
+            k = first + 6 * (e + side - 1)
+            other = e + 1 - side
+            value = 1.0 if side == 0 else 0.0
+            h = hermite_mass(along(value, 1.0 - value, length), length, density)
+            put_basis(columns[k], x, y, s, 0, h)
+            matrix[k, k] += density * length / 3.0
+            columns[k + 3, 3] += 0.5 * polar
+            matrix[k + 3, k + 3] += polar / 3.0
+            if other > 0:
+                m = first + 6 * (other - 1)
+                matrix[k, m] += density * length / 6.0
+                matrix[k + 3, m + 3] += polar / 6.0
+            for slope in range(2):
+                j = 2 * side + slope
+                h = hermite_mass((1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0,
+                                  1.0 if j == 2 else 0.0, 1.0 if j == 3 else 0.0),
+                                 length, density)
+                sign = -1.0 if slope == 1 else 1.0
+                row_y, row_z = k + 1 + 4 * slope, k + 2 + 2 * slope
+                put_basis(columns[row_y], x, y, s, 1, h)
+                put_basis(columns[row_z], x, y, s, 2,
+                          (sign * h[0], sign * h[1], sign * h[2], sign * h[3]))
+                for end in range(2):
+                    if e + end > 0:
+                        n = first + 6 * (e + end - 1)
+                        matrix[row_y, n + 1] += h[2 * end]
+                        matrix[row_y, n + 5] += h[2 * end + 1]
+                        matrix[row_z, n + 2] += sign * h[2 * end]
+                        matrix[row_z, n + 4] -= sign * h[2 * end + 1]
+
+
+@compiled
+def own_rigid(floats: NDArray, inertia: NDArray) -> None:
+    """Fill the inertia of a rigid body about its frame."""
+    mass, c = floats[at.MASS], vector_at(floats, at.CENTER)
+    square = dot(c, c)
+    inertia[0] = mass
+    for i in range(3):
+        inertia[1 + i] = mass * c[i]
+        inertia[4 + i] = floats[at.INERTIA + i] + mass * (square - c[i] * c[i])
+    inertia[7] = floats[at.INERTIA + 3] - mass * c[0] * c[1]
+    inertia[8] = floats[at.INERTIA + 4] - mass * c[0] * c[2]
+    inertia[9] = floats[at.INERTIA + 5] - mass * c[1] * c[2]
+
+
+@compiled
+def turned_inertia(frame: tuple, inertia: NDArray, turned: NDArray) -> None:
+    """Give the inertia of a composite body in the axes of its carrier, same origin."""
+    turned[0] = inertia[0]
+    put_vector(turned, 1, turn(frame, (inertia[1], inertia[2], inertia[3])))
+    xx, yy, zz, xy, xz, yz = (inertia[4], inertia[5], inertia[6], inertia[7], inertia[8],
+                              inertia[9])
+    a = turn(frame, (xx, xy, xz))
+    b = turn(frame, (xy, yy, yz))
+    c = turn(frame, (xz, yz, zz))
+    row0 = turn(frame, (a[0], b[0], c[0]))
+    row1 = turn(frame, (a[1], b[1], c[1]))
+    row2 = turn(frame, (a[2], b[2], c[2]))
+    turned[4], turned[5], turned[6] = row0[0], row1[1], row2[2]
+    turned[7], turned[8], turned[9] = row0[1], row0[2], row1[2]
+
+
+@compiled
+def shifted_inertia(inertia: NDArray, place: Vector, target: NDArray) -> None:
+    """Add a composite body that stands at ``place`` to another one."""
+    mass, s = inertia[0], (inertia[1], inertia[2], inertia[3])
+    cross_term = 2.0 * dot(place, s) + mass * dot(place, place)
+    target[0] += mass
+    for i in range(3):
+        target[1 + i] += s[i] + mass * place[i]
+        target[4 + i] += (inertia[4 + i] + cross_term - 2.0 * place[i] * s[i]
+                          - mass * place[i] * place[i])
+    target[7] += inertia[7] - place[0] * s[1] - place[1] * s[0] - mass * place[0] * place[1]
+    target[8] += inertia[8] - place[0] * s[2] - place[2] * s[0] - mass * place[0] * place[2]
+    target[9] += inertia[9] - place[1] * s[2] - place[2] * s[1] - mass * place[1] * place[2]
+
+
+@compiled
+def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray) -> None:
+    """
+    Give the mass matrix by composite bodies, from the tips inwards.
+
+    z (n,) [rad, m]; writes matrix (n, n).
+    """
+    body_int, body_float, moving = chain.body_int, chain.body_float, chain.moving
+    columns, owner, inertias = composite.columns, composite.owner, composite.inertias
+    n, bodies = z.shape[0], body_int.shape[0]
+    matrix[:] = 0.0
+    columns[:] = 0.0
+    inertias[:] = 0.0
+    owner[:] = -2
+    turned = inertias[bodies]
+    for i in range(n):
+        matrix[i, i] = chain.coordinate[i, at.HUB]
+    for b in range(bodies - 1, -1, -1):
+        ints, floats, here = body_int[b], body_float[b], moving[b]
+        if ints[at.FLEXIBLE] == 1:
+            own_beam(z, ints, floats, inertias[b], columns, matrix)
+            for i in range(6 * ints[at.ELEMENTS]):
+                owner[ints[at.FIRST] + i] = b
+        else:
+            own_inertia = inertias[bodies]
+            own_inertia[:] = 0.0
+            own_rigid(floats, own_inertia)
+            for i in range(10):
+                inertias[b, i] += own_inertia[i]
+        frame = rotation_at(here, at.TO_PARENT)
+        place, joint_at = vector_at(here, at.PLACE), vector_at(here, at.JOINT_AT)
+        node_at, axis = vector_at(here, at.NODE_AT), vector_at(here, at.AXIS_AT)
+        turned_inertia(frame, inertias[b], turned)
+        parent, node = ints[at.PARENT], ints[at.NODE]
+        kind, q, spring = ints[at.JOINT], ints[at.Q], ints[at.SPRING]
+        lever = sub(place, joint_at)
+        elastic = body_int[parent, at.FIRST] + 6 * (node - 1) if parent >= 0 and node > 0 else -1
+        jacobian = rotation_at(here, at.JACOBIAN)
+        for j in range(n):  # columns of this body and of all it carries, into the carrier's axes
+            if owner[j] != b:
+                continue
+            push = turn(frame, vector_at(columns[j], 0))
+            moment = turn(frame, vector_at(columns[j], 3))
+            if kind != at.WELD:
+                about = add(moment, cross(lever, push))
+                share = dot(axis, about if kind == at.REVOLUTE else push)
+                if q >= 0:
+                    matrix[q, j] += share
+                    matrix[j, q] += share
+                if spring >= 0:
+                    matrix[spring, j] += share
+                    matrix[j, spring] += share
+            put_vector(columns[j], 0, push)
+            put_vector(columns[j], 3, moment)
+        if kind == at.REVOLUTE:
+            push, moment = times_inertia(turned, cross(axis, lever), axis)
+            share = dot(axis, add(moment, cross(lever, push)))
+        elif kind == at.PRISMATIC:
+            push, moment = times_inertia(turned, axis, (0.0, 0.0, 0.0))
+            share = dot(axis, push)
+        if kind != at.WELD:
+            for j in (q, spring):
+                if j >= 0:
+                    put_vector(columns[j], 0, push)
+                    put_vector(columns[j], 3, moment)
+                    owner[j] = b
+                    matrix[j, j] += share
+            if q >= 0 and spring >= 0:
+                matrix[q, spring] += share
+                matrix[spring, q] += share
+        if parent < 0:
+            continue
+        arm = sub(place, node_at)
+        for j in range(n):
+            if owner[j] != b:
+                continue
+            owner[j] = parent
+            push, moment = vector_at(columns[j], 0), vector_at(columns[j], 3)
+            if elastic >= 0:
+                about = add(moment, cross(arm, push))
+                for i in range(3):
+                    matrix[elastic + i, j] += push[i]
+                    matrix[j, elastic + i] += push[i]
+                    share = (jacobian[i] * about[0] + jacobian[3 + i] * about[1]
+                             + jacobian[6 + i] * about[2])
+                    matrix[elastic + 3 + i, j] += share
+                    matrix[j, elastic + 3 + i] += share
+            put_vector(columns[j], 3, add(moment, cross(place, push)))
+        if elastic >= 0:
+            for j in range(6):
+                linear, angular = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+                if j < 3:
+                    linear = unit(j)
+                else:
+                    angular = turn(jacobian, unit(j - 3))
+                    linear = cross(angular, arm)
+                push, moment = times_inertia(turned, linear, angular)
+                about = add(moment, cross(arm, push))
+                for i in range(3):
+                    matrix[elastic + i, elastic + j] += push[i]
+                    matrix[elastic + 3 + i, elastic + j] += (
+                        jacobian[i] * about[0] + jacobian[3 + i] * about[1]
+                        + jacobian[6 + i] * about[2])
+                outer = add(moment, cross(place, push))
+                for i in range(3):
+                    columns[elastic + j, i] += push[i]
+                    columns[elastic + j, 3 + i] += outer[i]
+        shifted_inertia(turned, place, inertias[parent])

@@ -1,0 +1,364 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The arm and its controller in lock-step on a simulated clock, with delay, loss and faults."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import drive_stop
+from tudor_dynamics.control.gains import Adaptation, Schedule
+from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
+from tudor_dynamics.control.references import ReferenceSource
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop
+from tudor_dynamics.mechanics.hardware import Floor, Imperfections, with_payload
+from tudor_dynamics.mechanics.run import Probe
+from tudor_dynamics.typing import FloatArray
+
+
+# -- The arm in closed loop as a robot: velocity commands in, sensor samples out, in small steps
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What the sensors say."""
+
+    t: float  # simulated time [s]
+    # As measured, (joints,) [rad, rad/s, A].
+    q: FloatArray
+    dq: FloatArray
+    current: FloatArray
+    strain: FloatArray  # as measured, in units of the gauges, (gauges,)
+    force: FloatArray  # force at the tip, in the base frame, (3,) [N]
+
+
+class ArmProcess:
+    """
+    An arm whose joints take velocities.
+
+    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; failure: empty
+    where nothing has failed.
+    """
+
+    def __init__(
+        self, arm: Arm, *, rate: float = 500.0, payload: float = 0.0, damping: float = 0.0,
+        imperfect: bool = True, seed: int = 0,
+    ) -> None:
+        if payload > 0.0:
+            arm = with_payload(arm, payload)
+        chosen = Imperfections() if imperfect else Imperfections.none()
+        self.loop = ClosedLoop(arm, damping=damping, imperfections=chosen, seed=seed,
+                               position_loop=False)
+        steps = 1.0 / (rate * self.loop.dt)
+        self.steps = round(steps)
+        if self.steps < 1 or abs(steps - self.steps) > 1e-6:
+            msg = (f'rate {rate:g} Hz: expected a whole part of the rate at which the arm is '
+                   f'controlled, {1.0 / self.loop.dt:g} Hz (damper.rate)')
+            raise SimulationError(msg)
+        self._probe = Probe(self.loop.plant, [])
+        self._samples = 0
+        initial = arm.spec.simulation.initial
+        self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
+        stop = drive_stop(arm)
+        self._braking, self.command_timeout = stop.acceleration, stop.timeout
+        self.floor: Floor | None = None
+        self.reset()
+
+    @property
+    def t(self) -> float:
+        """Give the simulated time; a sample that could not be computed has its share of it [s]."""
+        return self._samples * self.steps * self.loop.dt
+
+    def reset(self) -> None:
+        """Put the arm at rest where its description says, a failure forgotten; time goes on."""
+        self.failure = ''
+        self._rest()
+
+    def _rest(self) -> None:
+        self.loop.reset(self.loop.described)
+        count = len(self.loop.arm.active_joints)
+        self._speed = np.zeros(count)
+        self._age = np.inf
+        self.force = np.zeros(3)
+
+    def command(self, speed: FloatArray) -> None:
+        """Take speeds of the joints; a failed arm does not [rad/s]."""
+        if self.failure:
+            return
+        self._speed = np.array(speed, dtype=float)
+        self._age = 0.0
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speeds that the joints were told last, or brake to by themselves [rad/s]."""
+        return self._speed.copy()
+
+    def tip(self) -> FloatArray:
+        """Give the place of the tip in the base frame [m]."""
+        position = self._probe.observe().position
+        return np.asarray(position[self.loop.plant.mechanism.tip].copy())
+
+    def step(self) -> Sample:
+        """
+        Advance by one sample and give what the sensors say at its start.
+
+        A run that diverges is no end: the arm is put to rest, see ``failure``.
+        """
+        t = self.t
+        self._samples += 1
+        try:
+            return self._advance(t, self.force, self.floor)
+        except SimulationError as err:
+            self.failure = str(err)
+            self._rest()
+            return self._advance(t, np.zeros(3), None)
+
+    def _advance(self, t: float, force: FloatArray, floor: Floor | None) -> Sample:
+        if self.failure:
+            force, floor = np.zeros(3), None
+        self.loop.set_force(force)
+        self.loop.set_floor(floor)
+        felt = np.array(force, dtype=float)
+        if floor is not None:
+            felt[2] += floor.stiffness * max(floor.height - float(self.tip()[2]), 0.0)
+        period = self.steps * self.loop.dt
+        if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
+            self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
+        speed = self._speed
+        self._age += period
+        q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
+        signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
+        return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
+                      felt)
+
+
+# -- The arm and who commands it, in lock-step: messages with delay and loss, and every fault of
+#    them.
+#
+# No wall time and no middleware: what nodes do with their messages is done here with the same
+# objects on a simulated clock, sample after sample.
+
+@dataclass(eq=False)
+class RigLog:
+    """What happened, sample by sample."""
+
+    t: list[float] = field(default_factory=list)  # time of each record [s]
+    # Positions and speeds of the joints, true or measured as the arm's encoders have it.
+    q: list[FloatArray] = field(default_factory=list)
+    dq: list[FloatArray] = field(default_factory=list)
+    # Speeds that the drives were told last, or brake to by themselves [rad/s].
+    command: list[FloatArray] = field(default_factory=list)
+    # Commands that left a controller: time [s], a number that changes where it took over an arm
+    # whose speed was not its own doing, and speeds [rad/s].
+    sent: list[tuple[float, int, FloatArray]] = field(default_factory=list)
+    # Readings of the gauges [units of the gauges].
+    strain: list[FloatArray] = field(default_factory=list)
+    # Reference, not a number where there is none [rad].
+    q_ref: list[FloatArray] = field(default_factory=list)
+    # State of the controller; None while there is none.
+    state: list[State | None] = field(default_factory=list)
+
+    def array(self, name: str) -> FloatArray:
+        """Stack a signal as (samples, channels)."""
+        return np.array(getattr(self, name))
+
+
+class Rig:
+    """
+    Simulated arm, controller and reference source on one simulated clock.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with everything.
+    rate : float
+        Samples per second [Hz].
+    payload : float
+        Mass at the tip [kg].
+    delay : float
+        Of the whole loop, half on the way in and half on the way out [s].
+    loss : float
+        Part of all messages that get lost.
+    seed : int
+        Of noise and losses.
+    share : float
+        Part of the damper's gains.
+
+    Attributes
+    ----------
+    process : ArmProcess
+        The arm; what acts on it is set there.
+    controller, source : MotionController or None, ReferenceSource or None
+        None while its node is dead.
+    t : float
+        Simulated time [s].
+    trace : RigLog
+        Record of what happened.
+    alter : callable or None
+        Changes a sample on its way, or loses it by None.
+    frozen : set of str
+        Which of 'controller' and 'source' are stopped, as a process by SIGSTOP.
+    active : bool
+        Whether the controller is to command; if not, it brakes to standstill first.
+
+    """
+
+    def __init__(
+        self, arm: Arm, *, rate: float = 500.0, payload: float = 0.2, delay: float = 0.0,
+        loss: float = 0.0, seed: int = 0, share: float = 1.0,
+    ) -> None:
+        self.arm, self.rate, self.delay, self.loss = arm, rate, delay, loss
+        self.process = ArmProcess(arm, rate=rate, payload=payload, seed=seed)
+        self._random = np.random.default_rng(seed)
+        self._share = share
+        self.t = 0.0
+        self.trace = RigLog()
+        self.alter: Callable[[Sample], Sample | None] | None = None
+        self._inward: deque[tuple[float, Sample]] = deque()
+        self._outward: deque[tuple[float, FloatArray]] = deque()
+        self._stamp: float | None = None
+        self._due = 0.0
+        self._starts = 0
+        self.frozen: set[str] = set()
+        self.active = True
+        self.controller: MotionController | None = None
+        self.source: ReferenceSource | None = None
+        self.start_controller()
+        self.start_source()
+
+    def start_controller(self) -> None:
+        """Start the controller, as a process that was not there before."""
+        self.controller = MotionController(self.arm, self._share)
+        self._starts += 1
+        self._stamp = None
+
+    def start_source(self, reaction: str = 'retreat') -> None:
+        """
+        Start the source of references, as a process that was not there before.
+
+        Parameters
+        ----------
+        reaction : str
+            What a collision leads to.
+
+        """
+        self.source = ReferenceSource(self.arm, reaction=reaction)
+
+    def follow(self, schedule: Schedule, payload: float) -> None:
+        """
+        Let the gains of the controller follow a schedule from now on.
+
+        Parameters
+        ----------
+        schedule : Schedule
+            Gains by payload and pose, as ``design`` computes them.
+        payload : float
+            Mass at the tip that the controller is given, which need not be the true one [kg].
+
+        """
+        assert self.controller is not None
+        adaptation = Adaptation(schedule, self.controller.planned.acceleration)
+        adaptation.tell(self.t, payload)
+        self.controller.adaptation = adaptation
+
+    def activate(self) -> None:
+        """Let the controller command again, as it does at its start."""
+        assert self.controller is not None
+        self.controller.reset()
+        self.active, self._stamp = True, None
+
+    def run(self, seconds: float) -> None:
+        """
+        Let time pass [s].
+
+        Parameters
+        ----------
+        seconds : float
+            Simulated time that passes [s].
+
+        """
+        for _ in range(round(seconds * self.rate)):
+            self.step()
+
+    def step(self) -> None:
+        """Advance by one sample."""
+        measured = self.process.step()
+        self._note(measured)
+        sample = measured if self.alter is None else self.alter(measured)
+        if sample is not None and not self._lost():
+            self._inward.append((self.t + 0.5 * self.delay, sample))
+        while self._inward and self._inward[0][0] <= self.t + 1e-9:
+            _, arrived = self._inward.popleft()
+            self._hear(arrived)
+        if self.source is not None and 'source' not in self.frozen:
+            reference = self.source.step(self.t, 1.0 / self.rate)
+            if reference is not None and not self._lost():
+                if self.controller is not None and 'controller' not in self.frozen:
+                    self.controller.reference.add(self.t, *reference)
+        self._watch()
+        while self._outward and self._outward[0][0] <= self.t + 1e-9:
+            _, command = self._outward.popleft()
+            self.process.command(command)
+        self.t += 1.0 / self.rate
+
+    def _lost(self) -> bool:
+        return self.loss > 0.0 and bool(self._random.random() < self.loss)
+
+    def _hear(self, sample: Sample) -> None:
+        finite = bool(np.isfinite(sample.q).all())
+        if self.source is not None and 'source' not in self.frozen and finite:
+            self.source.measured(self.t, sample.q)
+        controller = self.controller
+        if controller is None or 'controller' in self.frozen or not (finite and self.active):
+            return
+        stamp, self._stamp = self._stamp, sample.t
+        dt = sample.t - stamp if stamp is not None else 0.0
+        self._command(controller.step(
+            self.t, dt, sample.q, sample.strain, np.ones(len(sample.strain), dtype=bool)))
+
+    def _watch(self) -> None:
+        if self.t < self._due - 1e-9:
+            return
+        self._due = self.t + WATCH
+        if self.controller is not None and 'controller' not in self.frozen:
+            self._command(self.controller.watch(self.t) if self.active
+                          else self.controller.stand_still(self.t))
+
+    def _command(self, command: FloatArray | None) -> None:
+        if command is None:
+            return
+        assert self.controller is not None
+        takeover = self._starts * 1000 + self.controller.takeovers
+        self.trace.sent.append((self.t, takeover, command))
+        if not self._lost():
+            self._outward.append((self.t + 0.5 * self.delay, command))
+
+    def _note(self, sample: Sample) -> None:
+        trace = self.trace
+        trace.t.append(self.t)
+        trace.q.append(sample.q)
+        trace.dq.append(sample.dq)
+        trace.strain.append(sample.strain)
+        trace.command.append(self.process.speed)
+        source = self.source
+        trace.q_ref.append(np.full(len(sample.q), math.nan) if source is None
+                           or source.q is None else source.q.copy())
+        trace.state.append(None if self.controller is None else self.controller.state)

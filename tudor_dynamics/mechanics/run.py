@@ -1,0 +1,552 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Whole runs of a plant: outputs, inertial sensors, vibration modes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+import io
+import math
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
+from scipy.spatial.transform import Rotation
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.errors import check_type, SimulationError, UsageError
+from tudor_dynamics.files import write_whole
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.chain import Chain, put_rotation, put_vector, rotation_at, vector_at
+from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
+from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
+from tudor_dynamics.mechanics.plant import Plant, refresh
+from tudor_dynamics.mechanics.small_algebra import (
+    add, exponential, left_jacobian, product, sub, turn, turn_back)
+from tudor_dynamics.mechanics.stiffness import add_stretch
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What a run shows: motion of nodes, internal loads anywhere along a beam, surface strain
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What ``Probe.observe`` saw; arrays are overwritten by the next call."""
+
+    # In the base frame, (points, 3) [m, m/s, m/s^2].
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    # (sections, 3): normal and shear forces [N]; torsion and bending moments about the section's y
+    # and z [N m], of the outboard part on the inboard one.
+    force: FloatArray
+    moment: FloatArray
+    # Force and moment that each joint transmits to the links it carries, about the joint and in
+    # the base frame; the moment about its axis includes the drive's, (joints, 6) [N, N m].
+    reaction: FloatArray
+    strain: FloatArray  # (gauges,): in the unit of each gauge; um/m where that is a voltage
+    # Bending moment at each gauge, positive for the load that the joint holds, (gauges,) [N m].
+    gauge_moment: FloatArray
+
+
+@dataclass(frozen=True)
+class BeamPlace:
+    """A place along a beam: joint before it and distance from the beam's start [m]."""
+
+    joint: str  # joint before the beam
+    distance: float  # distance from the beam's start [m]
+
+
+def middle_sections(mechanism: Mechanism) -> list[BeamPlace]:
+    """Give the middle of each beam."""
+    result = []
+    for joint in mechanism.beams:
+        body = mechanism.body_of[joint]
+        length = (mechanism.body_float[body, at.LENGTH]
+                  * mechanism.body_int[body, at.ELEMENTS])
+        result.append(BeamPlace(joint, 0.5 * float(length)))
+    return result
+
+
+class Probe:
+    """
+    Nodal motion, internal loads and strains of a plant.
+
+    bodies, places (places,) [m], gains (gauges, 3); writes loads (places, LOADS) [N, N m].
+    """
+
+    def __init__(self, plant: Plant, sections: list[BeamPlace] | None = None,
+                 arm: Arm | None = None) -> None:
+        self.plant = plant
+        mechanism = plant.mechanism
+        self.sections = middle_sections(mechanism) if sections is None else list(sections)
+        self.gauge_names = tuple(g.name for g in arm.gauges) if arm is not None else ()
+        self._count = len(self.sections)
+        places = [(s.joint, s.distance) for s in self.sections]
+        self.gains = np.zeros((len(self.gauge_names), 3))
+        if arm is not None:
+            places += [self._gauge(arm, number) for number in range(len(arm.gauges))]
+        for joint, distance in places:
+            self._check(joint, distance)
+        self.bodies = np.array([mechanism.body_of[joint] for joint, _ in places], dtype=np.int64)
+        self.places = np.array([distance for _, distance in places], dtype=float)
+        self.loads = np.zeros((len(places), LOADS))
+        self._points = np.zeros((3, mechanism.points, 3))
+        self._force = np.zeros(mechanism.size)
+        self._gauge_loads = self.loads[self._count:]
+        # plain numbers: those of numpy take longer than the mechanics
+        self._gauge_gains = [
+            (per_moment, per_rate, int(axis), math.copysign(1.0, per_moment))
+            for per_moment, per_rate, axis in self.gains.tolist()]
+        position, velocity, acceleration = self._points
+        self.observation = Observation(
+            position, velocity, acceleration, self.loads[:self._count, :3],
+            self.loads[:self._count, 3:6], np.zeros((len(mechanism.joints), 6)),
+            np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
+
+    def observe(self) -> Observation:
+        """Look at the present state of the plant."""
+        plant = self.plant
+        z, dz, ddz = plant.tables.vectors[:3]
+        chain, seen = plant.tables.chain, self.observation
+        joint_reactions(z, dz, ddz, chain, plant.loaded, self._force, plant.bodies, seen.reaction)
+        section_loads(z, dz, ddz, chain, self.bodies, self.places, self.loads)
+        refresh(z, dz, ddz, chain)
+        nodal_motion(z, dz, ddz, plant.mechanism.gravity, chain, *self._points)
+        for number, (per_moment, per_rate, axis, sign) in enumerate(self._gauge_gains):
+            row = self._gauge_loads[number]
+            moment = row[3 + axis]
+            seen.strain[number] = per_moment * moment + per_rate * row[6 + axis]
+            seen.gauge_moment[number] = sign * moment
+        return self.observation
+
+    def _gauge(self, arm: Arm, number: int) -> tuple[str, float]:
+        gauge, mechanism = arm.gauges[number], self.plant.mechanism
+        place = place_gauge(mechanism, arm, gauge)
+        beam, sign = mechanism.beams[gauge.joint], place.sign
+        if gauge.unit == 'N m':
+            self.gains[number] = sign, 0.0, place.axis
+        else:
+            bending, surface = ((beam.EIz, beam.surface_y) if place.axis == 2
+                                else (beam.EIy, beam.surface_z))
+            scale = 1.0 if gauge.unit == 'm/m' else 1e6
+            beta = mechanism.body_float[place.body, at.BETA]
+            self.gains[number] = (sign * scale * surface / bending,
+                                  -sign * scale * surface * beta, place.axis)
+        return gauge.joint, place.distance
+
+    def _check(self, joint: str, distance: float) -> None:
+        mechanism = self.plant.mechanism
+        if joint not in mechanism.beams:
+            msg = (f'{mechanism.name}: there is no beam behind joint {joint!r}; beams stand '
+                   f'behind {list(mechanism.beams)}')
+            raise SimulationError(msg)
+        body = mechanism.body_of[joint]
+        length = mechanism.body_float[body, at.LENGTH] * mechanism.body_int[body, at.ELEMENTS]
+        if not -1e-9 <= distance <= length + 1e-9:
+            msg = (f'{mechanism.name}: a section {distance:g} m from the start of the beam behind '
+                   f'{joint!r} lies outside its {length:g} m')
+            raise SimulationError(msg)
+
+
+# -- Inertial sensors on a mechanism: at the far end of each beam and at the tip
+
+TIP = 'tip'
+
+
+@compiled
+def feel(
+    z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain, bodies: NDArray, nodes: NDArray,
+    acceleration: NDArray, axes: NDArray, turning: NDArray, force: NDArray,
+) -> None:
+    """Give axes, angular velocity and specific force of nodes, after ``nodal_motion``."""
+    body_int, moving = chain.body_int, chain.moving
+    for s in range(bodies.shape[0]):
+        here = moving[bodies[s]]
+        frame, omega = rotation_at(here, at.WORLD), vector_at(here, at.OMEGA)
+        if nodes[s] > 0:
+            k = body_int[bodies[s], at.FIRST] + 6 * (nodes[s] - 1) + 3
+            theta = vector_at(z, k)
+            bent = exponential(theta)
+            omega = turn_back(bent, add(omega, turn(left_jacobian(theta), vector_at(dz, k))))
+            frame = product(frame, bent)
+        point = body_int[bodies[s], at.POINT] + nodes[s]
+        put_rotation(axes[s], 0, frame)
+        put_vector(turning[s], 0, omega)
+        put_vector(force[s], 0, turn_back(
+            frame, sub(vector_at(acceleration[point], 0), vector_at(gravity, 0))))
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """
+    What the sensors feel, each in its own axes.
+
+    They are those of the beam's end, x along the beam; of the tip frame where no beam ends there.
+    """
+
+    axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
+    # Turning of each sensor, as a gyroscope reads it, (sensors, 3) [rad/s].
+    angular_velocity: FloatArray
+    # Acceleration less gravity, as an accelerometer reads it: at rest it points upwards,
+    # (sensors, 3) [m/s^2].
+    specific_force: FloatArray
+
+
+def _tip(mechanism: Mechanism) -> int:
+    """Give the point at the tip: the node that carries a payload where it sits right on it."""
+    body = int(np.flatnonzero(mechanism.body_int[:, at.POINT] <= mechanism.tip)[-1])
+    row, place = mechanism.body_int[body], mechanism.body_float[body, at.JOINT_PLACE:][:3]
+    if row[at.JOINT] == at.WELD and row[at.NODE] > 0 and np.linalg.norm(place) < 1e-9:
+        return int(mechanism.body_int[row[at.PARENT], at.POINT] + row[at.NODE])
+    return mechanism.tip
+
+
+class InertialSensors:
+    """Sensors at the far end of each beam, named by the joint before it, and at the tip."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        first = mechanism.body_int[:, at.POINT]
+        points = {mechanism.point(joint): joint for joint in mechanism.beams}
+        points[_tip(mechanism)] = TIP  # in place of the last beam where that ends there
+        self.names = tuple(points.values())
+        self._bodies = np.array([np.flatnonzero(first <= point)[-1] for point in points])
+        self._nodes = np.array(list(points)) - first[self._bodies]
+        count = len(self.names)
+        self._felt = Felt(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
+
+    def feel(self, plant: Plant, acceleration: FloatArray) -> Felt:
+        """
+        Feel the present motion; to be called after ``Observer.observe``.
+
+        acceleration (points, 3) [m/s^2].
+        """
+        felt = self._felt
+        feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
+             self._bodies, self._nodes, acceleration, felt.axes.reshape(len(self.names), 9),
+             felt.angular_velocity, felt.specific_force)
+        return felt
+
+
+# -- Eigenfrequencies and mode shapes of a mechanism, joints held or free
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Small vibrations about a configuration."""
+
+    # Undamped frequencies, ascending; negative where gravity makes the state unstable, (modes,)
+    # [Hz].
+    frequency: FloatArray
+    # (modes,): damping ratios by Rayleigh damping and joint damping (its diagonal part).
+    damping: FloatArray
+    shape: FloatArray  # (modes, n): coordinates, mass-normalised; zero at joints that are held
+
+    def __repr__(self) -> str:
+        """Write frequency and damping ratio, one line a mode."""
+        return '\n'.join(['Modes', *(
+            f'  {number}: {hertz:.3f} Hz, {100.0 * ratio:.2f} % of critical damping'
+            for number, (hertz, ratio) in enumerate(
+                zip(self.frequency, self.damping, strict=True), start=1))])
+
+
+def stiffness_about_state(plant: Plant) -> FloatArray:
+    """
+    Give the tangent stiffness over all coordinates, gravity and stretch included.
+
+    Returns (n, n).
+    """
+    mechanism = plant.mechanism
+    z, zero = plant.coordinates.copy(), np.zeros(mechanism.size)
+    elastic = np.tril(plant.stiffness)
+    add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, elastic)
+    # Differences for gravity alone: those of the stiffness would drown in its large numbers.
+    step, columns = 1e-6, []
+    for i in range(z.size):
+        change = np.zeros_like(z)
+        change[i] = step
+        columns.append((plant.imbalance(z + change, zero, zero, elastic=False)
+                        - plant.imbalance(z - change, zero, zero, elastic=False)) / (2.0 * step))
+    weight = np.array(columns)
+    return np.asarray(elastic + np.tril(elastic, -1).T + 0.5 * (weight + weight.T))
+
+
+def damping_about_state(plant: Plant) -> FloatArray:
+    """
+    Give the tangent damping over all coordinates: Rayleigh's and that of the joints.
+
+    Returns (n, n).
+    """
+    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
+    columns = []
+    for i in range(z.size):
+        rate = np.zeros_like(z)
+        rate[i] = 1.0  # what is quadratic in the rates cancels
+        columns.append(0.5 * (plant.imbalance(z, rate, zero) - plant.imbalance(z, -rate, zero)))
+    return np.array(columns).T
+
+
+def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -> Modes:
+    """
+    Solve the eigenvalue problem at the plant's present configuration.
+
+    Parameters
+    ----------
+    plant : Plant or Arm
+        Plant at the configuration wanted, or an arm with ``links`` where its description starts.
+    count : int
+        Largest number of modes.
+    free_joints : sequence of str
+        Joints that move freely; the others are held.
+
+    Returns
+    -------
+    Modes
+        Lowest modes.
+
+    Raises
+    ------
+    SimulationError
+        If nothing can vibrate, or there is no such joint.
+
+    """
+    if isinstance(plant, Arm):
+        plant = Plant(build_mechanism(with_motors(plant)))
+    check_type(plant, Plant, 'plant', 'Plant(build_mechanism(arm)), or the arm itself')
+    mechanism = plant.mechanism
+    unknown = [name for name in free_joints if name not in mechanism.joints]
+    if unknown or count < 1:
+        msg = (f'{count} modes with the joints {unknown or list(free_joints)} free: expected 1 or '
+               f'more, and some of {list(mechanism.joints)}')
+        raise SimulationError(msg)
+    free = mechanism.elastic.copy()
+    for joint in free_joints:
+        free[mechanism.q_index[mechanism.joints.index(joint)]] = True
+    index = np.flatnonzero(free)
+    if index.size == 0:
+        msg = f'{mechanism.name}: nothing can vibrate, all links are rigid and all joints held'
+        raise SimulationError(msg)
+    pick = np.ix_(index, index)
+    mass, stiffness = plant.mass_matrix()[pick], stiffness_about_state(plant)[pick]
+    try:
+        values, vectors = eigh(stiffness, mass)
+    except np.linalg.LinAlgError:
+        msg = (f'{mechanism.name}: the mass matrix is singular with the joints '
+               f'{list(free_joints)} free; give their links a mass, or a hub_inertia')
+        raise SimulationError(msg) from None
+    count = min(count, index.size)
+    values, vectors = values[:count], vectors[:, :count]
+    omega = np.sign(values) * np.sqrt(np.abs(values))
+    damping = damping_about_state(plant)[pick]
+    modal = np.einsum('im,ij,jm->m', vectors, damping, vectors)
+    # Below a millionth of a hertz a mode is a rigid motion.
+    omega[np.abs(omega) < 1e-3] = 0.0
+    ratio = np.divide(modal, 2.0 * omega, out=np.zeros(count), where=omega > 0.0)
+    shape = np.zeros((count, mechanism.size))
+    shape[:, index] = vectors.T
+    return Modes(omega / (2.0 * np.pi), ratio, shape)
+
+
+# -- Whole runs: drive a plant through given torques and keep what it shows
+
+Motion = tuple[FloatArray, FloatArray, FloatArray]
+LARGEST_ROTATION = 0.3
+"""Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]."""
+Integrator = Literal['generalised-alpha', 'radau', 'bdf']
+
+
+class Steps(NamedTuple):
+    """How far a run goes, in steps."""
+
+    total: int  # steps of the run
+    every: int  # steps between two records
+
+    @classmethod
+    def of(cls, seconds: float, dt: float, rate: float) -> Steps:
+        """Count them: seconds, dt [s], rate [Hz]."""
+        for name, value in (('seconds', seconds), ('dt', dt), ('rate', rate)):
+            check_type(value, (int, float), name, 'a time [s] or a rate [Hz]')
+            if not 0.0 < value < 1e9:
+                msg = f'{name} (--{name}) must be positive, found {value}'
+                raise UsageError(msg)
+        return cls(max(int(round(seconds / dt)), 1), max(int(round(1.0 / (rate * dt))), 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Recorded signals of a run."""
+
+    t: FloatArray  # times of the records, (samples,) [s]
+    # Joint motion and effort of each drive, (samples, joints) [rad or m, N m or N].
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    effort: FloatArray
+    # Of all nodes in the base frame, (samples, points, 3).
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    # Internal loads, see `Observation`, (samples, sections, 3).
+    force: FloatArray
+    moment: FloatArray
+    reaction: FloatArray  # of each joint, see `Observation`, (samples, joints, 6)
+    # In the unit of each gauge, and, (samples, gauges) [N m].
+    strain: FloatArray
+    gauge_moment: FloatArray
+    energy: FloatArray  # kinetic, elastic, gravitational, (samples, 3) [J]
+    # (samples,): largest elastic rotation of a node in its link's frame [rad], see
+    # `LARGEST_ROTATION`.
+    rotation: FloatArray
+    # (samples, sensors, 3, 3): axes of each inertial sensor in the base frame, see
+    # `InertialSensors`.
+    sensor_axes: FloatArray
+    # (samples, sensors, 3): what each feels, in its axes: angular velocity [rad/s], acceleration
+    # less gravity [m/s^2].
+    sensor_turning: FloatArray
+    sensor_acceleration: FloatArray
+
+    def orientation(self, sensor: int) -> FloatArray:
+        """Give the quaternions x, y, z, w of a sensor in the base frame, shape (n_samples, 4)."""
+        return np.asarray(Rotation.from_matrix(self.sensor_axes[:, sensor]).as_quat())
+
+    def __repr__(self) -> str:
+        """Write the length, and the shape of each array."""
+        shapes = ', '.join(f'{f.name} {getattr(self, f.name).shape}' for f in fields(self))
+        return f'Run of {self.t[-1]:g} s: {shapes}'
+
+    def save(self, path: Path, **more: NDArray) -> None:
+        """Write all arrays to one ``.npz``, whole or not at all."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)} | more
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        write_whole(path, buffer.getvalue())
+
+
+def largest_rotation(plant: Plant) -> float:
+    """Give the largest elastic rotation of a node in its link's frame, now [rad]."""
+    turned = plant.coordinates[plant.mechanism.rotations]
+    return float(np.linalg.norm(turned, axis=1).max(initial=0.0))
+
+
+def _empty(
+    plant: Plant, probe: Probe, sensors: InertialSensors, samples: int,
+) -> Run:
+    shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,), 'rotation': ()}
+    shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
+    shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
+                            (plant.mechanism.points, 3))
+    shapes['reaction'] = (len(plant.mechanism.joints), 6)
+    shapes |= dict.fromkeys(('force', 'moment'), (len(probe.sections), 3))
+    shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(probe.gauge_names),))
+    shapes['sensor_axes'] = (len(sensors.names), 3, 3)
+    shapes |= dict.fromkeys(('sensor_turning', 'sensor_acceleration'), (len(sensors.names), 3))
+    return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
+
+
+def _record(
+    run: Run, row: int, plant: Plant, probe: Probe, sensors: InertialSensors,
+) -> None:
+    state, seen = plant.state, probe.observe()
+    felt, energy = sensors.feel(plant, seen.acceleration), plant.energy()
+    run.t[row] = state.t
+    run.q[row], run.dq[row], run.ddq[row] = state.q, state.dq, state.ddq
+    run.effort[row] = state.effort
+    run.position[row], run.velocity[row] = seen.position, seen.velocity
+    run.acceleration[row] = seen.acceleration
+    run.force[row], run.moment[row] = seen.force, seen.moment
+    run.reaction[row] = seen.reaction
+    run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
+    run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
+    run.rotation[row] = largest_rotation(plant)
+    run.sensor_axes[row], run.sensor_turning[row] = felt.axes, felt.angular_velocity
+    run.sensor_acceleration[row] = felt.specific_force
+
+
+def run_plant(
+    plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
+    motion: Motion | None = None, force: FloatArray | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Run:
+    """
+    Step a plant through given torques from its present state.
+
+    torque (steps + 1, joints) [N m or N], motion (steps + 1, joints), force (steps + 1, 3) [N].
+    """
+    steps = torque.shape[0] - 1
+    sensors = InertialSensors(plant.mechanism)
+    run = _empty(plant, probe, sensors, steps // every + 1)
+    _record(run, 0, plant, probe, sensors)
+    told = 0
+    for k in range(1, steps + 1):
+        plant.step(torque[k], None if force is None else force[k],
+                   None if motion is None else (motion[0][k], motion[1][k], motion[2][k]))
+        if k % every == 0:
+            _record(run, k // every, plant, probe, sensors)
+        if progress is not None and (k - told >= 200 or k == steps):
+            progress(k - told)
+            told = k
+    return run
+
+
+def simulate_with_scipy(
+    plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
+    method: Integrator = 'radau', rtol: float = 1e-6,
+    progress: Callable[[int], None] | None = None,
+) -> Run:
+    """Do the same with a solver of scipy, as a check of the integrator: slow, error controlled."""
+    names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
+    n, dt = plant.mechanism.size, plant.dt
+    steps = torque.shape[0] - 1
+    times = np.arange(steps + 1) * dt
+    free = ~plant.prescribed
+    z, dz = plant.coordinates.copy(), plant.rates.copy()
+    count = int(free.sum())
+    q_index = plant.mechanism.q_index
+
+    def unpack(y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        place, rate = z.copy(), np.zeros(n)
+        place[free], rate[free] = y[:count], y[count:]
+        return place, rate
+
+    def right_side(t: float, y: FloatArray) -> FloatArray:
+        place, rate = unpack(y)
+        k = min(int(t / dt), steps - 1)
+        share = t / dt - k
+        now = (1.0 - share) * torque[k] + share * torque[k + 1]
+        return np.concatenate([y[count:], plant.solve_accelerations(place, rate, now)[free]])
+
+    scale = np.where(np.isin(np.flatnonzero(free), q_index), 1.0, 0.01)
+    atol = rtol * np.concatenate([scale, 10.0 * scale])
+    wanted = times[::every]
+    result = solve_ivp(right_side, (0.0, times[-1]), np.concatenate([z[free], dz[free]]),
+                       method=names[method], t_eval=wanted, rtol=rtol, atol=atol,
+                       max_step=max(20.0 * dt, 1e-3))
+    if not result.success:
+        reached = result.t[-1] if result.t.size else 0.0
+        msg = f'{method} gave up at t = {reached:g} s: {result.message}'
+        raise SimulationError(msg)
+    sensors = InertialSensors(plant.mechanism)
+    run = _empty(plant, probe, sensors, wanted.size)
+    for row, t in enumerate(wanted):
+        place, rate = unpack(result.y[:, row])
+        plant.set_state(float(t), place, rate, torque[row * every])
+        _record(run, row, plant, probe, sensors)
+        if progress is not None:
+            progress(every if row else 0)
+    return run

@@ -1,0 +1,576 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An arm driven by torques in one call: inputs as functions, text or tables; files of a run."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+
+from matplotlib.figure import Figure
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+
+from tudor_dynamics.arm.description import Arm, refuse_interfaces
+from tudor_dynamics.bags.messages import ImuSeries, JointStateSeries, Series
+from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.errors import check_type, SimulationError, UsageError
+from tudor_dynamics.files import read_bounded
+from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
+from tudor_dynamics.mechanics.plant import Plant
+from tudor_dynamics.mechanics.plots import (
+    Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
+from tudor_dynamics.mechanics.run import InertialSensors, Probe, Run, run_plant, Steps
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Inputs of a run: torques, forces and motion as expressions in t or tables, checked first
+
+MAX_EXPRESSION = 2000
+MAX_TABLE_BYTES = 50_000_000
+
+
+def _ramp(x: FloatArray, width: float = 1.0) -> FloatArray:
+    return np.clip(x / width, 0.0, 1.0)
+
+
+FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
+    'sin': np.sin, 'cos': np.cos, 'tan': np.tan, 'exp': np.exp, 'sqrt': np.sqrt, 'abs': np.abs,
+    'sign': np.sign, 'log': np.log, 'tanh': np.tanh, 'min': np.minimum, 'max': np.maximum,
+    'step': lambda x: np.where(np.asarray(x) >= 0.0, 1.0, 0.0), 'ramp': _ramp,
+}
+OPERATORS: dict[type, Callable[..., FloatArray]] = {
+    ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
+    ast.Pow: np.power, ast.Mod: np.mod, ast.USub: np.negative, ast.UAdd: np.positive,
+    ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal,
+}
+DIRECTIONS = ('x', 'y', 'z')
+CONSTANTS = {'pi': np.pi, 'e': np.e}
+
+
+def _evaluate(node: ast.AST, t: FloatArray) -> FloatArray:
+    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)):
+        return np.asarray(float(node.value))
+    if isinstance(node, ast.Name) and node.id == 't':
+        return t
+    if isinstance(node, ast.Name) and node.id in CONSTANTS:
+        return np.asarray(CONSTANTS[node.id])
+    if isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
+        return OPERATORS[type(node.op)](_evaluate(node.left, t), _evaluate(node.right, t))
+    if isinstance(node, ast.UnaryOp) and type(node.op) in OPERATORS:
+        return OPERATORS[type(node.op)](_evaluate(node.operand, t))
+    if isinstance(node, ast.Compare) and len(node.ops) == 1 and type(node.ops[0]) in OPERATORS:
+        left, right = _evaluate(node.left, t), _evaluate(node.comparators[0], t)
+        return np.asarray(OPERATORS[type(node.ops[0])](left, right), dtype=float)
+    if (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            and node.func.id in FUNCTIONS and not node.keywords):
+        return FUNCTIONS[node.func.id](*(_evaluate(arg, t) for arg in node.args))
+    text = ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
+    msg = (f'{text!r} is not allowed in an expression: use t, numbers, + - * / ** %, comparisons, '
+           f'pi, e and {", ".join(sorted(FUNCTIONS))}')
+    raise SimulationError(msg)
+
+
+def evaluate_expression(text: str, t: FloatArray) -> FloatArray:
+    """Evaluate an expression in t without Python's eval: t [s]."""
+    if len(text) > MAX_EXPRESSION:
+        msg = f'an expression of {len(text)} characters is too long (at most {MAX_EXPRESSION})'
+        raise SimulationError(msg)
+    try:
+        tree = ast.parse(text.strip(), mode='eval').body
+        with np.errstate(all='ignore'):
+            values = np.broadcast_to(_evaluate(tree, t), t.shape).astype(float)
+    except SyntaxError:
+        msg = f'{text!r} is neither a file nor an expression in t; example: "0.6*sin(2*pi*t)"'
+        raise SimulationError(msg) from None
+    except (TypeError, ValueError, RecursionError, MemoryError) as err:
+        msg = f'the expression {text!r} cannot be evaluated ({err})'
+        raise SimulationError(msg) from None
+    if not np.isfinite(values).all():
+        when = t[np.flatnonzero(~np.isfinite(values))[0]]
+        msg = f'the expression {text!r} is not finite at t = {when:g} s'
+        raise SimulationError(msg)
+    return values
+
+
+def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """
+    Read a CSV table: time, then one column a joint, or a direction.
+
+    Returns times [s].
+    """
+    try:
+        text = read_bounded(path, MAX_TABLE_BYTES).decode()
+    except (OSError, ValueError) as err:  # ValueError: no UTF-8, or a NUL in the path
+        cause = getattr(err, 'strerror', None) or err
+        msg = f'{path}: the table cannot be read ({cause})'
+        raise SimulationError(msg) from None
+    first = text.lstrip().split('\n', 1)[0]
+    head = [word.strip() for word in first.lstrip('#').split(',')]
+    columns = ['t', *names]
+    try:
+        float(head[0])
+    except ValueError:
+        columns = head
+        text = text.lstrip().split('\n', 1)[1] if '\n' in text.lstrip() else ''
+    if not text.strip():
+        msg = f'{path}: the table has no rows; expected columns t, {", ".join(names)}'
+        raise SimulationError(msg)
+    try:
+        data = np.loadtxt(StringIO(text), delimiter=',', ndmin=2, comments='#')
+    except ValueError as err:
+        msg = f'{path}: no table of numbers ({err}); expected columns t, {", ".join(names)}'
+        raise SimulationError(msg) from None
+    unknown = [name for name in columns[1:] if name not in names]
+    if unknown or columns[0] not in ('t', 'time') or data.shape[1] != len(columns):
+        msg = (f'{path}: found the columns {columns if unknown else data.shape[1]}, expected t '
+               f'and some of {list(names)}')
+        raise SimulationError(msg)
+    if data.shape[0] < 2:
+        msg = f'{path}: at least two rows are needed, found {data.shape[0]}'
+        raise SimulationError(msg)
+    if not np.isfinite(data).all():
+        row = int(np.flatnonzero(~np.isfinite(data).all(axis=1))[0])
+        msg = f'{path}: the value in data row {row + 1} is not finite (NaN or inf); mend the table'
+        raise SimulationError(msg)
+    if (np.diff(data[:, 0]) <= 0.0).any():
+        row = int(np.flatnonzero(np.diff(data[:, 0]) <= 0.0)[0])
+        msg = f'{path}: time does not increase after data row {row + 1}'
+        raise SimulationError(msg)
+    return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
+
+
+def torque_signal(
+    words: list[str], t: FloatArray, joints: tuple[str, ...], active: tuple[str, ...],
+) -> FloatArray:
+    """
+    Give the torques of a run from what the command line says.
+
+    t (samples,) [s]; returns (samples, joints) [N m or N], zero where nothing was said.
+    """
+    result = np.zeros((t.size, len(joints)))
+    for word in words:
+        if not _put_named(result, word, t, joints, active):
+            result[:, joints.index(active[0])] = evaluate_expression(word, t)
+    return result
+
+
+def _put_named(
+    result: FloatArray, word: str, t: FloatArray, names: tuple[str, ...],
+    in_tables: tuple[str, ...],
+) -> bool:
+    """Take NAME=EXPRESSION or a table into the columns it names; False for anything else."""
+    name, _, text = word.partition('=')
+    if text and name.strip() in names and not text.startswith('='):
+        result[:, names.index(name.strip())] = evaluate_expression(text, t)
+        return True
+    if word.lower().endswith('.csv') or Path(word).is_file():
+        times, columns = read_table(Path(word), in_tables)
+        for column, values in columns.items():
+            result[:, names.index(column)] = np.interp(t, times, values)
+        return True
+    return False
+
+
+def force_signal(words: list[str], t: FloatArray) -> FloatArray:
+    """
+    Give the force at the tip from what the command line says.
+
+    t (samples,) [s]; returns (samples, 3) [N], zero where nothing was said.
+    """
+    result = np.zeros((t.size, len(DIRECTIONS)))
+    for word in words:
+        if not _put_named(result, word, t, DIRECTIONS, DIRECTIONS):
+            msg = (f'{word!r} is no force: give x=EXPRESSION, y=... or z=... [N, base frame], or '
+                   'a CSV file with columns t, x, y, z')
+            raise SimulationError(msg)
+    return result
+
+
+def motion_signal(
+    path: Path, t: FloatArray, joints: tuple[str, ...],
+) -> tuple[tuple[FloatArray, FloatArray, FloatArray], list[str]]:
+    """
+    Give the motion of joints that follow a table: quintic spline and its derivatives.
+
+    t (samples,) [s]; path: CSV file with columns t, JOINT, ... [rad or m].
+    """
+    times, columns = read_table(path, joints)
+    if times[0] > t[0] + 1e-9 or times[-1] < t[-1] - 1e-9 or times.size < 6:
+        msg = (f'{path}: covers {times[0]:g} to {times[-1]:g} s with {times.size} rows, but the '
+               f'run needs 0 to {t[-1]:g} s and at least 6 rows; give --seconds or a longer table')
+        raise SimulationError(msg)
+    result = tuple(np.zeros((t.size, len(joints))) for _ in range(3))
+    for joint, values in columns.items():
+        spline = make_interp_spline(times, values, k=5)
+        for order in range(3):
+            result[order][:, joints.index(joint)] = spline(t, nu=order)
+    return (result[0], result[1], result[2]), list(columns)
+
+
+# -- Torques and forces as a program gives them, numbers, text, functions or arrays, over steps
+
+Drive = ArrayLike | Callable[[float], float]
+"""What drives a joint: a constant, an expression, values, or a function of the time."""
+
+
+def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
+    """
+    Sample a torque, or a component of a force.
+
+    t (samples,) [s]; value: constant, expression in t, function of the time [s], or values at
+    ``t`` [N m or N]; returns (samples,) [N m or N].
+    """
+    if isinstance(value, str):
+        return evaluate_expression(value, t)
+    # not in the try below: what a function of the user raises is best seen as it is
+    given = [value(time) for time in t.tolist()] if callable(value) else value
+    try:
+        values = np.broadcast_to(np.asarray(given, dtype=float), t.shape)
+    except (TypeError, ValueError) as err:
+        msg = (f'the {name} is {repr(value)[:60]} ({err}); expected a number, an '
+               f'expression in t, a function of the time, or an array of {t.size} values')
+        raise SimulationError(msg) from None
+    if not np.isfinite(values).all():
+        when = t[np.flatnonzero(~np.isfinite(values))[0]]
+        msg = f'the {name} is not finite at t = {when:g} s'
+        raise SimulationError(msg)
+    return values
+
+
+def sampled_columns(
+    what: str, given: Mapping[str, Drive], t: FloatArray, columns: tuple[str, ...],
+    allowed: tuple[str, ...],
+) -> FloatArray:
+    """
+    Sample torques of joints or components of a force, as a program gives them.
+
+    given [N m or N], t (samples,) [s]; returns (samples, columns) [N m or N], zero where nothing
+    was said.
+    """
+    result = np.zeros((t.size, len(columns)))
+    for name, value in given.items():
+        if name not in allowed:
+            msg = f'{what} of {name!r}: expected some of {list(allowed)}'
+            raise SimulationError(msg)
+        result[:, columns.index(name)] = sampled(value, t, f'{what} of {name}')
+    return result
+
+
+# -- A run as files: one ``.npz`` with everything, and a rosbag2 as the real arm would record it
+
+START_NS = 1_000_000_000
+"""Stamp of the first message: 1 s, as 0 means no stamp to many tools [ns]."""
+
+
+def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
+    """Lay a run out on the topics of joint states, strains and accelerations."""
+    refuse_interfaces(arm, 'a bag that is written here')
+    stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
+    series: list[Series] = [JointStateSeries(
+        '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
+        run.effort)]
+    topics: dict[str, list[int]] = {}
+    for index, gauge in enumerate(arm.gauges):
+        topics.setdefault(gauge.topic, []).append(index)
+    for topic, chosen in topics.items():
+        series.append(JointStateSeries(
+            '/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
+            run.strain[:, chosen], effort=run.gauge_moment[:, chosen]))
+    for index, name in enumerate(InertialSensors(mechanism).names):
+        series.append(ImuSeries(
+            f'/imu/{name}', stamp, run.orientation(index), run.sensor_turning[:, index],
+            run.sensor_acceleration[:, index], f'{name}_imu'))
+    return series
+
+
+def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: bool = True) -> None:
+    """Write ``run.npz`` and ``bag/`` into a folder."""
+    run.save(folder / 'run.npz', joints=np.array(mechanism.joints),
+             gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
+             tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
+    if bag:
+        write_bag(folder / 'bag', run_series(run, arm, mechanism))
+
+
+# -- An arm driven by torques from its description, in one call: the simulator as a library
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRun:
+    """
+    A run with the names of what it holds.
+
+    Attributes
+    ----------
+    arm : Arm
+        Arm that moved.
+    mechanism : Mechanism
+        Its tables, with the order of joints and points.
+    run : Run
+        Arrays over time.
+    plant : Plant
+        The plant in its last state, for ``modes``.
+
+    """
+
+    arm: Arm
+    mechanism: Mechanism
+    run: Run
+    plant: Plant
+
+    def __repr__(self) -> str:
+        """Write length, joints, gauges and where the arm ends."""
+        run, mechanism = self.run, self.mechanism
+        ends = ', '.join(f'{name} {value:.4g}' for name, value in
+                         zip(mechanism.joints, run.q[-1], strict=True))
+        return (f'SimulatedRun of {self.arm.name}: {run.t[-1]:g} s, {run.t.size} samples, '
+                f'largest elastic rotation {run.rotation.max():.3g} rad\n'
+                f'  at the end [rad or m]: {ends}\n  signals: {", ".join(self.signals)}')
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names that ``values`` and ``plot`` know, such as ``strain:GAUGE``."""
+        return tuple(signal_names(self.mechanism, self.arm.gauge_names))
+
+    def values(self, signal: str) -> FloatArray:
+        """
+        Take a signal out of the run.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+
+        Returns
+        -------
+        ndarray of shape (n_samples, n_curves)
+            Values; angles are in degrees, as they are drawn.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        return self.curves(signal).values
+
+    def curves(self, signal: str) -> Curves:
+        """
+        Take a signal out of the run, with the labels of its curves and its unit.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+
+        Returns
+        -------
+        Curves
+            ``values`` of shape (n_samples, n_curves) as ``values`` gives them, ``labels``,
+            ``title`` and ``unit``.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        return pick_signal(self.run, self.mechanism, self.arm.gauge_names, signal)
+
+    def spectrum(self, signal: str) -> tuple[FloatArray, FloatArray]:
+        """
+        Give the amplitudes of a signal over frequency, through a Hann window.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+
+        Returns
+        -------
+        frequency : ndarray of shape (n_frequencies,)
+            Frequencies [Hz].
+        amplitude : ndarray of shape (n_frequencies, n_curves)
+            In the unit of the signal.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        return spectrum(self.values(signal), float(self.run.t[1] - self.run.t[0]))
+
+    def plot(
+        self, signal: str, path: str | Path | None = None, *, title: str | None = None,
+    ) -> Figure:
+        """
+        Draw a signal over time and over frequency.
+
+        Parameters
+        ----------
+        signal : str
+            One of ``signals``.
+        path : str or Path, optional
+            PNG file to write; only drawn by default.
+        title : str, optional
+            Title of the figure; the name of the signal by default.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure, which a notebook shows.
+
+        Raises
+        ------
+        SimulationError
+            If there is no such signal.
+
+        """
+        figure = draw_signal(self.run, self.curves(signal), title=title or signal)
+        if path is not None:
+            save_figure(figure, Path(path))
+        return figure
+
+    def animate(self, path: str | Path) -> None:
+        """
+        Draw the run as a moving picture in real time.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write, ``.gif``, or ``.mp4`` where ffmpeg is installed.
+
+        Raises
+        ------
+        SimulationError
+            If it is of another kind, or ffmpeg is missing.
+
+        """
+        from tudor_dynamics.mechanics.plots import animate  # slow to import
+
+        animate(Path(path), self.run, self.mechanism)
+
+    def save(self, folder: str | Path, *, bag: bool = True) -> None:
+        """
+        Write ``run.npz``, and ``bag/`` as the real arm would record it.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Directory, made where it is missing.
+        bag : bool, default=True
+            Whether a bag is written too.
+
+        Raises
+        ------
+        BagError
+            If the bag exists already.
+
+        """
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        save_run(Path(folder), self.run, self.arm, self.mechanism, bag=bag)
+
+
+def simulate(
+    arm: Arm,
+    torque: Drive | Mapping[str, Drive] = 0.0,
+    *,
+    seconds: float = 5.0,
+    dt: float = 2.5e-4,
+    rate: float = 1000.0,
+    start: Mapping[str, float] | None = None,
+    hold: Sequence[str] = (),
+    force: Mapping[str, Drive] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> SimulatedRun:
+    """
+    Drive the mechanism of an arm by torques, as ``tudor simulate`` does.
+
+    Of ``motors``, rotors, gears and viscous friction count; play, Coulomb friction and the limit
+    of the current do not.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with ``links``.
+    torque : float, str, callable or array, or mapping of str to these
+        Of the first active joint, or of joints by name: a constant, an expression in t such as
+        ``'0.6*sin(2*pi*t)'``, a function of the time [s], or values at all steps [N m or N].
+    seconds : float, default=5
+        Length of the run [s].
+    dt : float, default=0.00025
+        Step of the integrator [s].
+    rate : float, default=1000
+        Records per second [Hz].
+    start : mapping of str to float, optional
+        Where joints start; the others start as described [rad or m].
+    hold : sequence of str
+        Joints that are held where they start.
+    force : mapping of str to float, str, callable or array, optional
+        Force at the tip, of ``x``, ``y`` and ``z`` of the base frame those that act, each as a
+        torque is given [N].
+    progress : callable, optional
+        Told the number of steps done since its last call, now and then.
+
+    Returns
+    -------
+    SimulatedRun
+        Signals, with ``plot`` and ``save``.
+
+    Raises
+    ------
+    SimulationError
+        If the arm cannot be simulated, a torque cannot be used, or the run diverges.
+    UsageError
+        If a time is not positive, or a joint unknown.
+
+    """
+    check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
+    steps = Steps.of(seconds, dt, rate)
+    arm = with_motors(arm)
+    mechanism = build_mechanism(arm)
+    plant = Plant(mechanism, dt)
+    for name in hold:
+        plant.drive(name, 'hold')
+    t = dt * np.arange(steps.total + 1, dtype=np.float64)
+    by_name = torque if isinstance(torque, Mapping) else {arm.active_joints[0]: torque}
+    torques = sampled_columns('torque', by_name, t, mechanism.joints, arm.active_joints)
+    forces = (None if force is None else
+              sampled_columns('force', force, t, DIRECTIONS, DIRECTIONS))
+    if start is not None or forces is not None:
+        plant.reset(_places(plant, start or {}),
+                    external_force=None if forces is None else forces[0])
+    plant.start_torque(torques[0])
+    run = run_plant(plant, Probe(plant, arm=arm), torques, every=steps.every, force=forces,
+                    progress=progress)
+    return SimulatedRun(arm, mechanism, run, plant)
+
+
+def _places(plant: Plant, start: Mapping[str, float]) -> FloatArray:
+    joints, places = plant.mechanism.joints, plant.state.q.copy()
+    for name, place in start.items():
+        if name not in joints:
+            msg = f'start of {name!r}: the joints are {list(joints)}'
+            raise UsageError(msg)
+        if not np.isfinite(place):
+            msg = f'start of {name!r}: found {place}, expected a position [rad or m]'
+            raise SimulationError(msg)
+        places[joints.index(name)] = place
+    return places

@@ -1,0 +1,277 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a model says of every body, and comparisons of two models or descriptions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.kinematics import joint_axis
+from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_io import load_bundle
+from tudor_dynamics.models.bundle_parts import Group
+from tudor_dynamics.models.consistent import (
+    full_of, Prior, prior_of, Solution, solve_consistent, solve_drives)
+from tudor_dynamics.models.estimation import Constants, summed
+from tudor_dynamics.models.regressor import BaseSet, EffortRegressor
+from tudor_dynamics.signals.preprocessing import Stretch
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What a fitted model says of every body and drive, for other programs
+
+FROM_DATA, FROM_BOTH = 0.3, 0.8
+"""Standard error over that before any data, up to which a parameter comes from the data, or from
+both."""
+
+
+@dataclass(frozen=True, eq=False)
+class FullParameters:
+    """Parameters of every body and drive of an arm."""
+
+    arm: Arm
+    solution: Solution  # parameters, in the order of `model`'s columns, with their errors
+    columns: tuple[str, ...]  # names of all parameters, bodies first
+    model: AnalyticalModel  # the model of efforts that they make
+
+    @property
+    def bodies(self) -> dict[str, FloatArray]:
+        """Mass, first moments, inertia about the joint, by the joint that moves a body."""
+        names = list(self.arm.model.names)[1:]
+        return dict(zip(names, self.solution.bodies, strict=True))
+
+    @property
+    def drives(self) -> dict[str, dict[str, float]]:
+        """
+        Give rotor inertia and friction of each joint in N m or N, by the names of their terms.
+
+        Where a current's constant is not known, that which was found along with the bodies counts.
+        """
+        constants = dict(zip(self.model.channels, self.solution.constants.tolist(), strict=True))
+        found: dict[str, dict[str, float]] = {name: {} for name in self.arm.active_joints}
+        first = self.solution.bodies.size
+        for column, value in zip(self.columns[first:], self.solution.drives.tolist(),
+                                 strict=True):
+            term, _, joint = column[:-1].partition('(')
+            own = 1.0 if term in ('Ia', 'load') else constants[joint]
+            found[joint][term] = value * own
+        return found
+
+    @property
+    def torque_constants(self) -> dict[str, float]:
+        """Torque for each unit of what is measured, by joint; 1 where that is torque [N m/A]."""
+        return {joint.name: (joint.effort.torque_constant or 1.0) * float(constant)
+                for joint, constant in zip(self.arm.joints, self.solution.constants, strict=True)}
+
+    @property
+    def assumed(self) -> bool:
+        """Whether torque is known up to a factor only, for which masses as described stand."""
+        return bool(np.all(self.solution.constant_errors > 0.0))
+
+    def sources(self) -> list[str]:
+        """Say of each parameter whether it comes from ``data``, ``description`` or ``both``."""
+        errors = np.concatenate([self.solution.body_errors.ravel(), self.solution.drive_errors])
+        widths = np.concatenate([self.solution.body_widths.ravel(), np.full(
+            len(self.solution.drives), np.inf)])
+        ratio = errors / widths
+        return ['data' if r <= FROM_DATA else 'both' if r <= FROM_BOTH else 'description'
+                for r in ratio.tolist()]
+
+
+def full_parameters(bundle: ModelBundle, prior: Prior | None = None) -> FullParameters:
+    """
+    Find full parameters that can exist behind the effort model of a bundle.
+
+    prior: from the description by default.
+    """
+    return full_parameters_of(bundle.arm, effort_model(bundle), prior)
+
+
+def effort_model(bundle: ModelBundle) -> AnalyticalModel:
+    """Find the model of efforts behind which there are full parameters."""
+    model = bundle.models.get('effort', {}).get('analytical')
+    if not isinstance(model, AnalyticalModel) or model.payload_range is not None:
+        raise ModelError(
+            'there is no analytical model of efforts for one payload in the bundle',
+            remedy='fit one, from bags with efforts (tudor fit BAG --arm ARM.yaml --out MODEL)')
+    if not model.data_:
+        raise ModelError('the bundle has not kept what its bags came to',
+                         remedy='fit the model again with this version')
+    return model
+
+
+def full_parameters_of(
+    arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
+) -> FullParameters:
+    """
+    Find full parameters that can exist behind a model of efforts.
+
+    prior: from the description by default.
+    """
+    return _full(arm, model, solve_consistent(arm, model, summed(model.data_.values()), prior))
+
+
+def described_parameters_of(
+    arm: Arm, model: AnalyticalModel, prior: Prior | None = None,
+) -> FullParameters:
+    """
+    Take bodies as they are described, with the drives that suit them best.
+
+    prior: those of the description by default.
+    """
+    return _full(arm, model, solve_drives(
+        arm, model, summed(model.data_.values()), prior or prior_of(arm)))
+
+
+def _full(arm: Arm, model: AnalyticalModel, solution: Solution) -> FullParameters:
+    columns = model.regressor.columns
+    return FullParameters(arm, solution, columns,
+                          _model(model, solution, scaled_columns(arm, columns)))
+
+
+def scaled_columns(arm: Arm, columns: Sequence[str]) -> NDArray[np.bool_]:
+    """
+    Say which parameters unknown torque constants divide, where there are such.
+
+    Returns (columns,).
+    """
+    together = EffortRegressor(arm, shared=True)
+    return together.scaled if together.unknown else np.zeros(len(columns), dtype=np.bool_)
+
+
+def _model(
+    model: AnalyticalModel, solution: Solution, scaled: NDArray[np.bool_],
+) -> AnalyticalModel:
+    """Give the model of efforts with full parameters in place of base parameters."""
+    full = full_of(solution, scaled)
+    groups = []
+    for group in model.groups_:
+        channels = list(group.base.channels)
+        constants = None
+        values = full[channels[0]]
+        if group.constants is not None:
+            constants = Constants(solution.constants[channels],
+                                  solution.constant_errors[channels])
+            values = np.concatenate([solution.bodies.ravel(), solution.drives])
+        kept = np.flatnonzero(np.any(full[channels] != 0.0, axis=0))
+        estimate = replace(group.estimate, parameters=values[kept], unexcited=(),
+                           standard_errors=np.full(len(kept), np.nan))
+        groups.append(Group(BaseSet(group.base.channels, kept, tuple(
+            model.regressor.columns[i] for i in kept)), estimate, constants))
+    made = AnalyticalModel(model.regressor, model.n_joints, estimator=model.estimator,
+                           base=tuple(group.base for group in groups))
+    made.groups_ = tuple(groups)
+    return made
+
+
+# -- What two models or descriptions say of one arm: body by body, and of a recording
+
+@dataclass(frozen=True, eq=False)
+class Side:
+    """One of two that are compared."""
+
+    name: str  # as it was asked for
+    arm: Arm  # arm that it describes
+    # Mass, first moments, inertia about the joint, by joint, (10,) [kg, kg m, kg m^2].
+    bodies: dict[str, FloatArray]
+    full: FullParameters | None = None  # what was identified; None for a description
+    bundle: ModelBundle | None = None  # the model; None for a description
+
+
+@dataclass(frozen=True)
+class BodyRow:
+    """A body as both sides have it."""
+
+    joint: str  # joint that moves it
+    mass: tuple[float, float]  # of each side [kg]
+    apart: float  # distance of the centres of mass [m]
+    # Moment of inertia about the joint's axis, bodies beyond it left out [kg m^2].
+    inertia: tuple[float, float]
+
+
+def side_of(path: str | Path) -> Side:
+    """Read a model bundle, or an arm description with its URDF's own numbers."""
+    path = Path(path)
+    if path.is_dir():
+        bundle = load_bundle(path, with_data=True)
+        full = full_parameters(bundle)
+        return Side(str(path), bundle.arm, full.bodies, full, bundle)
+    arm = load_arm(path)
+    bodies = described_bodies(arm)
+    if not any(body[0] > 0.0 for body in bodies.values()):
+        raise UsageError('describes no masses: there is nothing to compare', place=path,
+                         remedy='give a description with a URDF that has masses, or a model')
+    return Side(str(path), arm, bodies)
+
+
+def compare_bodies(one: Side, other: Side) -> list[BodyRow]:
+    """Put bodies side by side."""
+    if one.arm.active_joints != other.arm.active_joints:
+        raise UsageError(
+            f'{one.name} has the joints {", ".join(one.arm.active_joints)}, {other.name} '
+            f'{", ".join(other.arm.active_joints)}', remedy='compare models of one arm')
+    return [body_row(joint, (one.arm, other.arm), (one.bodies[joint], other.bodies[joint]))
+            for joint in one.bodies]
+
+
+def described_bodies(arm: Arm) -> dict[str, FloatArray]:
+    """Give the bodies as they are described, by the joint that moves each, as `Side` has them."""
+    model = arm.model
+    return {str(model.names[i]): np.asarray(model.inertias[i].toDynamicParameters())
+            for i in range(1, model.njoints)}
+
+
+def body_row(
+    joint: str, arms: tuple[Arm, Arm], bodies: tuple[FloatArray, FloatArray],
+) -> BodyRow:
+    """Put a body beside another: bodies (10,)."""
+    (one, other), (a, b) = bodies, (pin.Inertia.FromDynamicParameters(body) for body in bodies)
+    turns = []
+    for arm, body in zip(arms, (one, other), strict=True):
+        axis = np.asarray(joint_axis(arm.model, joint))
+        about = body[[4, 5, 7, 5, 6, 8, 7, 8, 9]].reshape(3, 3)
+        turns.append(float(axis @ about @ axis))
+    return BodyRow(joint, (float(a.mass), float(b.mass)),
+                   float(np.linalg.norm(b.lever - a.lever)), (turns[0], turns[1]))
+
+
+def errors_on(side: Side, measure: Side, stretches: Sequence[Stretch]) -> FloatArray:
+    """Judge the bodies of a side on recorded motion; returns (joints,)."""
+    full = side.full
+    if full is None:
+        assert measure.full is not None and measure.bundle is not None
+        full = described_parameters_of(measure.arm, effort_model(measure.bundle),
+                                       prior_of(side.arm))
+    return relative_errors(full.model, stretches)
+
+
+def relative_errors(model: AnalyticalModel, stretches: Sequence[Stretch]) -> FloatArray:
+    """Judge a model of efforts on recorded motion; returns (joints,)."""
+    parameters = model.coefficients()
+    judged = [stretch for stretch in stretches if stretch.effort is not None]
+    y = np.vstack([stretch.decimation(np.asarray(stretch.effort)) for stretch in judged])
+    p = np.vstack([stretch.decimation(model.regressor.outputs(model.inputs(stretch), parameters))
+                   for stretch in judged])
+    size = np.linalg.norm(y, axis=0)
+    return np.asarray(np.linalg.norm(p - y, axis=0) / np.where(size > 0.0, size, np.nan))

@@ -1,0 +1,430 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Least squares from accumulated products; estimators and unknown torque constants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from tudor_dynamics.errors import FitError
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Accumulated products of regressor rows: memory independent of the length of the recordings.
+#
+# Per channel the Gram matrix of ``[rows, output]`` is summed up in chunks. Weighting channels,
+# leaving out a bag, covariance and condition number then cost microseconds. Where the scaled Gram
+# matrix is too ill-conditioned for that (it squares the condition number), triangular factors are
+# accumulated as well (tall-skinny QR).
+
+def triangle(matrix: FloatArray) -> FloatArray:
+    """
+    Reduce rows to a triangular factor with the same Gram matrix.
+
+    matrix (rows, columns); returns (min(rows, columns), columns).
+    """
+    return np.asarray(linalg.qr(matrix, mode='r', check_finite=False)[0][:matrix.shape[1]])
+
+
+@dataclass(eq=False)
+class Products:
+    """Accumulated products of one channel."""
+
+    gram: FloatArray  # gram matrix of `[rows, output]`, (parameters + 1, parameters + 1)
+    n: int = 0  # number of rows
+    # Upper triangular factor of `[rows, output]` where it is accumulated too.
+    triangle: FloatArray | None = None
+
+    @classmethod
+    def empty(cls, n_parameters: int, *, triangular: bool = False) -> Products:
+        """Start with nothing for ``n_parameters`` columns."""
+        size = n_parameters + 1
+        return cls(np.zeros((size, size)), 0, np.zeros((0, size)) if triangular else None)
+
+    def add(self, rows: FloatArray, output: FloatArray, weight: FloatArray | None = None) -> None:
+        """Add rows: rows (rows, parameters), output, weight (rows,)."""
+        both = np.column_stack([rows, output])
+        if weight is not None:
+            both *= np.sqrt(weight)[:, None]
+        self.gram += both.T @ both
+        self.n += len(output)
+        if self.triangle is not None:
+            self.triangle = triangle(np.vstack([self.triangle, both]))
+
+    def spread(self, places: NDArray[np.intp], n_parameters: int) -> Products:
+        """
+        Give the products on more parameters, which these rows do not depend on.
+
+        places (own,).
+        """
+        index = np.append(places, n_parameters)
+        wide = Products.empty(n_parameters)
+        wide.gram[np.ix_(index, index)] = self.gram
+        wide.n = self.n
+        if self.triangle is not None:
+            wide.triangle = np.zeros((len(self.triangle), n_parameters + 1))
+            wide.triangle[:, index] = self.triangle
+        return wide
+
+    def factor(self) -> FloatArray:
+        """Give a factor F with the Gram matrix F' F, shape (n_rows, n_parameters + 1)."""
+        if self.triangle is not None:
+            return self.triangle
+        size = np.sqrt(np.diag(self.gram))
+        size = np.where(size > 0.0, size, 1.0)
+        values, vectors = linalg.eigh(self.gram / np.outer(size, size))
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * size)
+
+    def __add__(self, other: Products) -> Products:
+        """Join the rows of two sets of data."""
+        factor = None
+        if self.triangle is not None and other.triangle is not None:
+            factor = triangle(np.vstack([self.triangle, other.triangle]))
+        return Products(self.gram + other.gram, self.n + other.n, factor)
+
+
+def summed(parts: Iterable[Sequence[Sequence[Products]]]) -> list[list[Products]]:
+    """Join the data of several parts."""
+    first, *others = parts
+    total = [list(group) for group in first]
+    for part in others:
+        total = [[one + other for one, other in zip(*groups, strict=True)]
+                 for groups in zip(total, part, strict=True)]
+    return total
+
+
+def triangular(parts: Iterable[Sequence[Sequence[Products]]]) -> bool:
+    """Say whether parts were accumulated as triangular factors."""
+    return any(product.triangle is not None for part in parts for group in part
+               for product in group)
+
+
+def squared_residuals(product: Products, parameters: FloatArray) -> float:
+    """
+    Give the residual sum of squares of a channel from its products.
+
+    parameters (parameters,).
+    """
+    vector = np.append(-parameters, 1.0)
+    if product.triangle is not None:
+        return float(np.sum((product.triangle @ vector) ** 2))
+    return max(0.0, float(vector @ product.gram @ vector))
+
+
+# -- Least squares from accumulated products: plain, weighted by channel, Huber's weights
+
+ESTIMATORS = ('ols', 'wls', 'huber')
+HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)
+LARGEST_GRAM_CONDITION = 1e6
+"""Condition number of the scaled columns above which triangular factors take over."""
+UNEXCITED_CONDITION = 1e10
+NEGLIGIBLE = 1e-3
+"""The prior is left out where it would move a direction by less than this part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Parameters of one group of channels."""
+
+    parameters: FloatArray  # least-squares solution, in the units of its columns, (parameters,)
+    # (parameters,): standard deviations of the parameters, from the residual variance; infinite
+    # for those that the motion does not show.
+    standard_errors: FloatArray
+    condition: float  # condition number of the weighted rows, columns scaled to unit length
+    # Parameters that the motion does not show: columns that stay zero or depend on others.
+    unexcited: tuple[int, ...]
+    variances: FloatArray = field(repr=False)  # residual variance of each channel, (channels,)
+
+
+def _factor(products: list[Products], weights: FloatArray) -> FloatArray:
+    """Square-root information matrix of the weighted, stacked channels, ``[R, Q'y]``."""
+    factors = [p.triangle for p in products]
+    if all(factor is not None for factor in factors):
+        stacked = np.vstack([np.sqrt(w) * t for w, t in zip(weights, factors, strict=True)
+                             if t is not None])
+        return triangle(stacked)
+    gram = sum(w * p.gram for w, p in zip(weights, products, strict=True))
+    return np.asarray(gram)
+
+
+def _solve(products: list[Products], weights: FloatArray, prior: float = 0.0) -> tuple[
+        FloatArray, FloatArray, float, tuple[int, ...]]:
+    """Solve once for given channel weights: parameters, inverse information, condition, unseen."""
+    factor = _factor(products, weights)
+    triangular = all(product.triangle is not None for product in products)
+    p = factor.shape[1] - 1
+    left, right = factor[:, :p], factor[:, p]
+    scale = np.linalg.norm(left, axis=0) if triangular else np.sqrt(np.diag(left)[:p])
+    # A column without signal has no scale of its own.
+    seen = scale > 1e-12 * float(np.max(scale, initial=0.0))
+    safe = np.where(seen, scale, 1.0)
+    if triangular:
+        u, s, vt = np.linalg.svd(left / safe, full_matrices=False)
+        values, vectors = s, vt.T
+        projected = u.T @ right
+    else:
+        scaled = left[:p] / np.outer(safe, safe)
+        squares, vectors = linalg.eigh(scaled)
+        values = np.sqrt(np.maximum(squares, 0.0))
+        projected = np.divide(vectors.T @ (right[:p] / safe), values, where=values > 0,
+                              out=np.zeros(p))
+    largest = float(np.max(values, initial=0.0))
+    floor = largest / (UNEXCITED_CONDITION if triangular else LARGEST_GRAM_CONDITION * 10.0)
+    good = values > max(floor, 1e-300)
+    information = np.where(good, values, 1.0) ** 2
+    information = information + np.where(prior > NEGLIGIBLE * information, prior, 0.0)
+    parameters = vectors @ (np.where(good, values / information, 0.0) * projected) / safe
+    covariance = (vectors * np.where(good, 1.0 / information, 0.0)) @ vectors.T
+    covariance = covariance / np.outer(safe, safe)
+    # columns without any signal are reported, but say nothing about the others' conditioning
+    rest = np.sort(values)[int(np.sum(~seen)):]
+    condition = float(largest / rest[0]) if len(rest) and rest[0] > 0 else np.inf
+    hidden = np.zeros(p)
+    for k in np.flatnonzero(~good):
+        hidden = np.maximum(hidden, np.abs(vectors[:, k]))
+    unexcited = tuple(int(i) for i in np.flatnonzero((hidden > 0.1) | ~seen))
+    return parameters, covariance, condition, unexcited
+
+
+def _prior(products: list[Products], weights: FloatArray, noise: float) -> float:
+    """
+    Give the information of a weak prior on each column's contribution to the outputs.
+
+    No parameter is expected to contribute more than the outputs' own size. Where the motion says
+    anything, this says nothing beside it; directions that short or poor recordings show only by
+    their noise are drawn to zero, instead of to values that cancel in training and nowhere else.
+    """
+    power = sum(w * p.gram[-1, -1] for w, p in zip(weights, products, strict=True))
+    return noise / power if power > 0.0 else 0.0
+
+
+def _variance_floors(products: list[Products]) -> FloatArray:
+    """
+    Bound each channel's residual variance from below by what its products can resolve.
+
+    A channel that is fitted to rounding (or that is constant zero) would otherwise be given an
+    endless weight, against which the other channels vanish.
+    """
+    squares = np.array([product.gram[-1, -1] / max(product.n, 1) for product in products])
+    largest = float(np.max(squares, initial=0.0))
+    return np.maximum(1e-14 * np.maximum(squares, 1e-6 * largest), 1e-300)
+
+
+def solve(products: list[Products], *, weighted: bool = True) -> Estimate:
+    """Estimate the parameters that a group of channels shares."""
+    p = products[0].gram.shape[0] - 1
+    rows = sum(product.n for product in products)
+    floors = _variance_floors(products)
+    if rows <= p:
+        msg = f'{rows} samples for {p} parameters; record longer or decimate less'
+        raise FitError(msg)
+    weights = np.ones(len(products))
+    variances = weights
+    passes = 3 if weighted and len(products) > 1 else 1
+    for _ in range(passes):
+        parameters, inverse, condition, unexcited = _solve(products, weights)
+        # each channel pays for its share of the parameters
+        freedom = 1.0 - p / rows
+        noise = np.array([
+            squared_residuals(product, parameters) / (max(product.n, 1) * freedom)
+            for product in products])
+        variances = np.maximum(noise, floors)
+        if weighted:
+            weights = 1.0 / variances
+    if weighted:
+        weights = 1.0 / variances
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise / variances))))
+        covariance = inverse
+    else:
+        parameters, inverse, condition, unexcited = _solve(
+            products, weights, _prior(products, weights, float(np.mean(noise))))
+        # equal weights, but each channel brings in noise of its own size
+        spread = sum(v * product.gram[:p, :p] for v, product in zip(
+            variances, products, strict=True))
+        covariance = inverse @ spread @ inverse
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    errors[list(unexcited)] = np.inf  # their share of the pseudo-inverse says nothing about them
+    return Estimate(parameters, errors, condition, unexcited, variances)
+
+
+def expected(products: list[Products], variances: FloatArray) -> Estimate:
+    """
+    Say how well data will show parameters, whatever their outputs will be.
+
+    variances (channels,).
+    """
+    _, covariance, condition, unexcited = _solve(products, 1.0 / variances)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    errors[list(unexcited)] = np.inf
+    return Estimate(np.full(len(errors), np.nan), errors, condition, unexcited, variances)
+
+
+def huber_weights(residuals: FloatArray) -> FloatArray:
+    """
+    Weigh residuals for iteratively re-weighted least squares.
+
+    residuals (samples,); returns (samples,).
+    """
+    sigma = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
+    if sigma == 0.0:
+        return np.ones_like(residuals)
+    return np.minimum(1.0, HUBER_CONSTANT * sigma / np.maximum(np.abs(residuals), 1e-300))
+
+
+# -- Unknown torque constants, found together with one set of inertial parameters.
+#
+# A joint with the torque constant k draws the current ``Y chi / k + friction``. For given
+# constants that is linear least squares in ``chi`` and friction; what is left over is a function
+# of the constants alone, which is minimised over their logarithms: variable projection (Golub and
+# Pereyra, SIAM J. Numer. Anal. 10(2), 1973). All of it is done on Gram matrices, without another
+# pass over the recordings. A common factor of all constants is nobody's: where no channel has a
+# known unit, one joint is the measure of the others.
+
+PRIOR_WIDTH = 0.5
+"""Standard deviation of the logarithm of a constant about the mean of all, before any data: joints
+of one arm have drives of one kind. It decides for wrists whose bodies hardly show."""
+CORRELATED = 50.0
+"""Samples that count as one: residuals of a motion are no white noise (2.5 s at 20 Hz)."""
+PASSES = 3
+RIDGE = 1e-9
+"""Part of a column's own information that is added to it: parameters may be hard to tell apart."""
+STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Constants:
+    """Torque constants of the channels of a group."""
+
+    # (channels,): torque per unit of each channel: in N m or N where a channel of known unit is
+    # among them, else in that of the channel that the data determine best, which has 1.
+    values: FloatArray
+    # (channels,): standard deviations of their logarithms; 0 for those that are known or the
+    # measure.
+    relative_errors: FloatArray
+
+
+def rescaled(products: Products, scaled: NDArray[np.bool_], constant: float) -> Products:
+    """
+    Give the products of a channel whose torque constant is another.
+
+    scaled (parameters,) [unit of the channel].
+    """
+    factor = np.append(np.where(scaled, 1.0 / constant, 1.0), 1.0)
+    triangle = None if products.triangle is None else products.triangle * factor
+    return Products(products.gram * np.outer(factor, factor), products.n, triangle)
+
+
+def find_constants(
+    products: Sequence[Products], scaled: NDArray[np.bool_], unknown: Sequence[int],
+) -> Constants:
+    """
+    Find the torque constants of some of the channels that share their parameters.
+
+    scaled (parameters,).
+    """
+    problem = _Problem(products, scaled, list(unknown))
+    logs = np.zeros(len(unknown))
+    for _ in range(PASSES):
+        logs = problem.minimise(logs)
+        problem.weigh(logs)
+    return problem.constants(logs)
+
+
+class _Problem:
+    """What is left over by the best parameters, as a function of the constants' logarithms."""
+
+    def __init__(
+        self, products: Sequence[Products], scaled: NDArray[np.bool_], unknown: list[int],
+    ) -> None:
+        self.grams = [product.gram for product in products]
+        self.counts = np.array([max(product.n, 1) for product in products], dtype=float)
+        self.columns = np.append(scaled, False)
+        self.unknown = unknown
+        power = np.array([gram[-1, -1] for gram in self.grams])
+        self.floor = 1e-12 * power / self.counts + 1e-300
+        self.weights = self.counts / np.maximum(power, 1e-300)
+
+    def parameters(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+        """Give the scaled Gram matrices, and the parameters that are best for them."""
+        scales = np.zeros(len(self.grams))
+        scales[self.unknown] = -logs
+        grams = []
+        for gram, log in zip(self.grams, scales, strict=True):
+            factor = np.where(self.columns, np.exp(log), 1.0)
+            grams.append(gram * np.outer(factor, factor))
+        total = sum(w * gram for w, gram in zip(self.weights, grams, strict=True))
+        total = np.asarray(total)
+        size = np.sqrt(np.diag(total)[:-1])
+        size = np.where(size > 1e-12 * size.max(initial=0.0), size, np.inf)
+        information = total[:-1, :-1] / np.outer(size, size) + RIDGE * np.eye(len(size))
+        return grams, linalg.solve(information, total[:-1, -1] / size, assume_a='pos') / size
+
+    def residual(self, logs: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """Give Gram matrices, ``[-parameters, 1]``, and the sum of squares of each channel."""
+        grams, best = self.parameters(logs)
+        vector = np.append(-best, 1.0)
+        return grams, vector, np.array([max(0.0, float(vector @ g @ vector)) for g in grams])
+
+    def cost(self, logs: FloatArray) -> tuple[float, FloatArray]:
+        """Give the sum of squares with the prior, and its slope (that of the parameters is 0)."""
+        grams, vector, squares = self.residual(logs)
+        explained = np.where(self.columns, vector, 0.0)
+        # the column of a channel scales with exp(-log): the slope of r'r is 2 r' (bodies chi)
+        slope = np.array([-2.0 * self.weights[i] * float(vector @ grams[i] @ explained)
+                          for i in self.unknown]) / CORRELATED
+        centred = logs - float(np.mean(logs))
+        value = float(self.weights @ squares) / CORRELATED
+        return (value + float(centred @ centred) / PRIOR_WIDTH ** 2,
+                slope + 2.0 * centred / PRIOR_WIDTH ** 2)
+
+    @property
+    def absolute(self) -> bool:
+        """Say whether a channel with a known unit is the measure of all."""
+        return len(self.unknown) < len(self.grams)
+
+    def minimise(self, logs: FloatArray) -> FloatArray:
+        """Go to the least cost."""
+        from scipy import optimize  # slow to import, and few arms need it
+
+        found = optimize.minimize(self.cost, logs, jac=True, method='BFGS',
+                                  options={'gtol': 1e-4})
+        return np.asarray(found.x)
+
+    def weigh(self, logs: FloatArray) -> None:
+        """Weight each channel by the inverse of its residual variance."""
+        self.weights = 1.0 / np.maximum(self.residual(logs)[2] / self.counts, self.floor)
+
+    def constants(self, logs: FloatArray) -> Constants:
+        """Give constants with their errors, relative to the best known."""
+        n = len(logs)
+        # half of the second derivatives of the sum of squares
+        hessian = np.array([self.cost(logs + shift)[1] - self.cost(logs - shift)[1]
+                            for shift in STEP * np.eye(n)]) / (4.0 * STEP)
+        free = np.arange(n)
+        if not self.absolute:
+            measure = int(np.argmax(np.diag(hessian)))
+            logs, free = logs - logs[measure], np.delete(free, measure)
+        errors, values = np.zeros(len(self.grams)), np.ones(len(self.grams))
+        values[self.unknown] = np.exp(logs)
+        inner = hessian[np.ix_(free, free)]
+        variances = np.diag(linalg.pinvh((inner + inner.T) / 2.0))
+        errors[np.array(self.unknown)[free]] = np.sqrt(np.maximum(variances, 0.0))
+        return Constants(values, errors)

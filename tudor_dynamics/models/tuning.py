@@ -1,0 +1,624 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Gains by an elastic model: small motion, the linear loop, a schedule, refined moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import planned_limits
+from tudor_dynamics.control.cascade import INTEGRAL_SHARE
+from tudor_dynamics.control.damper import STRAIN_SCALE
+from tudor_dynamics.control.gains import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.errors import ModelError, UsageError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows, place_gauges
+from tudor_dynamics.models.elastic.kernel import Z
+from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, FittedElastic
+from tudor_dynamics.signals.motion_profile import MotionLimits
+from tudor_dynamics.signals.shaping import Profile, refine
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Small motion of an elastic arm about rest, its drives moving it: what a controller has before
+#    it.
+#
+# With z the coordinates of gears and links, theta the drives and z0(theta) where the arm rests,
+# ``M z'' + D (z' - J theta') + K (z - J theta) = 0``, J = dz0/dtheta: weight is in K and J. About
+# the rest that goes along with the drives the links are driven by ``-M J theta''`` alone.
+
+NUDGE = 1e-4
+"""Of a drive, for differences [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmallMotion:
+    """An arm about rest at one pose; strains are those of the damped joints' gauges, in m/m."""
+
+    # Of gears and links, with weight, (m, m).
+    mass: FloatArray
+    damping: FloatArray
+    stiffness: FloatArray
+    rest: FloatArray  # where they rest by the positions of the drives, (m, joints)
+    strain: FloatArray  # strain by coordinate, (damped, m) [1/coordinate]
+    load: FloatArray  # strain at rest, (damped,)
+    slope: FloatArray  # the same by the positions of the drives, (damped, joints) [1/rad]
+    # Torque of the links on each drive by coordinates and positions of the drives,
+    # (joints, m + joints) [N m/rad].
+    reaction: FloatArray
+
+    @property
+    def inertia(self) -> FloatArray:
+        """Strain by slow accelerations of the drives, shape (n_damped, n_joints) [s^2/rad]."""
+        return np.asarray(-self.strain @ np.linalg.solve(self.stiffness, self.mass @ self.rest))
+
+    def modes(self, count: int, signs: FloatArray | None = None) -> Vibrations:
+        """Solve for the slowest modes, drives held: signs (modes, m)."""
+        symmetric = 0.5 * (self.stiffness + self.stiffness.T)
+        values, vectors = eigh(symmetric, 0.5 * (self.mass + self.mass.T))
+        shape = vectors[:, :count].T
+        if signs is None:
+            signs = shape * np.sign((shape @ self.strain.T).sum(axis=1))[:, None]
+        turn = np.where(np.einsum('im,mk,ik->i', shape, self.mass, signs) < 0.0, -1.0, 1.0)
+        shape = shape * turn[:, None]
+        omega = np.sqrt(np.maximum(values[:count], 1e-6))
+        modal = np.einsum('im,mk,ik->i', shape, self.damping, shape)
+        return Vibrations(
+            omega / (2.0 * math.pi), modal / (2.0 * omega), shape,
+            -shape @ self.mass @ self.rest, shape @ self.strain.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Vibrations:
+    """Modes of small motion, drives held."""
+
+    # (modes,): undamped frequencies [Hz] and damping ratios.
+    frequency: FloatArray
+    damping: FloatArray
+    shape: FloatArray  # coordinates of each mode, mass-normalised, (modes, m)
+    # (modes, joints): right side of each mode's equation by accelerations of the drives.
+    drive: FloatArray
+    strain: FloatArray  # strain of each, (modes, damped) [m/m]
+
+
+class TunedArm:
+    """
+    An elastic arm whose small motion is asked for by payload and pose.
+
+    Small motion is that without the play of gears: in it an arm has no frequency of its own, and
+    where gears bear, none is felt. The load at rest has it, which turns the links.
+
+    Parameters
+    ----------
+    arm : Arm
+        Description with a damper.
+    model : FittedElastic, optional
+        Elastic model of the strain; without one, links, gears and gauges are those described.
+
+    Raises
+    ------
+    ModelError
+        If the arm has no damper, no flexible links, or gauges of unknown gain.
+
+    """
+
+    def __init__(self, arm: Arm, model: FittedElastic | None = None) -> None:
+        if arm.spec.damper is None:
+            raise ModelError('there is no damper', place=arm.source,
+                             remedy='add damper: with gauges and gains of the joints')
+        self.arm = arm
+        self.dampers = [item for item in arm.spec.damper.joints
+                        if item.joint in arm.active_joints]
+        units = {gauge.name: gauge.unit for gauge in arm.gauges}
+        self._scale = np.array([STRAIN_SCALE.get(units[item.gauge], 0.0)
+                                for item in self.dampers])
+        if not self._scale.all():
+            raise ModelError('a gauge of the damper measures no strain', place=arm.source,
+                             remedy=f'give it one of the units {list(STRAIN_SCALE)}')
+        values = model.values if model is not None else {}
+        self._driven, self._loose = driven_arm(arm, values), driven_arm(arm, values)
+        plays = {name: 0.0 for name in self._driven.parameters if name.startswith('play(')}
+        self._driven.set_parameters(plays)
+        index = [arm.gauge_names.index(item.gauge) for item in self.dampers]
+        gains, offsets = self._gauges(model)
+        self._index, self._gain = index, gains[index] / self._scale
+        self._offset = offsets[index] / self._scale
+        motors = {motor.joint: motor.reflected_inertia for motor in arm.spec.motors}
+        self.rotor = np.array([motors.get(name, 0.0) for name in arm.active_joints])
+        """Inertia of each drive, 0 where it is not known [kg m^2]."""
+
+    def _gauges(self, model: FittedElastic | None) -> tuple[FloatArray, FloatArray]:
+        if model is not None and model.coefficients_ is not None:
+            gain, offset = np.array(model.coefficients_).T
+            return gain, offset
+        sensors = {sensor.gauge: sensor for sensor in self.arm.spec.sensors}
+        missing = [name for name in self.arm.gauge_names if name not in sensors]
+        if missing:
+            raise ModelError(f'the gains of the gauges {missing} are not known',
+                             place=self.arm.source,
+                             remedy='give --model, or the gains under sensors:')
+        return (np.array([sensors[name].gain for name in self.arm.gauge_names]),
+                np.array([sensors[name].offset for name in self.arm.gauge_names]))
+
+    @property
+    def scale(self) -> FloatArray:
+        """Units of the gauges per m/m, shape (n_damped,)."""
+        return self._scale
+
+    def at(self, payload: float, q: FloatArray) -> SmallMotion:
+        """
+        Linearise at rest.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        q : ndarray of shape (n_joints,)
+            Positions of the drives [rad].
+
+        Returns
+        -------
+        SmallMotion
+            About rest there.
+
+        Raises
+        ------
+        SimulationError
+            If there is no equilibrium.
+
+        """
+        driven = self._driven
+        self._carry(payload)
+        rests = [[self._rest(driven, q + side * NUDGE * unit) for side in (1.0, -1.0)]
+                 for unit in np.eye(len(q))]
+        rest = np.array([(up[0] - down[0]) / (2.0 * NUDGE) for up, down in rests]).T
+        slope = np.array([(up[1] - down[1]) / (2.0 * NUDGE) for up, down in rests]).T
+        small = driven.linearised(q)
+        _, load = self._rest(self._loose, q)
+        free = driven.tables.equations.free
+        rows = moment_rows(driven.mechanism, place_gauges(driven.mechanism, self.arm), free)
+        own = np.array([int(np.flatnonzero(free == place)[0])
+                        for place in driven.tables.gears.place])
+        push = small.stiffness @ rest  # of the gears, by the positions of the drives
+        reaction = np.hstack([push.T, -np.diag(push[own, np.arange(len(q))])])
+        return SmallMotion(small.mass, small.damping, small.stiffness, rest,
+                           rows[self._index] * self._gain[:, None],
+                           load * self._gain + self._offset, slope * self._gain[:, None], reaction)
+
+    def strains(self, payload: float, motions: FloatArray, dt: float) -> FloatArray:
+        """
+        Simulate large motions, with the play of the gears.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+        motions : ndarray of shape (n_motions, n_samples, n_joints)
+            Positions of the drives, from rest at one pose [rad].
+        dt : float
+            Time between samples [s].
+
+        Returns
+        -------
+        ndarray of shape (n_motions, n_samples, n_damped)
+            Strain [m/m].
+
+        Raises
+        ------
+        SimulationError
+            If there is no equilibrium where they begin, or one of them diverges.
+
+        """
+        self._carry(payload)
+        moments = follow_motions(self._loose, motions, dt)
+        return moments[..., self._index] * self._gain + self._offset
+
+    def _carry(self, payload: float) -> None:
+        for each in (self._driven, self._loose):
+            if each.parameters['payload'] != payload:
+                each.set_parameters({'payload': payload})
+
+    def _rest(self, driven: DrivenArm, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        moment = driven.follow(q[None], np.zeros(1)).moment[0]
+        z = driven.tables.equations.vectors[Z][driven.tables.equations.free].copy()
+        return z, moment[self._index]
+
+
+# -- The loop of damper, position loop, drives and links as a linear system, and its damping.
+#
+# What is commanded is ``-K_p theta - k (strain - mean)``, late by the delay of the loop (Pade's
+# approximation of second order); the drive follows by its PI velocity loop against what the links
+# press on its rotor. The mean follows the strain as the DC blocker does, and the load as the
+# schedule says.
+
+LEAST_DELAY = 1e-4
+"""Below it the approximation of a delay is as good as none [s]."""
+HIGHEST = 40.0
+"""Poles above it are those of delays and drives [Hz]."""
+SLOW = 0.3
+"""Poles below this part of the first frequency belong to means and position loops."""
+
+
+@dataclass(frozen=True)
+class DriveLoop:
+    """What stands between a command and the links."""
+
+    bandwidth: float  # of the velocity loop [rad/s]
+    delay: float  # from readings to commands in effect [s]
+    rotor: tuple[float, ...]  # inertia of each drive; 0 for one that nothing holds up [kg m^2]
+
+
+@dataclass(frozen=True, eq=False)
+class LoopGainsAt:
+    """Gains to be judged."""
+
+    strain: FloatArray  # of the dampers, (damped,) [rad/s per m/m]
+    position: float  # speed per position error [1/s]
+    mean: float  # corner of the DC blocker [rad/s]
+    joints: NDArray[np.intp]  # drive that each damper commands, (damped,)
+
+
+def loop_matrix(small: SmallMotion, drive: DriveLoop, gains: LoopGainsAt) -> FloatArray:
+    """Give the matrix of the closed loop; returns (2 m + 5 joints + damped,)."""
+    m, n, d = len(small.mass), small.rest.shape[1], len(gains.strain)
+    parts = np.cumsum([0, m, m, n, n, n, d, n, n])
+    z, dz, th, w, held, mean, old, older = (
+        slice(a, b) for a, b in zip(parts[:-1], parts[1:], strict=True))
+    a = np.zeros((parts[-1], parts[-1]))
+    inverse = np.linalg.inv(small.mass)
+    a[z, dz] = np.eye(m)
+    a[dz, z], a[dz, dz] = -inverse @ small.stiffness, -inverse @ small.damping
+    a[dz, th] = inverse @ small.stiffness @ small.rest
+    a[dz, w] = inverse @ small.damping @ small.rest
+    a[th, w] = np.eye(n)
+    a[w, w] = -drive.bandwidth * np.eye(n)
+    a[w, held] = INTEGRAL_SHARE * drive.bandwidth**2 * np.eye(n)
+    a[held, w] = -np.eye(n)
+    for j, inertia in enumerate(drive.rotor):
+        if inertia > 0.0:
+            a[parts[3] + j, z] += small.reaction[j, :m] / inertia
+            a[parts[3] + j, th] += small.reaction[j, m:] / inertia
+    a[mean, z], a[mean, mean] = gains.mean * small.strain, -gains.mean * np.eye(d)
+    a[mean, w] = small.slope
+    command = np.zeros((n, parts[-1]))
+    command[:, th] = -gains.position * np.eye(n)
+    for i, (joint, gain) in enumerate(zip(gains.joints, gains.strain, strict=True)):
+        command[joint, z] -= gain * small.strain[i]
+        command[joint, parts[5] + i] += gain
+    late = max(drive.delay, LEAST_DELAY)
+    a[old, older] = np.eye(n)
+    a[older, old] = -12.0 / late**2 * np.eye(n)
+    a[older, older] = -6.0 / late * np.eye(n)
+    a[older] += command
+    command[:, older] -= 12.0 / late * np.eye(n)
+    a[w] += drive.bandwidth * command
+    a[held] += command
+    return a
+
+
+@dataclass(frozen=True, eq=False)
+class LoopDamping:
+    """How a loop swings."""
+
+    # Of the worst damped oscillation of the first mode [Hz]; NaN where nothing swings there.
+    frequency: float
+    first: float  # its damping ratio, 1 where nothing swings there
+    others: float  # least damping ratio of what swings faster, up to 40 Hz
+    decay: float  # of what dies out slowest [1/s]; negative where it grows
+
+
+def loop_damping(matrix: FloatArray, first: float, second: float) -> LoopDamping:
+    """Judge a loop by its poles: matrix (n, n), first, second [Hz]."""
+    poles = np.linalg.eigvals(matrix)
+    size = np.abs(poles) / (2.0 * math.pi)
+    swings = poles.imag > 1e-6 * np.abs(poles)
+    border = math.sqrt(first * second)
+    slow = swings & (size > SLOW * first) & (size <= border)
+    fast = swings & (size > border) & (size < HIGHEST)
+    ratio = -poles.real / np.maximum(np.abs(poles), 1e-12)
+    worst = int(np.argmin(np.where(slow, ratio, np.inf)))
+    return LoopDamping(
+        float(size[worst]) if slow.any() else math.nan,
+        float(ratio[worst]) if slow.any() else 1.0,
+        float(ratio[fast].min()) if fast.any() else 1.0,
+        float(-poles.real.max()))
+
+
+# -- A schedule of gains over payload and pose: the damping ratio asked for, as far as the loop
+#    allows.
+#
+# At each node the described gains of the dampers are taken times one factor, the position gain in
+# proportion to the first frequency. The damping ratio of the first mode rises with the factor up
+# to where links and position loop begin to fight; the smallest factor that gives what was asked
+# for is taken, or the best one. A factor that would excite at twice the delay is none.
+
+SPACING = math.radians(15.0)
+"""Between nodes along a joint, where there are not too many [rad]."""
+POSES = 1500
+"""Most poses of a grid."""
+STIFFNESS = 0.13
+"""Position gain over the first angular frequency: the position loop must not fight the damper."""
+MEAN = 0.15
+"""Corner of the DC blocker: the load is known, what is left changes slowly [Hz]."""
+FACTORS = np.geomspace(0.1, 6.0, 22)
+"""Of the described gains, for a first look."""
+HALVINGS = 7
+"""Of an interval in which a factor or a delay is sought."""
+ROOM = 2.0
+"""Delay from which on gains excite, over the one that they are used with."""
+SHORTEST_DELAY, LONGEST_DELAY, FINER = 2e-3, 0.2, 1.2
+"""Within which, and in which ratio, delays are looked at [s]."""
+LOOKS = 4
+"""Delays at which a factor is looked at."""
+MODES = 2
+"""In the schedule."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """
+    What a schedule is for.
+
+    Attributes
+    ----------
+    damping_ratio : float
+        Of the first mode, at every payload and pose.
+    delay : float
+        Of the loop, from readings to commands in effect [s].
+    payloads : tuple of float
+        Grid of payloads [kg].
+
+    """
+
+    damping_ratio: float = 0.65
+    delay: float = 0.005
+    payloads: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4)
+
+    def __post_init__(self) -> None:
+        if not 0.02 <= self.damping_ratio <= 0.95:
+            raise UsageError(f'--damping-ratio {self.damping_ratio:g}: expected 0.02 to 0.95')
+        if not 0.0 <= self.delay <= LONGEST_DELAY:
+            raise UsageError(f'--delay {self.delay:g}: expected 0 to {LONGEST_DELAY:g} s')
+        payloads = self.payloads
+        if not payloads or any(not math.isfinite(p) or p < 0.0 for p in payloads) or list(
+                payloads) != sorted(set(payloads)):
+            raise UsageError(f'--payloads {list(payloads)}: expected rising masses in kg')
+
+
+def pose_axes(tuned: TunedArm) -> tuple[FloatArray, ...]:
+    """Lay the grid over the planned range of each joint; see ``SPACING`` and ``POSES``."""
+    planned = planned_limits(tuned.arm)
+    lower = np.where(np.isfinite(planned.lower), planned.lower, -math.pi)
+    upper = np.where(np.isfinite(planned.upper), planned.upper, math.pi)
+    points = np.maximum(np.ceil((upper - lower) / SPACING).astype(int) + 1, 2)
+    while math.prod(points.tolist()) > POSES and points.max() > 2:
+        points[int(np.argmax(points))] -= 1
+    return tuple(np.linspace(a, b, count) for a, b, count in zip(
+        lower, upper, points.tolist(), strict=True))
+
+
+def design(
+    tuned: TunedArm, wish: Wish, progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Schedule:
+    """
+    Compute a schedule.
+
+    Parameters
+    ----------
+    tuned : TunedArm
+        Arm with its elastic model.
+    wish : Wish
+        What is asked for.
+    progress : callable, optional
+        Told after each node how many are done, and how many there are.
+
+    Returns
+    -------
+    Schedule
+        Over the planned range of all joints.
+
+    """
+    arm = tuned.arm
+    assert arm.spec.damper is not None
+    axes = pose_axes(tuned)
+    shape = (len(wish.payloads), *(len(axis) for axis in axes))
+    rows, total = [], math.prod(shape)
+    before: dict[tuple[int, ...], FloatArray] = {}
+    for index in np.ndindex(*shape):
+        q = np.array([axis[i] for axis, i in zip(axes, index[1:], strict=True)])
+        small = tuned.at(wish.payloads[index[0]], q)
+        near = [before[tuple(int(k) - (j == axis) for j, k in enumerate(index))]
+                for axis in range(len(index)) if index[axis] > 0]
+        found = small.modes(MODES, near[0] if near else None)
+        before[index] = found.shape
+        rows.append(tuple(_node(tuned, wish, small, found).row().tolist()))
+        progress(len(rows), total)
+    joints = arm.active_joints
+    damped = tuple(item.joint for item in tuned.dampers)
+    return Schedule(ScheduleFile(
+        format='tudor_dynamics/schedule', version=1, arm=arm.name, joints=joints, damped=damped,
+        gauges=tuple(item.gauge for item in tuned.dampers), damping_ratio=wish.damping_ratio,
+        delay=wish.delay, mean_frequency=min(MEAN, arm.spec.damper.mean_frequency),
+        payload=wish.payloads, pose=tuple(tuple(axis.tolist()) for axis in axes),
+        columns=columns_of(joints, damped, len(found.frequency)), nodes=tuple(rows)), arm.source)
+
+
+def fixed_ratios(tuned: TunedArm, delay: float, schedule: Schedule) -> FloatArray:
+    """
+    Give the damping ratios that the fixed gains of the description would have.
+
+    Parameters
+    ----------
+    tuned : TunedArm
+        Arm with its elastic model.
+    delay : float
+        Of the loop [s].
+    schedule : Schedule
+        Gives the grid.
+
+    Returns
+    -------
+    ndarray of the grid's shape
+        Of the first mode.
+
+    """
+    damper = tuned.arm.spec.damper
+    assert damper is not None
+    frequency = [schedule.column(f'frequency({mode})') for mode in (1, min(2, schedule.modes))]
+    found = np.zeros(frequency[0].shape)
+    for index in np.ndindex(*found.shape):
+        q = np.array([axis[i] for axis, i in zip(schedule.content.pose, index[1:], strict=True)])
+        judge = Judge(tuned, tuned.at(float(schedule.payload[index[0]]), q),
+                      *(float(values[index]) for values in frequency))
+        judge.position, judge.mean = damper.position_gain, 2.0 * math.pi * damper.mean_frequency
+        found[index] = judge(1.0, delay).first
+    return found
+
+
+def _node(tuned: TunedArm, wish: Wish, small: SmallMotion, found: Vibrations) -> Point:
+    first = float(found.frequency[0])
+    second = float(found.frequency[1]) if len(found.frequency) > 1 else 4.0 * first
+    judge = Judge(tuned, small, first, second)
+    factor, reached = choose_factor(judge, wish)
+    drive, strain = found.drive, found.strain * tuned.scale
+    return Point(
+        judge.described * factor, judge.position, judge.full_delay(factor), reached,
+        small.load * tuned.scale, small.inertia * tuned.scale[:, None],
+        tuple(Mode(*item) for item in zip(
+            found.frequency.tolist(), found.damping.tolist(), drive, strain, strict=True)))
+
+
+class Judge:
+    """Judges factors of the described gains at one node: first, second [Hz]."""
+
+    def __init__(self, tuned: TunedArm, small: SmallMotion, first: float, second: float) -> None:
+        damper = tuned.arm.spec.damper
+        assert damper is not None
+        self.small, self.first, self.second = small, first, second
+        self.described = np.array([item.gain for item in tuned.dampers])
+        self.position = min(damper.position_gain, STIFFNESS * 2.0 * math.pi * first)
+        self._joints = np.array([tuned.arm.active_joints.index(item.joint)
+                                 for item in tuned.dampers], dtype=np.intp)
+        self._bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
+        self.mean = 2.0 * math.pi * min(MEAN, damper.mean_frequency)
+        self._rotor = tuple(tuned.rotor.tolist())
+
+    def __call__(self, factor: float, delay: float) -> LoopDamping:
+        """Judge a factor of the described gains at a delay of the loop [s]."""
+        gains = LoopGainsAt(factor * self.described, self.position, self.mean, self._joints)
+        return loop_damping(
+            loop_matrix(self.small, DriveLoop(self._bandwidth, delay, self._rotor), gains),
+            self.first, self.second)
+
+    def holds(self, factor: float, delay: float) -> bool:
+        """Say whether nothing grows with a factor at a delay [s], with room for more."""
+        return all(self(factor, share * delay).decay > 0.0
+                   for share in np.linspace(1.0, ROOM, LOOKS))
+
+    def full_delay(self, factor: float) -> float:
+        """Give half of the first delay at which a factor of the gains excites [s]."""
+        low, high = 0.0, SHORTEST_DELAY
+        # from below: gains that excite at some delay may damp again at a longer one
+        while high < LONGEST_DELAY and self(factor, high).decay > 0.0:
+            low, high = high, FINER * high
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if self(factor, middle).decay > 0.0:
+                low = middle
+            else:
+                high = middle
+        return max(low / ROOM, 0.5 * SHORTEST_DELAY)
+
+
+def choose_factor(judge: Judge, wish: Wish) -> tuple[float, float]:
+    """Choose the factor of the described gains at one node."""
+    best, reached, before = 0.0, judge(0.0, wish.delay).first, 0.0
+    for factor in FACTORS:
+        if not judge.holds(float(factor), wish.delay):
+            break
+        ratio = judge(float(factor), wish.delay).first
+        if ratio >= wish.damping_ratio:
+            low, high = before, float(factor)
+            for _ in range(HALVINGS):
+                middle = 0.5 * (low + high)
+                if judge(middle, wish.delay).first < wish.damping_ratio:
+                    low = middle
+                else:
+                    high = middle
+            return high, judge(high, wish.delay).first
+        if ratio > reached:
+            best, reached = float(factor), ratio
+        before = float(factor)
+    return best, reached
+
+
+# -- Planned moves refined by an elastic model with the play of its gears.
+#
+# Small motion knows nothing of play: a gear that is unloaded on the way lets its link fall, and
+# that rings. The model in full foresees it, and what it foresees is planned against.
+
+SAMPLE = 2.5e-3
+"""Between samples of a simulated move [s]."""
+EVERY = 3
+"""Of them, those behind a move that are compared."""
+BEHIND = 0.02
+"""Time behind the end of a move from which swings count [s]."""
+NOTHING = 2e-6
+"""A swing that gauges hardly show [m/m]."""
+
+
+class MoveRefiner:
+    """
+    Refines moves by simulating them.
+
+    Parameters
+    ----------
+    tuned : TunedArm
+        Arm with its model; nobody else uses it meanwhile.
+
+    """
+
+    def __init__(self, tuned: TunedArm) -> None:
+        self._tuned = tuned
+        # compiled now, not when a robot waits for its first move
+        tuned.strains(0.0, np.zeros((1, 2, len(tuned.arm.active_joints))), SAMPLE)
+
+    def __call__(
+        self, profile: Profile, limits: MotionLimits, payload: float, period: float,
+    ) -> Profile:
+        """Refine a move: payload [kg], period [s]."""
+        t = np.arange(0.0, profile.duration + BEHIND + period, SAMPLE)
+        behind = np.flatnonzero(t > profile.duration + BEHIND)[::EVERY]
+
+        def swings(moves: list[Profile]) -> FloatArray:
+            motions = np.array([move.at(t)[0] for move in moves])
+            return self._tuned.strains(payload, motions, SAMPLE)[:, behind] / NOTHING
+        return refine(profile, limits, swings)
+
+
+def refiner_of(arm: Arm, bundle: ModelBundle) -> MoveRefiner:
+    """Give what refines moves by the elastic model of a bundle."""
+    model = elastic_of(bundle, 'strain')
+    if model is None:
+        raise ModelError('moves are refined by an elastic model of strain, and there is none',
+                         remedy='fit one with `tudor fit --models elastic`')
+    return MoveRefiner(TunedArm(arm, model))

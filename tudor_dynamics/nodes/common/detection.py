@@ -1,0 +1,451 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What collision_detector and monitor share: residuals, collisions, contacts, load."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+import math
+from threading import Thread
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PointStamped, WrenchStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Header
+
+from tudor_dynamics.compiled import largest_size
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.interfaces import (
+    CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, CONTACT_POINT, CONTACT_WRENCH, FIELD, RESET,
+    RESIDUALS, THRESHOLDS)
+from tudor_dynamics.nodes.common.messages import (
+    JointSample, JointStateEncoder, ListenedPublisher, ListenedPublishers, NamedReader,
+    time_message)
+from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
+from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
+from tudor_dynamics.online.detector import CollisionEvent, DetectorSettings, Level, Rates
+from tudor_dynamics.online.judged import Coverage, MOVING, SensorHealth, Sight
+from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.streams import Gathering
+from tudor_dynamics.online.threshold_learning import Calibration
+
+
+# -- Topics of whether something touches the arm, and of collisions
+
+class CollisionTold:
+    """Publishes levels as they change, and collisions as they come."""
+
+    def __init__(self, node: TudorNode) -> None:
+        self._node = node
+        self._flags = {Level.COLLISION: node.publish_on(Bool, COLLISION, latch=True),
+                       Level.CONTACT: node.publish_on(Bool, CONTACT, latch=True)}
+        self._events = node.publish_on(Header, COLLISION_EVENT)
+        self._told: dict[Level, bool] = {}
+        self._last: CollisionEvent | None = None
+        self.level(Level.FREE)
+
+    def level(self, level: Level) -> None:
+        """Tell how strongly the arm is touched."""
+        for of, publisher in self._flags.items():
+            state = level >= of
+            if self._told.get(of) is not state:
+                self._told[of] = state
+                publisher.publish(Bool(data=state))
+
+    def event(self, event: CollisionEvent) -> None:
+        """Tell of a collision."""
+        self._last = event
+        header = Header(frame_id=event.link)
+        header.stamp = time_message(event.onset)
+        self._events.publish(header)
+        values = {'method': event.method, 'link': event.link, 'onset [ns]': str(event.onset),
+                  'certain after [ms]': f'{(event.stamp - event.onset) * 1e-6:.1f}',
+                  **{f'residual {k}': f'{v:.6g}' for k, v in event.residuals.items()},
+                  **{f'ratio {k}': f'{v:.3f}' for k, v in event.ratios.items()}}
+        node = self._node
+        node.publish_diagnostics(DiagnosticStatus(
+            level=WARN, name=f'{node.get_name()}: collision', hardware_id=node.hardware(),
+            message=f'collision at {event.link}, by {event.method}',
+            values=[KeyValue(key=k, value=v) for k, v in values.items()]))
+
+    def values(self) -> dict[str, str]:
+        """Give the last collision, for the diagnostics."""
+        if self._last is None:
+            return {}
+        return {'last collision [ns]': str(self._last.onset), 'last link': self._last.link}
+
+    def rivals(self) -> list[str]:
+        """Name other nodes that tell of collisions on the same topic."""
+        return self._node.rivals(self._flags[Level.COLLISION])
+
+
+# -- What a node tells of contacts: wrench, point and diagnostics
+
+class ContactTold:
+    """Publishes what touches an arm."""
+
+    def __init__(self, node: TudorNode) -> None:
+        self._wrench = node.publish_on(WrenchStamped, CONTACT_WRENCH)
+        self._point = node.publish_on(PointStamped, CONTACT_POINT)
+        self._last: ContactEstimate | None = None
+        self._record: ContactRecord | None = None
+        self._summary: dict[str, Any] = {}
+
+    def tell(self, watch: Watch, estimate: ContactEstimate) -> None:
+        """Publish an estimate: a wrench at each sample, the point while it is known."""
+        self._last = estimate
+        if estimate.felt:
+            if self._record is None and watch.contact is not None:
+                self._record = watch.contact.record()
+            if self._record is not None:
+                self._record.add(estimate)
+        elif self._record is not None:
+            self._summary, self._record = self._record.summary(), None
+        wrench = WrenchStamped()
+        wrench.header.stamp, wrench.header.frame_id = time_message(estimate.stamp), estimate.link
+        if estimate.felt:
+            for vector, values in ((wrench.wrench.force, estimate.force),
+                                   (wrench.wrench.torque, estimate.torque)):
+                vector.x, vector.y, vector.z = (float(value) for value in values)
+        self._wrench.publish(wrench)
+        if estimate.located:
+            point = PointStamped(header=wrench.header)
+            point.point.x, point.point.y, point.point.z = (float(v) for v in estimate.point)
+            self._point.publish(point)
+
+    def values(self, watch: Watch) -> dict[str, str]:
+        """Give what the diagnostics say."""
+        if watch.no_contact:
+            return {'contact': f'not estimated: {watch.no_contact}'}
+        if watch.contact is None:
+            return {}
+        last = self._last
+        values = {'contact': f'by {watch.contact.source}'}
+        if last is not None and last.felt:
+            values['contact'] += ', felt'
+            values['contact link'] = last.link
+            values |= {name: f'{value:.3g}' for name, value in (
+                ('contact force [N]', float((last.force**2).sum()) ** 0.5),
+                ('contact force deviation [N]', last.force_deviation),
+                ('contact torque deviation [N m]', last.torque_deviation),
+                ('contact place [m]', last.place),
+                ('contact place deviation [m]', last.place_deviation)) if not math.isnan(value)}
+            if last.note:
+                values['contact note'] = last.note
+        if self._summary:
+            found = self._summary
+            where = ('place not told from force' if found['place'] is None else
+                     f'{found["place"]:.3f} m from its joint')
+            values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
+        return values
+
+
+# -- What collision_detector and monitor share: residuals, collisions, calibration
+
+class DetectNode(ModelNode):
+    """Base of the nodes that find collisions."""
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.watch: Watch | None = None
+        self.health: dict[str, SensorHealth] = {}
+        self._calibration: Calibration | None = None
+        self._note = ''
+        self._readers: dict[tuple[str, str], NamedReader] = {}
+        self._sensor_drops: dict[str, Counter[str]] = {}
+        self._unserved = ''
+        self.coverage = Coverage()
+        self.gathering: dict[str, Gathering] = {}
+        self.listened = ListenedPublishers()
+        self._residuals = {m: self.listened.add(self.publish_on(JointState, RESIDUALS[m]))
+                           for m in METHODS}
+        self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
+                            for m in METHODS}
+        self._encoders: dict[str, JointStateEncoder] = {}
+        self._collision = CollisionTold(self)
+        self._contact = ContactTold(self)
+        self.serve(RESET, self._reset)
+        self.serve(CALIBRATE, self._calibrate)
+
+    def settings(self) -> MonitorSettings:
+        """Give the settings that the parameters stand for."""
+        return MonitorSettings(
+            kind=self.value('kind'),
+            observer=self.value('observer') if 'observer' in self.params else 'off',
+            methods=self.value('methods'),
+            rates=Rates(self.value('false_alarms_per_hour'),
+                        self.value('contact_alarms_per_hour')),
+            detector=DetectorSettings(self.value('debounce'), self.value('rearm')),
+            observer_gain=self.value('observer_gain'),
+            gap=self.value('gap') if 'gap' in self.params else 0.0,
+            contact=self.value('estimate_contact'))
+
+    def adopt(
+        self, bundle: ModelBundle, watch: Watch, motion: str, drops: Sequence[Counter[str]],
+        predictions: dict[str, str],
+    ) -> None:
+        """Put another model into use."""
+        self.bundle, self.watch = bundle, watch
+        names = {'effort': bundle.arm.active_joints, 'strain': bundle.arm.gauge_names}
+        topics = {output: of for output, of in self.sensor_topics(bundle).items()
+                  if output in watch.outputs}
+        self._sensor_drops = {output: Counter() for output in topics}
+        self._readers = {(output, topic): NamedReader(channels, self._sensor_drops[output])
+                         for output, of in topics.items() for topic, channels in of.items()}
+        self.gathering = {output: Gathering(names[output], of) for output, of in topics.items()}
+        self.health = {output: SensorHealth(names[output], self.value('stuck_time'))
+                       for output in watch.outputs}
+        self._encoders = {
+            method: JointStateEncoder(names[SOURCE[method]], (FIELD[method],))
+            for method in watch.methods}
+        self.coverage.begin()
+        for output, of in topics.items():
+            self.coverage.add(
+                output, motion, predictions.get(output), tuple(of),
+                [*drops, watch.counts[output]],
+                [self._sensor_drops[output], *self.gathering[output].drops,
+                 watch.pairing[output].drops], watch.settle)
+        self._calibration = None
+        self._note = self._say_missing(watch)
+
+    def _say_missing(self, watch: Watch) -> str:
+        """Say which methods were asked for in vain, and which have no thresholds."""
+        unserved = [m for m in self.value('methods') if m not in watch.methods]
+        self._unserved = '' if not unserved else (
+            f'methods {", ".join(unserved)}: the model has no {self.value("kind")} model for that')
+        missing = [m for m in watch.methods if m not in watch.stages]
+        return '' if not missing else (
+            f'no thresholds for {", ".join(missing)}: fit the model with more free motion, or '
+            'call ~/calibrate while the arm moves freely')
+
+    def came(self, topic: str, stamp: int) -> None:
+        """Count a message that the detector needs; tell at once where it sees less than before."""
+        if self.coverage.came(topic, stamp, self.meter.last_arrival or 0.0):
+            self.publish_diagnostics()
+
+    def check(self, values: dict[str, Any]) -> None:
+        """Refuse a contact rate below that of collisions."""
+        super().check(values)
+        collision = values.get('false_alarms_per_hour', self.value('false_alarms_per_hour'))
+        contact = values.get('contact_alarms_per_hour', self.value('contact_alarms_per_hour'))
+        if contact < collision:
+            msg = (f'contact_alarms_per_hour {contact:g} is below false_alarms_per_hour '
+                   f'{collision:g}: the level that only tells must be the more sensitive one')
+            raise TudorError(msg)
+
+    def apply(self) -> None:
+        """Take changed rates and times into use."""
+        super().apply()
+        if self.watch is None:
+            return
+        settings = self.settings()
+        self.watch.set_rates(settings.rates)
+        self.watch.detector.settings = settings.detector
+        for health in self.health.values():
+            health.stuck_time = self.value('stuck_time')
+
+    def measured(self, output: str, topic: str, message: JointSample) -> None:
+        """Hand a sensor message to the detector and tell what it found."""
+        watch, reader = self.watch, self._readers.get((output, topic))
+        if watch is None or reader is None:
+            return
+        values = reader.read(message, FIELD[output])
+        if values is None:
+            return
+        for stamp, whole in self.gathering[output].add(topic, message.stamp, values):
+            self.health[output].step(stamp, whole)
+            self.tell(self.take(watch, output, stamp, whole))
+
+    def take(self, watch: Watch, output: str, stamp: int, values: Any) -> Found:
+        """Take a whole measurement into account."""
+        return watch.add_measured(output, stamp, values)
+
+    def moving(self, row: Any) -> None:
+        """Tell the health of the sensors whether the arm moves."""
+        n = len(row) // 3
+        moving = largest_size(row, n, 2 * n) > MOVING
+        for health in self.health.values():
+            health.moving = moving
+
+    def tell(self, found: Found) -> None:
+        """Publish what was found."""
+        for method, residual in found.residuals:
+            if self._calibration is not None and method in self._calibration.channels:
+                self._collect(method, residual)
+            publisher = self._residuals[method]
+            if publisher.wanted:
+                self._publish(publisher, method, residual.motion.stamp, residual.value)
+        for method, excess in found.excesses:
+            publisher = self._thresholds[method]
+            if publisher.wanted:
+                self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
+        for event in found.events:
+            self._collision.event(event)
+        for estimate in found.contacts:
+            assert self.watch is not None  # which found it
+            self._contact.tell(self.watch, estimate)
+        if self.watch is not None and found.excesses:
+            self._collision.level(self.watch.level)
+
+    def _publish(self, publisher: ListenedPublisher, method: str, stamp: int, values: Any) -> None:
+        publisher.publish(self._encoders[method].encode(stamp, values))
+
+    def _reset(self) -> str:
+        if self.watch is not None:
+            self.watch.detector.reset()
+        self._collision.level(Level.FREE)
+        return 'armed'
+
+    def _calibrate(self) -> str:
+        if self.watch is None or self.bundle is None:
+            msg = f'nothing to calibrate: {self.fault or "no model"}'
+            raise TudorError(msg)
+        if self.meter.stale(float(self.value('timeout'))):
+            msg = 'nothing to learn from: no samples come in; start the robot and call again'
+            raise TudorError(msg)
+        arm = self.bundle.arm
+        seconds = float(self.value('calibration_time'))
+        self._calibration = Calibration(
+            {m: arm.gauge_names if m == 'strain' else arm.active_joints
+             for m in self.watch.methods}, seconds,
+            self.watch.stiction)
+        self._note = f'learning thresholds from {seconds:g} s: nothing may touch the arm'
+        return self._note
+
+    def _collect(self, method: str, residual: Residual) -> None:
+        calibration = self._calibration
+        assert calibration is not None
+        calibration.add(method, residual)
+        if not calibration.done or self._loader is not None:
+            return
+        self._calibration = None
+        bundle, settings = self.bundle, self.settings()
+
+        def learn() -> None:
+            try:
+                learned = calibration.learn()
+            except TudorError as err:
+                text = f'calibration failed, the thresholds before stay in use: {err}'
+
+                def refuse() -> None:
+                    self._note = text
+                    self.get_logger().error(text)
+                self._ready = refuse
+                return
+
+            def take() -> None:
+                if self.bundle is bundle and self.watch is not None:
+                    self.watch.use_thresholds(learned, replace(settings))
+                    self._note = 'thresholds of ~/calibrate in use'
+            self._ready = take
+        self._loader = Thread(target=learn, daemon=True)
+        self._loader.start()
+        self._poll.reset()
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the drops of sensors and pairing."""
+        if self.watch is None:
+            return [self.drops]
+        return [self.drops, *self._sensor_drops.values(),
+                *(pairing.drops for pairing in self.watch.pairing.values()),
+                *(drops for item in self.gathering.values() for drops in item.drops)]
+
+    def about(self) -> dict[str, str]:
+        """Add the methods in use."""
+        methods = self.watch.methods if self.watch is not None else ()
+        return {**super().about(), 'methods': ', '.join(methods) or 'none'}
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Tell level, what was not judged, dead sensors and the last event."""
+        level, message, values = super().status()
+        if self.watch is None:
+            return level, message, values
+        verdict = self.coverage.look(self.steady())
+        values['level'] = self.watch.level.name.lower()
+        values['methods'] = ', '.join(self.watch.stages) or 'none'
+        values['not judged [%]'] = f'{100.0 * verdict.share:.1f}'
+        for cause, share in sorted(verdict.causes.items()):
+            values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
+        for method, (factor, channel) in self.watch.widened.items():
+            values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
+        values |= self._contact.values(self.watch) | self._collision.values()
+        own, text = self._judge_itself()
+        if level in (OK, WARN) and own > level:
+            level, message = own, text
+        elif level == own == WARN:
+            message = f'{message}; {text}'
+        return level, message, values
+
+    def _judge_itself(self) -> tuple[bytes, str]:
+        """Give level and message of a detector that has a model and input."""
+        assert self.watch is not None
+        rivals = self._collision.rivals()
+        dead = [name for health in self.health.values() for name in health.dead()]
+        verdict = self.coverage.verdict
+        learning = self._calibration is not None and not self.watch.stages
+        errors = [
+            f'no change in {", ".join(dead)} while the arm moves: dead sensor' if dead else '',
+            self._unserved if not self.watch.methods else '',
+            verdict.text if verdict.sight is Sight.BLIND and not learning else '']
+        warnings = [
+            verdict.text if not learning else '', self._unserved, self._note, self.watch.unlike,
+            f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
+            'namespace' if rivals else '']
+        for level, texts in ((ERROR, errors), (WARN, warnings)):
+            if any(texts):
+                return level, '; '.join(text for text in texts if text)
+        return OK, 'running'
+
+
+# -- What detectors have to do with the load: they follow it, or tell it
+
+class LoadNode(DetectNode):
+    """Base of the nodes that find collisions and know of a load."""
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.port = PayloadPort(self, self.payload_source())
+        self.gripper = Gripper(self, self.port.announce, self._arm_joints)
+
+    def payload_source(self) -> str:
+        """Give where the load is known from."""
+        return str(self.value('payload_source'))
+
+    def _arm_joints(self) -> tuple[str, ...]:
+        return () if self.bundle is None else tuple(self.bundle.arm.full_model.names)
+
+    def _reset(self) -> str:
+        """Begin anew, with the load as well: nothing touches the arm now."""
+        self.port.begin_anew()
+        return super()._reset()
+
+    def tell(self, found: Found) -> None:
+        """Publish what was found, and the load."""
+        super().tell(found)
+        for load in found.loads:
+            self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
+        if found.residuals:
+            self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Add the load."""
+        level, message, values = super().status()
+        return level, message, {**values, **self.port.values()}

@@ -1,0 +1,551 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Force and place of a contact from strain; link and torque from efforts."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tudor_dynamics.arm.kinematics import joint_axis, link_frame
+from tudor_dynamics.errors import ModelError, SimulationError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.model import FittedElastic
+from tudor_dynamics.online.contact_elastic import correct, ElasticFront, SAMPLE
+from tudor_dynamics.online.contact_levers import (
+    ACROSS, ALONG, gauge_scale, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
+    strain_deviation, torque_scale)
+from tudor_dynamics.typing import FloatArray
+
+
+# -- A contact as it is estimated at one sample, and what one that lasts comes to
+
+TOLD = 0.5
+"""Part of what was not known of a place before; one that is less certain is not told."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEstimate:
+    """What touches an arm at one sample."""
+
+    stamp: int  # header stamp of the sample [ns]
+    link: str  # link that is touched, the most likely one; its frame is that of the vectors
+    joint: str  # joint that moves it
+    felt: bool  # whether something touches the arm beyond doubt
+    # On the link, about the origin of its frame, (3,) [N, N m].
+    force: FloatArray
+    torque: FloatArray
+    force_deviation: float  # standard deviation of the force across the link [N]
+    # Standard deviation of the torque about the axis that its gauges see [N m].
+    torque_deviation: float
+    # Along the link, from its joint; NaN where force and place cannot be told apart [m].
+    place: float
+    place_deviation: float
+    point: FloatArray  # the place in the frame of the link; NaN where it is not known, (3,) [m]
+    pressing: FloatArray  # for each span (F, F a, A), (spans, PRESSING) [N, N m, N]
+    likely: FloatArray  # logarithm of the likelihood of the newest readings, (spans,)
+
+    @property
+    def located(self) -> bool:
+        """Whether its place is known."""
+        return not math.isnan(self.place)
+
+    @property
+    def note(self) -> str:
+        """Say what cannot be said; empty for nothing."""
+        return '' if self.located or not self.felt else (
+            'the gauges cannot tell place from force')
+
+
+@dataclass
+class ContactRecord:
+    """Sums over a contact: its place does not change, so all samples tell of it together."""
+
+    spans: tuple[Span, ...]  # where contacts are looked for
+    links: tuple[str, ...]
+    _likely: FloatArray = field(init=False)
+    _moments: FloatArray = field(init=False)
+    _largest: FloatArray = field(init=False)
+    _count: int = 0
+
+    def __post_init__(self) -> None:
+        n = len(self.spans)
+        self._likely = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
+        self._moments, self._largest = np.zeros((n, 4)), np.zeros(n)
+
+    def add(self, estimate: ContactEstimate) -> None:
+        """Take a sample of the contact."""
+        force, moment = estimate.pressing[:, ACROSS], estimate.pressing[:, MOMENT]
+        self._likely = self._likely + estimate.likely
+        self._moments = self._moments + np.column_stack(
+            [force * force, force * moment, moment * moment, force])
+        self._largest = np.where(np.abs(force) > np.abs(self._largest), force, self._largest)
+        self._count += 1
+
+    def summary(self) -> dict[str, Any]:
+        """
+        Give what it comes to.
+
+        Returns ``link``, ``force`` (mean across the link) and ``largest_force`` [N], ``place`` and
+        ``place_deviation`` (None where it cannot be told) [m]; empty without a sample.
+        """
+        if self._count == 0 or not self.spans:
+            return {}
+        weights = np.exp(self._likely - self._likely.max())
+        weights /= weights.sum()
+        totals = {link: float(sum(w for w, of in zip(weights, self.links, strict=True)
+                                  if of == link)) for link in self.links}
+        link = max(totals, key=lambda name: totals[name])
+        own = [k for k, of in enumerate(self.links) if of == link]
+        share = weights[own] / weights[own].sum()
+        force = float(share @ (self._moments[own, 3] / self._count))
+        largest = float(share @ self._largest[own])
+        places, spreads = np.array([self._place(k) for k in own]).T
+        place = float(share @ places)
+        spread = math.sqrt(float(share @ (spreads**2 + (places - place)**2)))
+        prior = prior_spread([self.spans[k] for k in own])
+        told = spread <= TOLD * prior or prior == 0.0
+        return {'link': link, 'certain': round(totals[link], 4), 'force': force,
+                'largest_force': largest, 'place': place if told else None,
+                'place_deviation': spread if told else None}
+
+    def _place(self, k: int) -> tuple[float, float]:
+        """Give the place on a span and its standard deviation, by the line through (F, F a)."""
+        span, (squares, products, others, _) = self.spans[k], self._moments[k]
+        prior = (span.outer - span.inner) / math.sqrt(12.0)
+        if squares <= 0.0:
+            return span.middle, prior
+        raw = products / squares
+        scatter = max(others - raw * products, 0.0) / max(self._count - 1, 1)
+        spread = math.sqrt(scatter / squares)
+        near = min(max(raw, span.inner), span.outer)
+        return near, min(max(spread, abs(raw - near)), max(prior, 1e-9))
+
+
+def prior_spread(spans: list[Span]) -> float:
+    """Give the standard deviation of a place of which only the link is known [m]."""
+    reach = max(span.outer for span in spans) - min(span.inner for span in spans)
+    return reach / math.sqrt(12.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is believed of each span at a sample."""
+
+    pressing: FloatArray  # (F, F a, A), (spans, PRESSING) [N, N m, N]
+    covariance: FloatArray  # covariance of what presses on each span, (spans, PRESSING, PRESSING)
+    weight: FloatArray  # how likely each is, in all 1, (spans,)
+
+
+def significance(belief: Belief, k: int) -> float:
+    """Give the squared size of (F, F a) on a span, in standard deviations."""
+    value, spread = belief.pressing[k, :ALONG], belief.covariance[k, :ALONG, :ALONG]
+    scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
+    white = spread / np.outer(scale, scale) + 1e-9 * np.eye(ALONG)
+    unit = value / scale
+    return float(unit @ np.linalg.solve(white, unit))
+
+
+def place_on(belief: Belief, k: int, span: Span) -> tuple[float, float]:
+    """Give the place on a span and its standard deviation, within the span [m]."""
+    prior = (span.outer - span.inner) / math.sqrt(12.0)
+    force, moment = float(belief.pressing[k, ACROSS]), float(belief.pressing[k, MOMENT])
+    if prior == 0.0 or force == 0.0:
+        return span.middle, prior
+    raw = moment / force
+    line = np.array([-raw, 1.0])
+    spread = math.sqrt(max(float(line @ belief.covariance[k, :ALONG, :ALONG] @ line), 0.0))
+    return min(max(raw, span.inner), span.outer), min(spread / abs(force), prior)
+
+
+# -- Force and place of a contact from strain, sample by sample.
+#
+# On each span of each link a contact is looked for by a Kalman filter of its own, and their
+# likelihoods say which link and span it is. A rigid model leaves the moments of the contact over;
+# an elastic one also the vibration that the contact causes, which the filters carry along.
+
+SHORTEST = 0.0039
+"""Samples that follow sooner are passed over: no contact is so quick [s]."""
+LASTING, HELD = 0.7, 2.0
+"""Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
+MOVING = 11.0
+"""Deviations of a sample for which what is left over of a moving arm counts: it is no white noise
+but rings, and taken for white it lets the span with most freedom win. So it begins, until more is
+learned. What rigid models leave over is measured with the ringing in it."""
+RUNG, LEARNED = 8.0, 10.0
+"""What is left over of free motion rings in all gauges at once: its covariance counts this many
+times, for samples of 0.01 s are no independent ones, and is learned over this time [s]."""
+FLOOR = 0.15
+"""Part of the deviation of a sample that no direction falls below."""
+EVIDENCE = 0.6
+"""Time over which it is forgotten which span was the likely one [s]."""
+RECENT = 0.03
+"""The same while nothing is felt [s]."""
+
+
+class Doubt(NamedTuple):
+    """What counts as felt, in squared standard deviations."""
+
+    # From which, and until which, something is felt.
+    felt: float
+    left: float
+    offset: float  # from which what is left over is taken for no offset
+
+
+RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)
+"""Deviations of elastic models are widened for what rings; beside a rigid one all of it rings."""
+TRUSTED = 1.5
+"""Standard deviations up to which an innovation counts by its square."""
+FARFETCHED = 1e3
+"""Force of no contact, but of a followed arm that readings have driven beyond all reason [N]."""
+STANDING = 0.03
+"""Speed below which an arm stands [rad/s or m/s]."""
+CALM = 0.2
+"""Part of the usual deviation that a standing arm keeps at least."""
+CALMEST = 0.1
+"""Part of the usual variance below which an arm is known to stand."""
+CALMED = 0.5
+"""Time over which the noise of a standing arm is learned [s]."""
+TARE = 3.0
+"""Time over which a standing arm takes what is left over for an offset [s]."""
+
+
+class ContactEstimator:
+    """
+    Estimates what touches an arm with gauges.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models of the arm.
+    kind : str
+        Kind of model in use.
+
+    Attributes
+    ----------
+    spans : tuple of Span
+        Where contacts are looked for.
+    links : tuple of str
+        Frame of the link of each.
+    scale : Scale
+        Of the gauges.
+
+    Raises
+    ------
+    ModelError
+        If there is no model of the strain, no gauge has a scale, or no link a length.
+
+    """
+
+    source = 'strain'
+
+    def __init__(self, bundle: ModelBundle, kind: str) -> None:
+        model = bundle.models.get('strain', {}).get(kind)
+        if model is None:
+            msg = f'contacts need a model of the strain, and the bundle has no {kind} one'
+            raise ModelError(msg)
+        self.scale = gauge_scale(bundle, kind)
+        deviation = np.abs(strain_deviation(bundle, kind) / self.scale.gain)
+        if not np.isfinite(deviation).any():
+            msg = (f'{bundle.arm.name}: no gauge has a scale in N m; give sensors: with a gain to '
+                   'the arm description, or fit an elastic model')
+            raise ModelError(msg)
+        arm = bundle.arm
+        self.spans = spans_of(arm, [bool(v) for v in np.isfinite(deviation)])
+        if not self.spans:
+            msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
+            raise ModelError(msg)
+        self._rings, self._doubt = ((MOVING, ELASTIC) if isinstance(model, FittedElastic)
+                                    else (1.0, RIGID))
+        self._deviation = self._rings * np.where(np.isfinite(deviation), deviation, 1e9)
+        self._front: ElasticFront | RigidFront = (
+            ElasticFront(model, self.spans, self._deviation)
+            if isinstance(model, FittedElastic) else RigidFront(arm, self.spans))
+        self._offset = (np.array([values[1] for values in model.coefficients_ or ()])
+                        if isinstance(model, FittedElastic) else np.zeros(len(arm.gauges)))
+        self.links = tuple(link_frame(arm.full_model, span.joint) for span in self.spans)
+        self._axes = [link_axes(arm, span.joint) for span in self.spans]
+        n = 2 * self._front.modes + PRESSING
+        self._state = np.zeros((len(self.spans), n))
+        self._covariance = np.zeros((len(self.spans), n, n))
+        self._weight = np.zeros(len(self.spans))
+        self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
+        self._tare = np.zeros(len(arm.gauges))
+        self._spread = self._deviation**2
+        self._rung = np.diag(self._deviation**2)
+        self._size = 0.0
+        self._last: int | None = None
+        self._begin_at = True
+        self.felt = False
+
+    def record(self) -> ContactRecord:
+        """Give a record for a contact that begins."""
+        return ContactRecord(self.spans, self.links)
+
+    def _begin(self) -> None:
+        self._state[:] = 0.0
+        self._covariance[:] = 0.0
+        for covariance, span in zip(self._covariance, self.spans, strict=True):
+            covariance[-PRESSING:, -PRESSING:] = span.covariance
+        self._weight = self._prior.copy()
+        self._tare[:] = 0.0
+        self._spread[:] = self._deviation**2
+        self._rung = np.diag(self._deviation**2)
+        self._size = 0.0
+        self.felt = False
+
+    def step(
+        self, stamp: int, begins: bool, row: FloatArray, measured: FloatArray,
+        residual: FloatArray | None,
+    ) -> ContactEstimate | None:
+        """
+        Take a sample into account.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        begins : bool
+            Whether nothing before it counts.
+        row : ndarray of shape (3 n_joints,)
+            ``[q, dq, ddq]`` of the active joints [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        measured : ndarray of shape (n_gauges,)
+            Readings in their units.
+        residual : ndarray of shape (n_gauges,) or None
+            What a rigid model leaves over of them; None while its filters settle.
+
+        Returns
+        -------
+        ContactEstimate or None
+            None at a beginning, for samples that are passed over, and where the readings have
+            driven the followed arm beyond what an arm can do: it begins anew.
+
+        """
+        if self._last is None or begins or stamp <= self._last:
+            self._begin_at = True
+        dt = 0.0 if self._last is None or self._begin_at else (stamp - self._last) * 1e-9
+        if not self._begin_at and dt < SHORTEST:
+            return None
+        self._last = stamp
+        try:
+            left = self._left(dt, row, measured, residual)
+        except SimulationError:
+            left = None
+        if left is None or self._begin_at:
+            self._begin()
+            self._begin_at = left is None
+            return None
+        n = len(row) // 3
+        standing = float(np.abs(row[n:2 * n]).max()) < STANDING
+        likely = self._correct(dt, row, left - self._tare, self._calm(dt, left, standing))
+        if isinstance(self._front, ElasticFront):
+            self._front.settle(left - self._tare, dt, self._state)
+        # free motion says nothing of where a contact is
+        kept = math.exp(-dt / (EVIDENCE if self.felt else RECENT))
+        self._weight = (self._weight - self._prior) * kept + self._prior + likely
+        told = self._told(stamp, likely)
+        if not np.abs(told.force).max() < FARFETCHED:  # not a number, too
+            self._begin_at, self.felt = True, False
+            return None
+        return told
+
+    def _left(
+        self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
+    ) -> FloatArray | None:
+        """Give the moments that the model leaves over [N m]; None where it cannot say."""
+        gain = self.scale.gain
+        if isinstance(self._front, ElasticFront):
+            return np.asarray((measured - self._offset) / gain - self._front.follow(dt, row))
+        return None if residual is None else np.asarray(residual / gain)
+
+    def _calm(self, dt: float, left: FloatArray, standing: bool) -> FloatArray:
+        """Learn offset and noise of a standing arm; give the part of its usual variance."""
+        usual = self._deviation**2
+        if not standing:
+            self._spread[:] = usual
+            self._tare *= math.exp(-dt / TARE)
+            if self._front.modes and self._size < self._doubt.offset:
+                self._learn(dt, left)
+        elif self._size < self._doubt.offset:
+            off = left - self._tare
+            self._tare += min(dt / TARE, 1.0) * off
+            # a push that begins is no noise
+            self._spread += min(dt / CALMED, 1.0) * (
+                np.minimum(off**2, 4.0 * self._spread) - self._spread)
+        return np.minimum(1.0, self._spread / usual + (CALM / self._rings)**2)
+
+    def _noise(self, share: FloatArray, times: float) -> FloatArray:
+        """Give the covariance of a sample, of an arm that stands no larger than it was seen."""
+        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._rung)))
+        return times * np.outer(part, part) * self._rung
+
+    def _learn(self, dt: float, left: FloatArray) -> None:
+        """Learn how what is left over of a moving, untouched arm rings, in all gauges together."""
+        off = np.clip(np.where(np.isfinite(left), left, 0.0), -self._deviation, self._deviation)
+        floor = np.diag((FLOOR / self._rings * self._deviation)**2)
+        self._rung += min(dt / LEARNED, 1.0) * (
+            RUNG * (np.outer(off, off) + floor) - self._rung)
+
+    def _correct(
+        self, dt: float, row: FloatArray, left: FloatArray, share: FloatArray,
+    ) -> FloatArray:
+        front = self._front
+        known = np.flatnonzero(np.isfinite(left))
+        white = np.linalg.inv(np.linalg.cholesky(
+            self._noise(share, SAMPLE / dt if front.modes else 1.0)[np.ix_(known, known)]))
+        left, variance = white @ left[known], np.ones(len(known))
+        calm = float(share.min())
+        fade = math.exp(-dt / (LASTING if front.modes and calm > CALMEST else HELD))
+        levers = front.rows(row) if isinstance(front, RigidFront) else None
+        likely = np.zeros(len(self.spans))
+        for k, span in enumerate(self.spans):
+            state, covariance = self._state[k], self._covariance[k]
+            rise = (1.0 - fade * fade) * span.covariance
+            if isinstance(front, ElasticFront):
+                rows = front.carry(k, state, covariance, dt, fade, rise, calm)
+            else:
+                assert levers is not None
+                rows = levers[k]
+                state *= fade
+                covariance *= fade * fade
+                covariance += rise
+            likely[k] = correct(state, covariance, white @ rows[known], variance, left, TRUSTED)
+        return likely
+
+    def _told(self, stamp: int, likely: FloatArray) -> ContactEstimate:
+        weight = np.exp(self._weight - self._weight.max())
+        belief = Belief(self._state[:, -PRESSING:].copy(),
+                        self._covariance[:, -PRESSING:, -PRESSING:].copy(), weight / weight.sum())
+        joints = [span.joint for span in self.spans]
+        totals = {joint: float(sum(w for w, of in zip(belief.weight, joints, strict=True)
+                                   if of == joint)) for joint in joints}
+        joint = max(totals, key=lambda name: totals[name])
+        own = [k for k, of in enumerate(joints) if of == joint]
+        best = max(own, key=lambda k: float(belief.weight[k]))
+        size = max(significance(belief, k) for k in range(len(self.spans)))
+        self._size = size
+        self.felt = size > (self._doubt.left if self.felt else self._doubt.felt)
+        share = belief.weight[own] / belief.weight[own].sum()
+        values = share @ belief.pressing[own]
+        spread = sum(part * (belief.covariance[k] + np.outer(
+            belief.pressing[k] - values, belief.pressing[k] - values))
+            for part, k in zip(share, own, strict=True))
+        assert not isinstance(spread, int)
+        places, deviations = np.array([place_on(belief, k, self.spans[k]) for k in own]).T
+        place = float(share @ places)
+        unsure = math.sqrt(float(share @ (deviations**2 + (places - place)**2)))
+        prior = prior_spread([self.spans[k] for k in own])
+        known = self.felt and (prior == 0.0 or unsure <= TOLD * prior)
+        axes = self._axes[best]
+        if not known:
+            place = unsure = math.nan
+        return ContactEstimate(
+            stamp, self.links[best], joint, self.felt,
+            values[ACROSS] * axes.across + values[ALONG] * axes.along,
+            values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
+            math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
+            place * axes.along, belief.pressing, likely)
+
+
+# -- Which link is touched, and with what torque about its joint, from efforts alone.
+#
+# The momentum observer gives the external effort of each joint. A contact loads the joints inboard
+# of it: the outermost joint that feels one moves the link that is touched. Where on it, and with
+# what force, efforts do not tell.
+
+FELT, LEFT = 5.0, 3.0
+"""Standard deviations of free motion from which, and until which, a joint feels a contact."""
+
+
+class TorqueEstimator:
+    """Estimates link and external torque of a contact."""
+
+    source = 'momentum'  # whose residuals it takes
+
+    def __init__(self, bundle: ModelBundle) -> None:
+        arm = bundle.arm
+        self._joints = arm.active_joints
+        self._gain = torque_scale(arm)
+        facts: Any = bundle.facts.get('validation')
+        try:
+            channels = facts['effort']['analytical']['validation']['channels']
+            usual = [float(channels[name]['rmse']) for name in self._joints]
+        except (KeyError, TypeError, ValueError):
+            msg = ('the model does not say what efforts are left over in free motion: fit it with '
+                   'bags to be judged by')
+            raise ModelError(msg) from None
+        if not np.isfinite(self._gain).any():
+            msg = (f'{arm.name}: no torque constant is known; give motors: with torque_constant '
+                   'and gear_ratio to have contacts in N m')
+            raise ModelError(msg)
+        self._deviation = np.array(usual) * self._gain
+        self._links = tuple(link_frame(arm.full_model, name) for name in self._joints)
+        self._axes = [joint_axis(arm.full_model, name) for name in self._joints]
+        self.felt = False
+
+    def record(self) -> ContactRecord:
+        """Give a record for a contact that begins; efforts tell no force."""
+        return ContactRecord((), ())
+
+    def step(
+        self, stamp: int, begins: bool, row: FloatArray, measured: FloatArray,
+        residual: FloatArray | None,
+    ) -> ContactEstimate | None:
+        """
+        Take a sample into account; arguments as in ``ContactEstimator.step``.
+
+        stamp [ns], row (3 joints,), measured, residual (joints,).
+        """
+        if residual is None:
+            self.felt = False
+            return None
+        torque = -residual * self._gain
+        size = np.nan_to_num(np.abs(torque) / self._deviation)
+        bound = LEFT if self.felt else FELT
+        feeling = np.flatnonzero(size > bound)
+        self.felt = bool(len(feeling))
+        place = int(feeling[-1]) if self.felt else int(np.argmax(size))
+        nowhere = np.full(3, np.nan)
+        return ContactEstimate(
+            stamp, self._links[place], self._joints[place], self.felt, np.zeros(3),
+            float(np.nan_to_num(torque[place])) * self._axes[place], float('nan'),
+            float(self._deviation[place]), float('nan'), float('nan'), nowhere,
+            np.zeros((0, 3)), np.zeros(0))
+
+
+# -- What estimates contacts of an arm: strain where it has gauges of known scale, else efforts
+
+AnyEstimator = ContactEstimator | TorqueEstimator
+
+
+def contact_estimator(bundle: ModelBundle, kind: str, methods: Collection[str]) -> AnyEstimator:
+    """Choose what estimates contacts."""
+    why = []
+    if 'strain' in methods:
+        try:
+            return ContactEstimator(bundle, kind)
+        except ModelError as err:
+            why.append(str(err))
+    if 'momentum' in methods:
+        try:
+            return TorqueEstimator(bundle)
+        except ModelError as err:
+            why.append(str(err))
+    msg = '; '.join(why) or 'contacts need the methods strain or momentum'
+    raise ModelError(msg)

@@ -1,0 +1,350 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Where on the links a contact is looked for, and what gauges of a rigid arm feel of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
+from tudor_dynamics.arm.schema import GaugeSpec
+from tudor_dynamics.errors import SimulationError
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.arm import DrivenArm
+from tudor_dynamics.models.elastic.model import FittedElastic
+from tudor_dynamics.models.memoryless import MemorylessModel
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Places of what presses on a link: numbers that inner loops use, too
+
+ACROSS, MOMENT, ALONG = range(3)
+PRESSING = 3
+"""How many there are."""
+
+
+# -- What the readings of gauges and the efforts of joints are in N m, and who says so
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Gains of all gauges."""
+
+    # Reading per moment, in units of the gauges; NaN where nobody knows, (gauges,) [1/(N m)].
+    gain: FloatArray
+    source: str  # who says so; empty for nobody
+
+    @property
+    def known(self) -> list[bool]:
+        """Which gauges have one."""
+        return [bool(value) for value in np.isfinite(self.gain)]
+
+
+def gauge_scale(bundle: ModelBundle, kind: str) -> Scale:
+    """Find the scale of the gauges."""
+    model = bundle.models.get('strain', {}).get(kind)
+    if isinstance(model, FittedElastic) and model.coefficients_ is not None:
+        return Scale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
+    sensors = {sensor.gauge: sensor.gain for sensor in bundle.arm.spec.sensors}
+    gain = np.array([sensors.get(name, np.nan) for name in bundle.arm.gauge_names])
+    return Scale(gain, 'sensors of the arm description' if np.isfinite(gain).any() else '')
+
+
+def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
+    """
+    Give what a model leaves over of strain in free motion, as a standard deviation.
+
+    Returns (gauges,), NaN where nothing tells.
+    """
+    model = bundle.models['strain'][kind]
+    names = bundle.arm.gauge_names
+    noise = getattr(model, 'noise_', None)
+    if noise is not None:
+        return np.array(noise, dtype=float)
+    facts: Any = bundle.facts.get('validation')
+    try:
+        channels = facts['strain'][kind]['validation']['channels']
+        return np.array([float(channels[name]['rmse']) for name in names])
+    except (KeyError, TypeError, ValueError):
+        sensors = {sensor.gauge: sensor.noise for sensor in bundle.arm.spec.sensors}
+        return np.array([sensors.get(name) or np.nan for name in names])
+
+
+def torque_scale(arm: Arm) -> FloatArray:
+    """Give the torque at active joints per unit of effort [N m or N]; NaN where unknown."""
+    motors = {motor.joint: motor for motor in arm.spec.motors}
+    return np.array([
+        1.0 if joint.effort.unit != 'A' else
+        motors[joint.name].joint_torque_constant if joint.name in motors else np.nan
+        for joint in arm.joints])
+
+
+# -- Where on the links a contact is looked for.
+#
+# What is estimated on a span is (F, F a, A): the force across the link, its moment about the
+# joint, and the force along the link. Forces at the two ends of the span stand for a push between
+# them, so all that lies inboard or outboard of the span feels the push itself: spans end at
+# gauges.
+
+SHORTEST = 1e-3
+"""Ends of a span are at least so far apart, also where the place is known [m]."""
+PUSH = 10.0
+"""Standard deviation of a force of which nothing is known [N]."""
+
+
+@dataclass(frozen=True)
+class Span:
+    """A part of a link, and what is known of a contact there before anything was measured."""
+
+    joint: str  # joint that moves the link
+    # Ends, from the joint along the link; equal where the place is known [m].
+    inner: float
+    outer: float
+    # Standard deviation of the force across and along the link [N].
+    across: float = PUSH
+    along: float = 0.0
+
+    @property
+    def middle(self) -> float:
+        """Mean of the place before anything is known [m]."""
+        return 0.5 * (self.inner + self.outer)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Two different places that stand for all between them [m]."""
+        return min(self.inner, self.outer - SHORTEST), self.outer
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of what presses, any place as likely as another [N, N m, N]."""
+        spread = (self.outer - self.inner) / math.sqrt(12.0)
+        return np.array([
+            [self.across**2, self.across**2 * self.middle, 0.0],
+            [self.across**2 * self.middle, self.across**2 * (self.middle**2 + spread**2), 0.0],
+            [0.0, 0.0, self.along**2]])
+
+
+@dataclass(frozen=True, eq=False)
+class LinkAxes:
+    """Directions of a link in the frame of its joint."""
+
+    # (3,): along the link, across it in the plane that its gauges see, and the axis they bend
+    # about.
+    along: FloatArray
+    across: FloatArray
+    bending: FloatArray
+
+
+def gauge_axis(arm: Arm, gauge: GaugeSpec) -> FloatArray:
+    """Give the axis that a gauge's link bends about, in the frame of its joint."""
+    return (joint_axis(arm.full_model, gauge.joint) if gauge.axis is None
+            else unit_vector(gauge.axis))
+
+
+def link_axes(arm: Arm, joint: str) -> LinkAxes:
+    """Give the directions of a link that has gauges."""
+    gauge = next(gauge for gauge in arm.gauges if gauge.joint == joint)
+    along, bending = unit_vector(gauge.direction), gauge_axis(arm, gauge)
+    return LinkAxes(along, np.cross(bending, along), bending)
+
+
+def link_end(arm: Arm, joint: str) -> float | None:
+    """Give how far a link with gauges reaches from its joint [m]; None where nothing tells."""
+    model, axes = arm.full_model, link_axes(arm, joint)
+    index = model.getJointId(joint)
+    ends = [model.jointPlacements[child].translation @ axes.along
+            for child in range(index + 1, model.njoints) if model.parents[child] == index]
+    ends += [frame.placement.translation @ axes.along for frame in model.frames
+             if frame.parentJoint == index and frame.type.name != 'JOINT']
+    farthest = max((gauge.distance for gauge in arm.gauges if gauge.joint == joint))
+    end = max(ends, default=0.0)
+    return float(end) if end > farthest + SHORTEST else None
+
+
+def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
+    """
+    Divide the links at their gauges.
+
+    A contact inboard of a link's first gauge is felt by the gauges of links before it alone, as a
+    contact of those. With one gauge a link, two of them in one plane tell a force at the tip.
+
+    Returns an empty tuple where no gauge has a scale, or no link a length.
+    """
+    places: dict[str, list[float]] = {}
+    for gauge, counts in zip(arm.gauges, known, strict=True):
+        if counts:
+            places.setdefault(gauge.joint, []).append(gauge.distance)
+    order = sorted(places, key=arm.full_model.getJointId)
+    spans = []
+    for number, joint in enumerate(order):
+        end = link_end(arm, joint)
+        if end is None:
+            continue
+        own = sorted(set(places[joint]))
+        along = PUSH if number else 0.0
+        if len(own) == 1 and joint == order[-1]:
+            spans.append(Span(joint, end, end, along=along))
+            continue
+        spans += [Span(joint, near, far, along=along)
+                  for near, far in zip(own, [*own[1:], end], strict=True)]
+    return tuple(spans)
+
+
+# -- What gauges of a rigid arm feel of a force on a span: levers, at the pose of the sample
+
+class RigidFront:
+    """Levers of forces on spans about the gauges; nothing is carried from sample to sample."""
+
+    modes = 0
+
+    def __init__(self, arm: Arm, spans: Sequence[Span]) -> None:
+        self._arm, self._spans = arm, spans
+        self._model = arm.full_model
+        self._data = self._model.createData()
+        self._q = pin.neutral(self._model)
+        for joint in arm.spec.joints:
+            self._q[self._index(joint.name)] = joint.hold
+        self._columns = [self._index(name) for name in arm.active_joints]
+        self._gauges = [
+            (self._model.getJointId(gauge.joint), gauge_point(gauge), gauge_axis(arm, gauge),
+             gauge.distance) for gauge in arm.gauges]
+        self._axes = [link_axes(arm, span.joint) for span in spans]
+
+    def _index(self, joint: str) -> int:
+        return int(self._model.joints[self._model.getJointId(joint)].idx_q)
+
+    def rows(self, row: FloatArray) -> list[FloatArray]:
+        """
+        Give the moment at each gauge by what presses, span by span.
+
+        row (3 joints,): ``[q, dq, ddq]`` of the active joints
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (gauges, PRESSING).
+        """
+        self._q[self._columns] = row[:len(self._columns)]
+        pin.forwardKinematics(self._model, self._data, self._q)
+        return [self._levers(span, axes)
+                for span, axes in zip(self._spans, self._axes, strict=True)]
+
+    def _levers(self, span: Span, axes: LinkAxes) -> FloatArray:
+        own = self._model.getJointId(span.joint)
+        near, far = span.ends
+        result = np.zeros((len(self._gauges), PRESSING))
+        for g, (joint, _, _, distance) in enumerate(self._gauges):
+            if joint not in self._model.supports[own]:
+                continue
+            # inboard of a gauge on the same link nothing bends it
+            inner = 0.0 if joint == own and near <= distance else self._moment(
+                g, own, near * axes.along, axes.across)
+            outer = self._moment(g, own, far * axes.along, axes.across)
+            slope = (outer - inner) / (far - near)
+            result[g] = (inner - near * slope, slope,
+                         self._moment(g, own, far * axes.along, axes.along))
+        return result
+
+    def _moment(self, g: int, own: int, at: FloatArray, direction: FloatArray) -> float:
+        """Give the moment at a gauge by a unit force at a point of a link."""
+        joint, point, axis, _ = self._gauges[g]
+        link, carrier = self._data.oMi[own], self._data.oMi[joint]
+        lever = link.act(at) - carrier.act(point)
+        return -float((carrier.rotation @ axis) @ np.cross(lever, link.rotation @ direction))
+
+
+# -- What gauges read of an arm's own weight at a pose, from its model or from its description
+
+NEAR = 1e-3
+"""Change of a joint below which readings of the weight are those of before [rad or m]."""
+LEAST = 0.5
+"""Change of the force, and least one, for which levers are looked at anew [N]."""
+
+
+@dataclass(frozen=True, eq=False)
+class StaticReadings:
+    """What gauges of a resting arm read."""
+
+    weight: FloatArray  # (gauges,): of its own weight, but for constants, in units of the gauges
+    # (gauges,): of a unit force at the tip of the bent arm [1/N]; None where only levers tell.
+    share: FloatArray | None
+
+
+class StaticStrain:
+    """Readings of gauges of a resting arm."""
+
+    def __init__(
+        self, arm: Arm, model: Model | None = None,
+        normal: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    ) -> None:
+        self._normal = np.array(normal) / np.linalg.norm(normal)
+        self._force = 0.0
+        self._last: StaticReadings | None = None
+        self._at = np.zeros(len(arm.active_joints))
+        self._model = model if isinstance(model, MemorylessModel) else None
+        self._gain = self._driven = None
+        self._zero = np.zeros(len(arm.gauges))
+        self.source = 'none'
+        if self._model is not None:
+            self.source = 'model'
+            return
+        values: dict[str, float] = {}
+        if isinstance(model, FittedElastic) and model.coefficients_ is not None:
+            self._gain = np.array([values[0] for values in model.coefficients_])
+            values = dict(model.values)
+        else:
+            sensors = {sensor.gauge: sensor.gain for sensor in arm.spec.sensors}
+            self._gain = np.array([sensors.get(name, 0.0) for name in arm.gauge_names])
+        try:
+            self._driven = DrivenArm(arm)
+            self._driven.set_parameters(values)
+        except SimulationError:
+            self._driven = None
+            return
+        self.source = 'elastic model' if values else 'description'
+
+    def at(self, q: FloatArray, force: float = 0.0) -> StaticReadings:
+        """
+        Give the readings at a pose; a force that bends the arm changes its levers.
+
+        q (joints,) [rad or m], force [N].
+        """
+        force = max(force, LEAST)
+        if (self._last is None or float(np.abs(q - self._at).max()) > NEAR
+                or abs(force - self._force) > LEAST):
+            self._last, self._at, self._force = self._solve(q, force), q.copy(), force
+        return self._last
+
+    def _solve(self, q: FloatArray, force: float) -> StaticReadings:
+        if self._model is not None:
+            row = np.concatenate([q, np.zeros(2 * len(q))])[None]
+            return StaticReadings(np.asarray(self._model.predict(row)[0]), None)
+        if self._driven is None or self._gain is None:
+            return StaticReadings(self._zero, None)
+        driven = self._driven
+        try:
+            free = driven.follow(q[None], np.zeros(1)).moment[0]
+            driven.tables.chain.wrench[driven.mechanism.tip, :3] = force * self._normal
+            driven.loaded = True
+            pressed = driven.follow(q[None], np.zeros(1)).moment[0]
+        except SimulationError:
+            return StaticReadings(self._zero, None)
+        finally:
+            driven.tables.chain.wrench[:] = 0.0
+            driven.loaded = False
+        return StaticReadings(free * self._gain, (pressed - free) * self._gain / force)

@@ -1,0 +1,650 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Feed-forward: efforts and motor positions that a wanted motion needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.compiled import compiled, unowned
+from tudor_dynamics.errors import ModelError, SignalError, SimulationError
+from tudor_dynamics.load.rows import load_worth, LoadWorth
+from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics.chain import Chain, forward, rotation_at, vector_at
+from tudor_dynamics.mechanics.equations import inverse_dynamics
+from tudor_dynamics.mechanics.small_algebra import add, cholesky, cross, solve, sub, turn, Vector
+from tudor_dynamics.models.base import Model, SLIDING
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.arm import Response
+from tudor_dynamics.models.elastic.kernel import (
+    add_shortening, DDZ, driven_of, DZ, FORCE, gear, Gears, shorten, STIFFNESS, Z)
+from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.models.payload import SAME
+from tudor_dynamics.signals.motion_profile import states
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Efforts as currents or as torques, by the torque constants of the description
+
+Unit = Literal['model', 'current', 'torque']
+UNITS: tuple[Unit, ...] = ('model', 'current', 'torque')
+"""As the model has it; currents [A]; torques of the motors at the joints [N m, or N]."""
+
+
+def torque_constants(arm: Arm) -> dict[str, float]:
+    """
+    Give the torque at each joint per ampere, gear and efficiency included, where it is described.
+
+    Returns joint to constant [N m/A or N/A].
+    """
+    motors = {motor.joint: motor.joint_torque_constant for motor in arm.spec.motors}
+    return {joint.name: joint.effort.torque_constant or motors[joint.name]
+            for joint in arm.joints
+            if joint.effort.torque_constant is not None or joint.name in motors}
+
+
+def factors(arm: Arm, unit: Unit) -> FloatArray:
+    """Give what efforts of a model are multiplied by; returns (joints,)."""
+    known, result = torque_constants(arm), np.ones(len(arm.joints))
+    for i, joint in enumerate(arm.joints):
+        is_current = joint.effort.unit == 'A'
+        if unit == 'model' or is_current == (unit == 'current'):
+            continue
+        if joint.name not in known:
+            msg = (f'the effort of joint {joint.name!r} is in {joint.effort.unit}, and its torque '
+                   'constant is not described')
+            raise ModelError(msg, remedy='give effort.torque_constant, or motors, and fit anew; '
+                                         'or take the unit of the model')
+        result[i] = known[joint.name] if unit == 'torque' else 1.0 / known[joint.name]
+    return result
+
+
+def unit_names(arm: Arm, unit: Unit) -> tuple[str, ...]:
+    """Name the unit of each joint's effort."""
+    return tuple(
+        joint.effort.unit if unit == 'model' else 'A' if unit == 'current' else
+        'N' if arm.is_prismatic(joint.name) else 'N m' for joint in arm.joints)
+
+
+# -- Friction that a joint keeps where it has come to rest, by the way in which it came
+
+AtRest = Literal['none', 'kept']
+AT_REST: tuple[AtRest, ...] = ('none', 'kept')
+"""None; or that of the last motion, until the joint moves the other way."""
+
+
+def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
+    """
+    Give speeds at which friction is what a joint keeps at rest, for those at which it is none.
+
+    A bristle that was bent by sliding stays bent when the joint stops, and straightens only when
+    it moves back (Dupont et al., "Single state elastoplastic friction models", IEEE TAC 47(5),
+    2002). So below the speed of sliding the sign is that of the last motion that was faster than
+    where the sign of friction turns.
+
+    speed (points, joints) [rad/s or m/s], turning (joints,) [rad/s or m/s]; returns
+    (points, joints).
+    """
+    moves = np.abs(speed) >= np.asarray(turning)
+    latest = np.maximum.accumulate(
+        np.where(moves, np.arange(len(speed))[:, None], -1), axis=0)
+    signs = np.where(latest >= 0, np.sign(
+        np.take_along_axis(speed, np.maximum(latest, 0), axis=0)), 0.0)
+    slow = (np.abs(speed) < SLIDING) & (signs != 0.0)
+    return np.where(slow, signs * SLIDING, speed)
+
+
+# -- Which motor positions put bent links where they are wanted, point by point, compiled.
+#
+# Links and gears follow their load at once: the load of the wanted motion, weight and inertia,
+# bends them as if it were at rest (the rigid load). For springs in the joints with masses behind
+# them that is the inversion of De Luca, "Decoupling and feedback linearization of robots with
+# mixed rigid/ elastic joints", IEEE ICRA 1996, Eq. (8), without the inertia of what bends:
+# vibrations are none of its business, but a motion that follows it does not begin any, as far as
+# they are slower than it.
+#
+# Bending is found by Newton's steps with the stiffness of the links alone; the joints turn by what
+# brings the ends of the flexible links, and the tip, nearest to where those of a rigid arm are.
+# All ends count, not the tip alone: of a stretched arm that could be had by large turns only.
+
+STEPS = 40
+SETTLED = 1e-6
+"""Change of a coordinate at which an arm has settled: a micrometre at its end [rad or m]."""
+LITTLE = 1e-6
+"""Part of the largest lever below which a joint cannot move the ends, and is left alone."""
+
+
+class Inverse(NamedTuple):
+    """What the inversion needs beside the arm."""
+
+    bends: NDArray  # coordinates of the links that bend, (bends,)
+    # (ends,): bodies whose ends are put where they are wanted: flexible links, and what is at the
+    # tip.
+    ends: NDArray
+    joint: NDArray  # body behind each driven joint, (joints,)
+    moved: NDArray  # 1 where a joint moves an end, (ends, joints)
+    # Working memory for the stiffness, (bends, bends).
+    factor: NDArray
+    delta: NDArray
+    # Working memory for the joints, (joints, joints).
+    normal: NDArray
+    step: NDArray
+    # Working memory for places and levers, (ends, 3).
+    wanted: NDArray
+    levers: NDArray
+
+
+@compiled
+def end_of(chain: Chain, z: NDArray, body: int) -> Vector:
+    """Give where the end of a beam, or the frame of a rigid body, is in the base frame [m]."""
+    here = chain.moving[body]
+    place = vector_at(here, at.ORIGIN)
+    if chain.body_int[body, at.FLEXIBLE] == 0:
+        return place
+    k = chain.body_int[body, at.FIRST]
+    along = (chain.body_float[body, at.LENGTH] + z[k], z[k + 1], z[k + 2])
+    return add(place, turn(rotation_at(here, at.WORLD), along))
+
+
+@compiled
+def twist_of(row: NDArray, torque: float) -> float:
+    """Give the twist at which a gear with play holds a torque at rest [rad]; inverse of `gear`."""
+    edge = row[1] if torque > 0.0 else -row[1]
+    twist = torque / row[0] + edge
+    for _ in range(50):
+        found, slope, _ = gear(row, twist, 0.0)
+        change = (torque - found) / max(slope, 0.02 * row[0])
+        twist += change
+        if abs(change) < 1e-12:
+            break
+    return twist
+
+
+@compiled
+def _load(vectors: NDArray, chain: Chain) -> None:
+    """Write into FORCE what the motion needs at every coordinate, without the gears."""
+    z, dz, force = vectors[Z], vectors[DZ], vectors[FORCE]
+    shorten(z, dz, vectors[DDZ], chain.body_int, chain.body_float)
+    inverse_dynamics(z, dz, vectors[DDZ], chain, False, 1.0, force)
+    add_shortening(z, chain.body_int, chain.body_float, force)
+
+
+@compiled
+def _aim(tables: Inverse, chain: Chain, z: NDArray) -> bool:
+    """Find by how much the joints have to turn for the ends to be nearest to where wanted."""
+    n = tables.joint.shape[0]
+    tables.normal[:, :] = 0.0
+    tables.step[:] = 0.0
+    for e in range(tables.ends.shape[0]):
+        end = end_of(chain, z, tables.ends[e])
+        missing = sub(vector_at(tables.wanted[e], 0), end)
+        for j in range(n):
+            lever = (0.0, 0.0, 0.0)
+            if tables.moved[e, j] > 0.0:
+                lever = _lever(chain, tables.joint[j], end)
+            for i in range(3):
+                tables.levers[j, i] = lever[i]
+        for j in range(n):
+            for i in range(3):
+                tables.step[j] += tables.levers[j, i] * missing[i]
+            for k in range(j + 1):
+                for i in range(3):
+                    tables.normal[j, k] += tables.levers[j, i] * tables.levers[k, i]
+    largest = 0.0
+    for j in range(n):
+        largest = max(largest, tables.normal[j, j])
+    for j in range(n):
+        tables.normal[j, j] += LITTLE * largest + 1e-30
+    if not cholesky(tables.normal):
+        return False
+    solve(tables.normal, tables.step)
+    return True
+
+
+@compiled
+def _lever(chain: Chain, body: int, end: Vector) -> Vector:
+    """Give how fast an end moves with the joint in front of a body [m/rad, or 1]."""
+    here, parent = chain.moving[body], chain.body_int[body, at.PARENT]
+    axis, place = vector_at(here, at.AXIS_AT), vector_at(here, at.JOINT_AT)
+    if parent >= 0:
+        frame = rotation_at(chain.moving[parent], at.WORLD)
+        axis = turn(frame, axis)
+        place = add(vector_at(chain.moving[parent], at.ORIGIN), turn(frame, place))
+    if chain.body_int[body, at.JOINT] == at.PRISMATIC:
+        return axis
+    return cross(axis, sub(end, place))
+
+
+@compiled
+def _solve_point(
+    tables: Inverse, vectors: NDArray, gears: Gears, chain: Chain, reach: bool, q: NDArray,
+) -> bool:
+    """Bend the links under their load, and turn the joints; the state begins at the last point."""
+    z, force, bends, delta = vectors[Z], vectors[FORCE], tables.bends, tables.delta
+    for _ in range(STEPS):
+        _load(vectors, chain)
+        largest = 0.0
+        if reach and not _aim(tables, chain, z):
+            return False
+        for s in range(gears.place.shape[0]):
+            i = gears.place[s]
+            if reach:
+                change = tables.step[s]
+            else:
+                change = q[s] + twist_of(gears.springs[s], -force[i]) - z[i]
+            z[i] += change
+            largest = max(largest, abs(change))
+        for a in range(bends.shape[0]):
+            delta[a] = -force[bends[a]]
+        solve(tables.factor, delta)
+        for a in range(bends.shape[0]):
+            z[bends[a]] += delta[a]
+            largest = max(largest, abs(delta[a]))
+        if largest < SETTLED:
+            return True
+        if not largest < 10.0:
+            return False
+    return False
+
+
+@compiled
+def invert(
+    q: NDArray, dq: NDArray, ddq: NDArray, reach: bool, motor: NDArray, torque: NDArray,
+    tables: tuple[NDArray, ...], *arrays: NDArray,
+) -> int:
+    """
+    Invert points, each by itself.
+
+    q, dq, ddq (points, joints) [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; writes motor
+    (points, joints) [rad or m], torque (points, joints) [N m or N].
+    """
+    driven, own = driven_of(arrays), Inverse(*unowned(tables))
+    equations, gears, chain = driven.equations, driven.gears, driven.chain
+    vectors, bends = equations.vectors, own.bends
+    z = vectors[Z]
+    stiffness = equations.matrices[STIFFNESS]
+    for a in range(bends.shape[0]):
+        for c in range(a + 1):
+            own.factor[a, c] = stiffness[bends[a], bends[c]]
+    if not cholesky(own.factor):
+        return 0
+    for k in range(q.shape[0]):
+        for row in (DZ, DDZ):
+            vectors[row, :] = 0.0
+        # the bends of the point before are where the search begins
+        for a in range(bends.shape[0]):
+            own.delta[a], z[bends[a]] = z[bends[a]], 0.0
+        for s in range(gears.place.shape[0]):
+            i = gears.place[s]
+            z[i], vectors[DZ, i], vectors[DDZ, i] = q[k, s], dq[k, s], ddq[k, s]
+        if reach:
+            shorten(z, vectors[DZ], vectors[DDZ], chain.body_int, chain.body_float)
+            forward(z, vectors[DZ], vectors[DDZ], chain, 0.0)
+            for e in range(own.ends.shape[0]):
+                end = end_of(chain, z, own.ends[e])
+                for i in range(3):
+                    own.wanted[e, i] = end[i]
+        if k > 0:
+            for a in range(bends.shape[0]):
+                z[bends[a]] = own.delta[a]
+        if not _solve_point(own, vectors, gears, chain, reach, q[k]):
+            return k
+        _load(vectors, chain)
+        for s in range(gears.place.shape[0]):
+            i = gears.place[s]
+            torque[k, s] = vectors[FORCE, i]
+            motor[k, s] = z[i] - twist_of(gears.springs[s], -vectors[FORCE, i])
+    return q.shape[0]
+
+
+# -- Where the motors of an elastic arm have to be for its links to be where they are wanted
+
+@dataclass(frozen=True, eq=False)
+class Bent:
+    """What an elastic arm needs point by point."""
+
+    # Positions of the motors, as their encoders show them, (points, joints) [rad or m].
+    motor: FloatArray
+    torque: FloatArray  # torque (or force) of each gear on the links, (points, joints) [N m or N]
+
+
+class BentArm:
+    """An elastic arm under the load of a wanted motion."""
+
+    def __init__(self, arm: Arm, values: Mapping[str, float]) -> None:
+        self._driven = driven_arm(arm, values)
+        mechanism, gears = self._driven.mechanism, self._driven.tables.gears
+        joint = np.array([mechanism.body_of[name] for name in arm.active_joints], dtype=np.int64)
+        springs = set(gears.place.tolist())
+        bends = np.array([i for i in self._driven.tables.equations.free.tolist()
+                          if i not in springs], dtype=np.int64)
+        ends = np.array([*(mechanism.body_of[name] for name in mechanism.beams),
+                         len(mechanism.body_int) - 1], dtype=np.int64)
+        moved = np.array([[float(body in self._carriers(int(end))) for body in joint.tolist()]
+                          for end in ends])
+        n, m, e = len(joint), len(bends), len(ends)
+        self._tables = tuple(Inverse(
+            bends, ends, joint, moved, np.zeros((m, m)), np.zeros(m), np.zeros((n, n)),
+            np.zeros(n), np.zeros((e, 3)), np.zeros((n, 3))))
+        self._name = arm.name
+
+    def _carriers(self, body: int) -> set[int]:
+        """Give a body and all that carry it."""
+        found = set()
+        while body >= 0:
+            found.add(body)
+            body = int(self._driven.mechanism.body_int[body, at.PARENT])
+        return found
+
+    @property
+    def payload(self) -> float:
+        """Give the mass at the tip [kg]."""
+        return self._driven.parameters['payload']
+
+    def carry(self, payload: float) -> None:
+        """Put another mass at the tip: payload [kg]."""
+        self._driven.set_parameters({'payload': payload})
+
+    def under(self, motion: FloatArray, *, reach: bool) -> Bent:
+        """
+        Bend the arm under the load of a motion, each point by itself.
+
+        motion (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+        """
+        q, dq, ddq = (np.ascontiguousarray(part) for part in np.split(motion, 3, axis=1))
+        motor, torque = np.zeros_like(q), np.zeros_like(q)
+        done = invert(q, dq, ddq, reach, motor, torque, self._tables, *self._driven.arrays)
+        if done < len(q):
+            msg = (f'{self._name}: links and gears do not come to rest under the load of point '
+                   f'{done + 1}, q = {np.round(q[done], 3).tolist()}')
+            raise SimulationError(msg, remedy='move it more slowly, or correct the stiffnesses')
+        return Bent(motor, torque)
+
+
+# -- Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
+#
+# The model is that of the bundle, asked at the wanted motion in place of the measured one: nothing
+# of it is noisy or late, and friction has the sign of the wanted speed. That sign is smoothed
+# about standstill as the model was fitted (``friction_velocity``): at rest friction is zero, since
+# a joint that stands keeps what friction it came to rest with, and a plain sign would shake it.
+
+Positions = Literal['wanted', 'motor']
+POSITIONS: tuple[Positions, ...] = ('wanted', 'motor')
+STAYS = 0.01
+"""How far a joint that is held may be from there [rad or m]."""
+
+
+class Feedforward:
+    """
+    Feed-forward of one arm.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models with efforts.
+    kind : str, default='analytical'
+        Kind of model that gives the efforts; 'elastic' bends the links under their load.
+    unit : {'model', 'current', 'torque'}
+        What efforts are given as.
+    positions : {'wanted', 'motor'}
+        Whether a wanted motion is that of the motors, which is passed on; or that of the links,
+        for which the motors are led further.
+    friction_at_rest : {'none', 'kept'}
+        What friction is at rest along a trajectory: none, so that the weight alone is held; or
+        that of the last motion, which real joints keep.
+    payload : float, optional
+        Mass at the tip [kg]; by default that of the training bags, or that of the elastic arm.
+
+    Attributes
+    ----------
+    joints : tuple of str
+        Joints, in the order of all arrays.
+    units : tuple of str
+        Unit of each joint's effort.
+    payload : float
+        Mass at the tip [kg].
+
+    Raises
+    ------
+    ModelError
+        If the bundle has no such model of efforts, a torque constant is not known, the model knows
+        nothing of the payload, or the arm has no flexible links.
+
+    """
+
+    def __init__(
+        self, bundle: ModelBundle, *, kind: str = 'analytical', unit: Unit = 'model',
+        positions: Positions = 'wanted', friction_at_rest: AtRest = 'none',
+        payload: float | None = None,
+    ) -> None:
+        arm, efforts = bundle.arm, bundle.models.get('effort', {})
+        if kind not in efforts:
+            msg = (f'the bundle has no model of efforts of the kind {kind!r}; it has '
+                   f'{", ".join(efforts) or "none of efforts"}')
+            raise ModelError(msg, remedy='name one of these, or fit bags that have efforts')
+        self.joints, self.units = arm.active_joints, unit_names(arm, unit)
+        self._held = {joint.name: joint.hold for joint in arm.spec.joints
+                      if joint.name not in self.joints}
+        self._factor = factors(arm, unit)
+        self._turning = np.array([joint.friction_velocity for joint in arm.joints])
+        self._keeps = friction_at_rest == 'kept'
+        self._of_all = efforts[kind]
+        self._bent: BentArm | None = None
+        self._leads = positions == 'motor'
+        self._limits = hard_limits(arm)
+        if self._leads or kind == 'elastic':
+            self._bent = BentArm(arm, _physical(bundle))
+        known = self._of_all.payload_range
+        of_bags = bundle.payload if known is None else known[0]
+        described = 0.0 if self._bent is None else self._bent.payload
+        self._known = described if of_bags is None else of_bags
+        self._worth = self._find_worth(bundle, kind)
+        self._model: Model = self._of_all
+        self.payload = self._known
+        self.carry(self._known if payload is None else payload)
+
+    def _find_worth(self, bundle: ModelBundle, kind: str) -> LoadWorth | None:
+        """Give what a kilogram adds, for a model of one payload that does not know itself."""
+        if self._of_all.payload_range is not None or kind != 'analytical':
+            return None
+        return load_worth(bundle.arm, {'effort': {kind: self._of_all}}).get('effort')
+
+    def carry(self, payload: float) -> None:
+        """
+        Take another payload.
+
+        Parameters
+        ----------
+        payload : float
+            Mass at the tip [kg].
+
+        Raises
+        ------
+        ModelError
+            If it is no mass, or the model is of one payload and nothing tells what a kilogram
+            more is worth.
+
+        """
+        more = payload - self._known
+        if not 0.0 <= payload < float('inf'):
+            msg = f'a payload of {payload} kg is impossible; give 0 or more'
+            raise ModelError(msg)
+        elastic = self._of_all.has_memory
+        if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
+            self._model = self._of_all.at(payload)
+        elif self._worth is None and abs(more) > SAME:
+            msg = (f'the model was fitted to a payload of {self._known:g} kg, and nothing tells '
+                   f'what {payload:g} kg are in its efforts')
+            raise ModelError(msg, remedy='fit a model to bags of two payloads (tudor fit '
+                                         '--payload-of), or describe torque constants')
+        if self._bent is not None:
+            self._bent.carry(payload)
+        self.payload = payload
+
+    def efforts(self, motion: FloatArray) -> FloatArray:
+        """
+        Give the efforts of single states, each by itself.
+
+        Parameters
+        ----------
+        motion : ndarray of shape (n_points, 3 n_joints)
+            ``[q, dq, ddq]`` of the motors [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+
+        Returns
+        -------
+        ndarray of shape (n_points, n_joints)
+            In ``units``.
+
+        """
+        if isinstance(self._model, ElasticModel):
+            assert self._bent is not None
+            return self._by_torque(self._bent.under(motion, reach=False).torque, motion)
+        return self._by_motion(motion)
+
+    def _by_motion(self, motion: FloatArray) -> FloatArray:
+        """Give the efforts of a model that has no memory."""
+        found = self._model.predict(motion)
+        more = self.payload - self._known
+        if self._worth is not None and abs(more) > SAME:
+            found = found + more * self._worth.along(motion)
+        return np.asarray(found * self._factor)
+
+    def _by_torque(self, torque: FloatArray, motion: FloatArray) -> FloatArray:
+        """Give the efforts of an elastic model whose gears pass on a torque."""
+        assert isinstance(self._model, ElasticModel)
+        response = Response(np.zeros((len(motion), 0)), torque)
+        return np.asarray(self._model.outputs(response, motion) * self._factor)
+
+    def along(self, trajectory: Trajectory) -> Trajectory:
+        """
+        Give a trajectory with the efforts that it needs.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            Wanted motion of ``joints`` in any order, see there for what is not given; joints that
+            the description holds may be in it, as long as they stay where it holds them.
+
+        Returns
+        -------
+        Trajectory
+            The same with efforts, none for held joints; where motors are led, with their
+            positions, velocities and accelerations.
+
+        Raises
+        ------
+        SignalError
+            If joints are missing or unknown, a held one moves, or a motor would have to be led
+            beyond its limits.
+        SimulationError
+            If links are too weak for the load.
+
+        """
+        self._check_held(trajectory)
+        motion = states(trajectory.of(self.joints))
+        places = [trajectory.joints.index(name) for name in self.joints]
+        if not self._leads:
+            effort = self._along(motion, None)
+            return replace(trajectory, effort=_put(trajectory, None, places, effort))
+        assert self._bent is not None
+        bent = self._bent.under(motion, reach=True)
+        n = len(self.joints)
+        self._check_limits(bent.motor, motion[:, :n])
+        further = bent.motor - motion[:, :n]
+        rate, rise = _derivatives(trajectory.t, further, motion[:, n:2 * n])
+        led = np.hstack([bent.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
+        effort = self._along(led, bent)
+        q, dq, ddq, effort = (
+            _put(trajectory, given, places, own) for given, own in zip(
+                (trajectory.q, trajectory.dq, trajectory.ddq, None),
+                (*np.split(led, 3, axis=1), effort), strict=True))
+        return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
+
+    def _along(self, motion: FloatArray, bent: Bent | None) -> FloatArray:
+        """Give the efforts of motors point after point; bent links may be known already."""
+        n, felt = len(self.joints), motion
+        if self._keeps:
+            felt = motion.copy()
+            felt[:, n:2 * n] = kept_speeds(motion[:, n:2 * n], self._turning)
+        if not isinstance(self._model, ElasticModel):
+            return self._by_motion(felt)
+        assert self._bent is not None
+        torque = (bent or self._bent.under(motion, reach=False)).torque
+        return self._by_torque(torque, felt)
+
+    def _check_limits(self, motor: FloatArray, wanted: FloatArray) -> None:
+        """Refuse to lead a motor beyond a limit that the wanted motion keeps to."""
+        low, high = self._limits.lower, self._limits.upper
+        beyond = ((motor < low) | (motor > high)) & (wanted >= low) & (wanted <= high)
+        if beyond.any():
+            point, joint = np.argwhere(beyond)[0]
+            msg = (f'to put the links there, the motor of {self.joints[joint]} would have to be '
+                   f'at {motor[point, joint]:.4g} at point {point + 1}; its limits are '
+                   f'{low[joint]:g} and {high[joint]:g}')
+            raise SignalError(msg, remedy='keep the wanted motion further from them')
+
+    def _check_held(self, trajectory: Trajectory) -> None:
+        """Refuse joints that the model knows nothing of, and held ones that move."""
+        for name, column in zip(trajectory.joints, trajectory.q.T, strict=True):
+            if name in self.joints:
+                continue
+            if name not in self._held:
+                msg = (f'the trajectory has the joint {name!r}, the model {list(self.joints)}'
+                       + (f' and holds {list(self._held)}' if self._held else ''))
+                raise SignalError(msg, remedy='name joints as the arm description does')
+            off = np.abs(column - self._held[name])
+            if off.max() > STAYS:
+                msg = (f'the model was fitted with {name!r} at {self._held[name]:g}, and point '
+                       f'{int(off.argmax()) + 1} has it at {column[off.argmax()]:g}')
+                raise SignalError(msg, remedy='hold it there, or fit a model with it among '
+                                              'active_joints')
+
+
+def _put(
+    trajectory: Trajectory, given: FloatArray | None, places: list[int], own: FloatArray,
+) -> FloatArray:
+    """Put columns of the model's joints among those of a trajectory, zero where none are given."""
+    whole = np.zeros_like(trajectory.q) if given is None else given.copy()
+    whole[:, places] = own
+    return whole
+
+
+def _derivatives(
+    t: FloatArray, values: FloatArray, speed: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Differentiate along the points twice; a single point rests."""
+    if len(t) < 2:
+        return np.zeros_like(values), np.zeros_like(values)
+    ends = tuple((1, np.zeros(values.shape[1])) if not speed[row].any() else
+                 (2, np.zeros(values.shape[1])) for row in (0, -1))
+    spline = CubicSpline(t, values, bc_type=ends)
+    rate, rise = spline(t, 1), spline(t, 2)
+    rise[[row for row in (0, -1) if not speed[row].any()]] = 0.0  # what rests is held as it is
+    return np.asarray(rate), np.asarray(rise)
+
+
+def _physical(bundle: ModelBundle) -> dict[str, float]:
+    """Give the physical parameters that were identified; none where the description has to do."""
+    model = elastic_of(bundle, 'strain') or elastic_of(bundle, 'effort')
+    return {} if model is None else model.values

@@ -1,0 +1,352 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which share of the samples was judged, why others were not, and sensors that died."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+from statistics import median
+
+import numpy as np
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Sensors that have died: a channel that keeps its value while the arm moves
+
+MOVING = 0.05
+"""A joint that is faster moves [rad/s or m/s]."""
+
+
+class SensorHealth:
+    """Watches channels of one sensor: stuck_time [s]."""
+
+    def __init__(self, names: Sequence[str], stuck_time: float) -> None:
+        self.names = tuple(names)
+        self.stuck_time = stuck_time
+        self._values = np.full(len(self.names), np.nan)
+        self._still = np.zeros(len(self.names))
+        self._last: int | None = None
+        self.moving = False
+
+    def step(self, stamp: int, values: FloatArray) -> None:
+        """
+        Take a reading into account; time counts only while ``moving``.
+
+        stamp [ns], values (channels,) [its unit].
+        """
+        dt = 0.0 if self._last is None else min(max((stamp - self._last) * 1e-9, 0.0), 1.0)
+        self._last = stamp
+        _wait(values, self._values, dt if self.moving else 0.0, self._still)
+
+    def dead(self) -> list[str]:
+        """Name the channels that count as dead."""
+        return [name for name, still in zip(self.names, self._still, strict=True)
+                if still > self.stuck_time]
+
+
+@compiled
+def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) -> None:
+    """Add time where a value is the last one, and begin anew where it is not."""
+    for i in range(len(values)):
+        still[i] = still[i] + dt if values[i] == last[i] else 0.0
+        last[i] = values[i]
+
+
+# -- Which share of the samples of the last second was judged, and why the others were not
+
+WINDOW = 1.0
+"""Time of which shares are told [s]."""
+LOOK = 0.1
+"""Time between two looks at the counts [s]."""
+FEW, MANY = 0.01, 0.2
+"""Shares not judged that are worth a warning and an error."""
+APART = 0.02
+"""Stamps of two topics that are further apart than this, and than `PERIODS`, are told [s]."""
+PERIODS = 2.5
+
+MEANING = {
+    'settling': 'the filters settle behind a beginning or a gap',
+    'gap': 'samples are lost on the way, or the driver leaves some out',
+    'not_finite': 'values are no numbers',
+    'duplicate_stamp': 'stamps are repeated',
+    'backward_stamp': 'stamps go backwards',
+    'unknown_names': 'the names are not those of the arm',
+    'short_array': 'arrays are shorter than their names',
+    'no_measurement': 'nothing was measured at the time of the motion',
+    'no_neighbour': 'no measurements stand close before and behind the motion',
+    'no_prediction': 'predictions do not come, or the model diverged',
+    'no_thresholds': 'fit the model with more free motion, or call ~/calibrate while the arm '
+                     'moves freely'}
+"""Causes for which a sample is not judged."""
+OF_MOTIONS = ('no_measurement', 'no_neighbour')
+"""Causes among those of a pairing that count motions, not measurements."""
+
+
+class Sight(IntEnum):
+    """How much the detector sees."""
+
+    CLEAR = 0
+    DIM = 1
+    BLIND = 2
+
+
+@dataclass(eq=False, slots=True)
+class TopicCount:
+    """What came on a topic."""
+
+    topic: str  # name of the topic
+    count: int = 0  # messages that have come
+    stamp: int = 0  # newest header stamp [ns]
+
+
+@dataclass(frozen=True)
+class JudgedShare:
+    """How much was judged."""
+
+    sight: Sight = Sight.CLEAR  # whether it is enough
+    text: str = ''  # what is wrong; empty where nothing is
+    share: float = 0.0  # part of the samples of the last second that was not judged
+    causes: dict[str, float] = field(default_factory=dict)  # the same by cause
+
+
+@dataclass(frozen=True, slots=True)
+class _Past:
+    """Counts at an earlier look."""
+
+    time: float
+    motion: Counter[str]
+    measured: Counter[str]
+    came: tuple[int, ...]
+    stamps: tuple[int, ...]
+
+
+class Judged:
+    """Looks at what a detector counts for one output, ten times a second: settle [s]."""
+
+    def __init__(
+        self, output: str, motion: TopicCount, others: Sequence[TopicCount],
+        sensors: Sequence[TopicCount], motions: Sequence[Counter[str]],
+        measured: Sequence[Counter[str]], settle: float,
+    ) -> None:
+        self.output = output
+        self.streams = (motion, *others)
+        self.verdict = JudgedShare()
+        self._sensors = [self.streams.index(stream) for stream in sensors]
+        self._motions, self._measured = tuple(motions), tuple(measured)
+        self._patience = settle + 2.0 * WINDOW
+        self._past: deque[_Past] = deque()
+        self._offsets: list[deque[tuple[float, float]]] = [deque() for _ in others]
+        self._arrivals: list[float] = [0.0] * len(self.streams)
+        self._flowing: float | None = None
+        self._blind: float | None = None
+        self._settling: float | None = None
+
+    def look(self, now: float) -> JudgedShare:
+        """Compare the counts with those of a second ago: now [s]."""
+        new = self._count(now)
+        last = self._past[-1] if self._past else new
+        self._follow(new, last)
+        self._past.append(new)
+        while len(self._past) > 2 and now - self._past[1].time >= WINDOW:
+            self._past.popleft()
+        self.verdict = self._judge(new, self._past[0])
+        return self.verdict
+
+    def _count(self, now: float) -> _Past:
+        motion: Counter[str] = Counter()
+        measured: Counter[str] = Counter()
+        for counts in self._motions:
+            motion.update({k: n for k, n in counts.items() if k in MEANING or k == 'judged'})
+        for counts in self._measured:
+            for cause, n in counts.items():
+                if cause in MEANING:
+                    (motion if cause in OF_MOTIONS else measured)[cause] += n
+        return _Past(now, motion, measured, tuple(stream.count for stream in self.streams),
+                     tuple(stream.stamp for stream in self.streams))
+
+    def _follow(self, new: _Past, last: _Past) -> None:
+        """Keep since when samples come, since when none was judged, and how stamps lie apart."""
+        came = [a > b for a, b in zip(new.came, last.came, strict=True)]
+        for place, fresh in enumerate(came):
+            if fresh:
+                self._arrivals[place] = new.time
+        if any(came):
+            if self._flowing is None:
+                self._flowing = new.time
+        elif self._flowing is not None and new.time - max(self._arrivals) >= WINDOW:
+            self._flowing = None
+        if self._flowing is None or new.motion['judged'] > last.motion['judged']:
+            self._blind = None
+        elif self._blind is None:
+            self._blind = last.time
+        for place, offsets in enumerate(self._offsets, 1):
+            if came[0] and came[place]:
+                offsets.append((new.time, (new.stamps[0] - new.stamps[place]) * 1e-9))
+            while offsets and new.time - offsets[0][0] > WINDOW:
+                offsets.popleft()
+
+    def _judge(self, new: _Past, old: _Past) -> JudgedShare:
+        of_motions, of_measured = self._shares(new, old)
+        share = max(sum(of_motions.values()), sum(of_measured.values()))
+        causes = {cause: max(of_motions.get(cause, 0.0), of_measured.get(cause, 0.0))
+                  for cause in of_motions | of_measured}
+        settling = causes.get('settling', 0.0)
+        if not settling:
+            self._settling = None
+        elif self._settling is None:
+            self._settling = new.time
+        patient = self._settling is not None and new.time - self._settling < self._patience
+        if self._blind is not None and new.time - self._blind >= WINDOW and not (
+                patient and share == settling):
+            return self._say_blind(new, old, causes)
+        apart = self._apart(new, old)
+        told = [apart] if apart else []
+        if share >= FEW:
+            told.append(f'{100.0 * share:.1f} % of the samples of {self.output} not judged, '
+                        f'{_main(causes)}')
+        lasting = share - (settling if patient else 0.0)
+        full = self._flowing is not None and new.time - max(old.time, self._flowing) >= WINDOW
+        sight = Sight.CLEAR if not told else (
+            Sight.BLIND if full and lasting >= MANY else Sight.DIM)
+        return JudgedShare(sight, '; '.join(told), share, causes)
+
+    def _say_blind(self, new: _Past, old: _Past, causes: dict[str, float]) -> JudgedShare:
+        """Say why nothing was judged for a second: the plainest reason first."""
+        causes = causes or {'no_measurement': 1.0}
+        silent = self._silent(new.time)
+        why = (f'nothing on {", ".join(silent)}' if silent
+               else self._apart(new, old) or _main(causes))
+        text = f'no sample of {self.output} judged for {WINDOW:g} s: {why}'
+        return JudgedShare(Sight.BLIND, text, 1.0, causes)
+
+    def _shares(self, new: _Past, old: _Past) -> tuple[dict[str, float], dict[str, float]]:
+        """Give shares of the motions that were not judged, and of measurements left out."""
+        motion = new.motion - old.motion
+        total = motion.total()
+        del motion['judged']
+        measured = new.measured - old.measured
+        came = sum(new.came[i] - old.came[i] for i in self._sensors) + measured['gap']
+        came = max(came, measured.total())
+        return ({cause: n / total for cause, n in motion.items()},
+                {cause: n / came for cause, n in measured.items() if n})
+
+    def _silent(self, now: float) -> list[str]:
+        """Name the topics on which nothing came while something came on others."""
+        assert self._flowing is not None
+        return [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
+                if now - max(at, self._flowing) >= WINDOW - LOOK]
+
+    def _apart(self, new: _Past, old: _Past) -> str:
+        """Name the topic whose stamps lie apart from those of the motion; empty for none."""
+        for place, offsets in enumerate(self._offsets, 1):
+            if len(offsets) < WINDOW / LOOK / 2:
+                continue
+            offset = median(item for _, item in offsets)
+            if abs(offset) > max(APART, *(PERIODS * self._period(i, new, old)
+                                          for i in (0, place))):
+                one, other = self.streams[place].topic, self.streams[0].topic
+                side = 'behind' if offset > 0.0 else 'ahead of'
+                return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other}: '
+                        'compare the clocks of hosts and drivers')
+        return ''
+
+    def _period(self, place: int, new: _Past, old: _Past) -> float:
+        count = new.came[place] - old.came[place]
+        return abs(new.stamps[place] - old.stamps[place]) * 1e-9 / count if count else 0.0
+
+
+def _main(causes: dict[str, float]) -> str:
+    """Name the cause that explains most, and what it means."""
+    cause = max(causes, key=causes.__getitem__)
+    if cause in OF_MOTIONS:
+        # where measurements are left out, motions lack them: the reason is what they were
+        others = {name: share for name, share in causes.items() if name not in OF_MOTIONS}
+        first = max(others, key=others.__getitem__, default=cause)
+        cause = first if causes[first] >= 0.5 * causes[cause] else cause
+    return f'{cause}: {MEANING[cause]}'
+
+
+# -- What a detector of several outputs judges of all that comes on its topics
+
+class Coverage:
+    """Counts the messages of a detector's topics, and looks at what became of them."""
+
+    def __init__(self) -> None:
+        self.verdict = JudgedShare()
+        self._streams: dict[str, TopicCount] = {}
+        self._judged: list[Judged] = []
+        self._looked = -math.inf
+
+    def begin(self) -> None:
+        """Forget the outputs; topics go on where they are."""
+        self._judged.clear()
+        self._looked = -math.inf
+
+    def add(
+        self, output: str, motion: str, predictions: str | None, sensors: Sequence[str],
+        motions: Sequence[Counter[str]], measured: Sequence[Counter[str]], settle: float,
+    ) -> None:
+        """Look at one more output: settle [s]."""
+        own = [self._stream(topic) for topic in sensors]
+        predicted = [] if predictions is None else [self._stream(predictions)]
+        self._judged.append(Judged(output, self._stream(motion), [*predicted, *own], own,
+                                   motions, measured, settle))
+
+    def _stream(self, topic: str) -> TopicCount:
+        return self._streams.setdefault(topic, TopicCount(topic))
+
+    def came(self, topic: str, stamp: int, now: float) -> bool:
+        """
+        Count a message; called for each one.
+
+        stamp [ns], now [s].
+        """
+        stream = self._streams.get(topic)
+        if stream is None:
+            return False
+        worse = False
+        if now - self._looked >= LOOK:
+            # before it counts: what came until now has been worked off
+            before = self.verdict.sight
+            worse = self.look(now).sight > before
+        stream.count += 1
+        stream.stamp = stamp
+        return worse
+
+    def look(self, now: float) -> JudgedShare:
+        """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""
+        if now - self._looked >= LOOK:
+            self._looked = now
+            self.verdict = _together([judged.look(now) for judged in self._judged])
+        return self.verdict
+
+
+def _together(found: Sequence[JudgedShare]) -> JudgedShare:
+    """Give the worst level with the texts that have it, and the largest shares."""
+    if not found:
+        return JudgedShare()
+    sight = max(verdict.sight for verdict in found)
+    causes: dict[str, float] = {}
+    for verdict in found:
+        for cause, share in verdict.causes.items():
+            causes[cause] = max(share, causes.get(cause, 0.0))
+    texts = dict.fromkeys(v.text for v in found if v.sight == sight and v.text)
+    return JudgedShare(sight, '; '.join(texts), max(v.share for v in found), causes)

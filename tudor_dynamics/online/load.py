@@ -1,0 +1,172 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The load beside the running robot: estimated, expected, separated from contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.errors import ModelError
+from tudor_dynamics.load.bending import bent_links
+from tudor_dynamics.load.observer import (
+    BEGUN, BentSense, LIGHTEST, LoadObserver, rigid_noise, RigidSense, Sense)
+from tudor_dynamics.load.rows import carrier_frame, load_worth, LoadWorth, tip
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.detector import Level
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.typing import FloatArray
+
+EXPECTED = 3.0
+"""Time for which a load that was announced may come [s]."""
+APART = 0.4
+"""Time between two samples behind which all begins anew [s]."""
+WARMED_UP = 0.1
+"""Time between samples that compile what runs beside the robot [s]."""
+
+
+@dataclass(frozen=True)
+class LoadFound:
+    """A collision that was none: a load."""
+
+    stamp: int  # stamp of the sample at which it was clear [ns]
+    mass: float  # what is carried now in all [kg]
+    change: float  # by how much it has changed [kg]
+
+
+class CarriedLoad:
+    """A load that is put onto predictions of an arm without it: known [kg], place (3,) [m]."""
+
+    def __init__(self, bundle: ModelBundle, known: float) -> None:
+        self.worth = load_worth(bundle.arm, bundle.models)
+        if not self.worth:
+            msg = ('no output of this model tells a load in kilograms: fit a model to bags of two '
+                   'payloads (tudor fit --payload-of), or describe torque constants or the gain '
+                   'of a gauge')
+            raise ModelError(msg)
+        self.known = known
+        self.frame, self.place = carrier_frame(bundle.arm), tip(bundle.arm)
+        self.output = 'strain' if 'strain' in self.worth else 'effort'
+        self._mass, self._told = known, known
+        self._expected = self._last = 0
+
+    @property
+    def mass(self) -> float:
+        """Give what is carried in all [kg]."""
+        return self._mass
+
+    def carry(self, mass: float) -> None:
+        """Take another load, as somebody else knows it: mass [kg]."""
+        self._mass = mass
+
+    def expect(self) -> None:
+        """Let a load come or go within the next seconds without being a collision."""
+        self._expected = self._last + round(EXPECTED * 1e9)
+
+    @property
+    def expecting(self) -> bool:
+        """Say whether a load may come now."""
+        return self._last < self._expected
+
+    def step(self, residual: Residual, level: Level) -> LoadFound | None:
+        """Take a sample of the output that tells the load into account."""
+        self._advance(residual.motion.stamp)
+        change, self._told = self._mass - self._told, self._mass
+        if abs(change) < LIGHTEST * self.worth[self.output].reference:
+            return None
+        return LoadFound(self._last, self._mass, change)
+
+    def _advance(self, stamp: int) -> bool:
+        """Let time go by; say whether the clock was set back."""
+        back = stamp < self._last
+        if back:
+            self._expected = 0
+        self._last = stamp
+        return back
+
+    def add_to(self, predicted: dict[str, FloatArray], row: FloatArray) -> dict[str, FloatArray]:
+        """
+        Add the load to predictions.
+
+        predicted (channels,); row (3 joints,): ``[q, dq, ddq]``
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (channels,).
+        """
+        more = self.mass - self.known
+        return {output: values + more * self.worth[output].at(row)
+                if output in self.worth else values for output, values in predicted.items()}
+
+
+class PayloadStage(CarriedLoad):
+    """Follows the load of the arm: known [kg]."""
+
+    def __init__(self, bundle: ModelBundle, known: float) -> None:
+        super().__init__(bundle, known)
+        self._sense, reference = self._sensed(bundle)
+        channels = len(bundle.models[self.output]['analytical'].channels)
+        self.observer = LoadObserver(
+            channels, reference, self._sense.lag, self._sense.explained)
+        # compiled now, and not beside the robot
+        nothing = np.zeros(3 * len(bundle.arm.joints))
+        for _ in range(round(2.0 * BEGUN / WARMED_UP)):
+            sensed = self._sense.step(WARMED_UP, nothing, np.zeros(channels))
+            if sensed is not None:
+                self.observer.step(WARMED_UP, sensed.left, sensed.worth, sensed.weight,
+                                   held=False)
+        self.observer.reset()
+        self._sense, _ = self._sensed(bundle)
+
+    def _sensed(self, bundle: ModelBundle) -> tuple[Sense, float]:
+        """Choose what tells the load; give what loads are compared with as well [kg]."""
+        bent = bent_links(bundle.facts, bundle.arm) if self.output == 'strain' else None
+        self.bent = bent is not None
+        if bent is not None:
+            own = LoadWorth(bundle.arm, self.output, bent.model)
+            return BentSense(bent, own, self.known), own.reference
+        model, own = bundle.models[self.output]['analytical'], self.worth[self.output]
+        assert isinstance(model, AnalyticalModel)  # that of which there is a worth
+        noise = rigid_noise(bundle.facts, self.output, model, own)
+        return RigidSense(model.at(self.known), own, noise), own.reference
+
+    @property
+    def mass(self) -> float:
+        """Give what is carried in all [kg]."""
+        return self.known + self.observer.mass
+
+    @property
+    def std(self) -> float:
+        """Give its standard deviation [kg]."""
+        return self.observer.std
+
+    def step(self, residual: Residual, level: Level) -> LoadFound | None:
+        """Take a sample into account; see `CarriedLoad`."""
+        motion = residual.motion
+        before = self._last
+        if self._advance(motion.stamp):
+            self.observer.reset()
+        if not all_finite(residual.measured):
+            return None
+        dt = (motion.stamp - before) * 1e-9
+        if motion.dt == 0.0 or not 0.0 < dt < APART:
+            dt = 0.0  # the first one, also behind a gap while filters settled
+        sensed = self._sense.step(dt, motion.row, residual.measured)
+        if sensed is None:
+            return None
+        change = self.observer.step(
+            dt, sensed.left, sensed.worth, sensed.weight,
+            held=level is not Level.FREE and not self.expecting, expected=self.expecting)
+        return LoadFound(motion.stamp, self.mass, change) if change else None

@@ -1,0 +1,617 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The whole live chain in one object: filter, predictor, residuals, thresholds, detector."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.errors import check_type, ModelError
+from tudor_dynamics.models.base import Model
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
+from tudor_dynamics.online.detector import (
+    channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
+    Rates, UNLIKE)
+from tudor_dynamics.online.judged import SensorHealth
+from tudor_dynamics.online.load import CarriedLoad, LoadFound, PayloadStage
+from tudor_dynamics.online.prediction import OUTPUTS, Predictor, Residual, ResidualStage
+from tudor_dynamics.online.streams import Motion, PairedSample, Pairing, StateFilter
+from tudor_dynamics.online.threshold_learning import stored_thresholds
+from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, STEP, WINDOW
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Choices of a monitor, and what becomes known with a message
+
+METHODS = ('strain', 'effort', 'momentum')
+SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}
+"""Output that each method needs."""
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """
+    Choices of a monitor.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of model whose residuals are watched.
+    observer : {'off', 'ringing'}
+        Whether measured strain corrects an elastic model.
+    methods : tuple of str
+        What the detector listens to, of `METHODS`; empty for all that the model has thresholds
+        for, or without any thresholds for all that it has models for.
+    rates : Rates
+        False alarms allowed, all methods together.
+    detector : DetectorSettings
+        Times and hysteresis.
+    observer_gain : float
+        Bandwidth of the momentum observer [1/s].
+    gap : float
+        Longest time between samples that is not a gap [s]; 0 for five periods.
+    contact : bool
+        Whether force and place of contacts are estimated.
+
+    """
+
+    kind: str = 'analytical'
+    observer: str = 'ringing'
+    methods: tuple[str, ...] = ('strain',)
+    rates: Rates = Rates()
+    detector: DetectorSettings = DetectorSettings()
+    observer_gain: float = 30.0
+    gap: float = 0.0
+    contact: bool = False
+
+
+@dataclass(eq=False, slots=True)
+class Found:
+    """What became known with one message."""
+
+    residuals: list[tuple[str, Residual]] = field(default_factory=list)  # method and residual
+    # Method and ratios, where thresholds are known.
+    excesses: list[tuple[str, Excess]] = field(default_factory=list)
+    events: list[CollisionEvent] = field(default_factory=list)  # collisions that begin with it
+    # Collisions from before that turned out to be loads.
+    loads: list[LoadFound] = field(default_factory=list)
+    # What touches the arm, where that is estimated.
+    contacts: list[ContactEstimate] = field(default_factory=list)
+
+
+# -- Momentum observer: the external effort without any acceleration.
+#
+# See Haddadin, De Luca and Albu-Schaeffer, IEEE T-RO 33(6), 2017, Section IV. With the generalised
+# momentum p = M(q) dq the observer integrates what the model expects of dp/dt and takes the
+# difference for the external effort, behind a first-order lag of 1/gain.
+#
+# Nothing but predictions of the fitted effort model is needed: rows of M(q) dq come from the model
+# at zero velocity with dq in place of the acceleration, dM/dt dq from a central difference along
+# dq. Each row may carry a scale of its own, so the observer also works on currents of unknown
+# torque constant: its result is then in amperes, joint by joint.
+
+MOMENTUM_STEP = 1e-5
+"""Change of position for the central difference [rad or m]."""
+MOMENTUM_LAGS = 5.0
+"""Lags of the observer until its beginning is forgotten."""
+
+
+class MomentumObserver:
+    """Observer of external efforts: gain [1/s], settle [s]."""
+
+    def __init__(self, model: Model, gain: float = 30.0, settle: float = 0.5) -> None:
+        self.model = model
+        self.gain = gain
+        self.settle = max(settle, MOMENTUM_LAGS / gain)
+        self._observed: FloatArray | None = None
+        self._last = 0
+        self._carried = 0.0
+        self._trail = model.trail()
+
+    def step(self, pair: PairedSample, load: CarriedLoad | None = None) -> Residual | None:
+        """Observe one sample; returns None while the observer settles."""
+        motion = pair.motion
+        row = motion.row if self._trail is None else self._trail.step(motion.dt, motion.row)
+        n = len(self.model.channels)
+        momentum, expected = self._expect(row[None], n, self.model.predict)
+        own = None if load is None else load.worth.get('effort')
+        if load is not None and own is not None:
+            more = load.mass - load.known
+            swing, change = self._expect(motion.row[None], n, own.along)
+            if self._observed is not None:  # what has just come moves as the arm does already
+                self._observed = self._observed + (more - self._carried) * swing[0]
+            self._carried = more
+            momentum, expected = momentum + more * swing, expected + more * change
+        external = self._advance(motion.stamp, motion.dt == 0.0, momentum[0],
+                                 expected[0] + pair.measured)
+        if external is None or not motion.settled(self.settle):
+            return None
+        return Residual(motion, pair.measured, pair.measured + external, -external)
+
+    def process(
+        self, stamp: NDArray[np.int64], motion: FloatArray, measured: FloatArray,
+    ) -> FloatArray:
+        """
+        Observe a gapless record at once.
+
+        stamp (samples,) [ns], measured (samples, joints) [its unit]; motion (samples, inputs):
+        ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2],
+        and what else the model takes; returns (samples, joints).
+        """
+        momentum, expected = self._expect(motion, len(self.model.channels), self.model.predict)
+        out = np.zeros_like(measured)
+        for k, (time, p, u) in enumerate(zip(stamp.tolist(), momentum, expected + measured,
+                                             strict=True)):
+            external = self._advance(time, k == 0, p, u)
+            if external is not None:
+                out[k] = -external
+        return out
+
+    def _advance(
+        self, stamp: int, first: bool, momentum: FloatArray, expected: FloatArray,
+    ) -> FloatArray | None:
+        if first or self._observed is None:
+            self._observed, self._last = momentum, stamp
+            return None
+        dt = (stamp - self._last) * 1e-9
+        self._last = stamp
+        # backward Euler: stable for any sample time
+        before = self._observed + dt * expected
+        external = self.gain / (1.0 + self.gain * dt) * (momentum - before)
+        self._observed = before + dt * external
+        return np.asarray(external)
+
+    @staticmethod
+    def _expect(
+        motion: FloatArray, n: int, efforts: Callable[[FloatArray], FloatArray],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Give M dq, and dM/dt dq - n(q, dq): what the momentum does without effort."""
+        count = len(motion)
+        q, dq = motion[:, :n], motion[:, n:2 * n]
+        batch = np.zeros((7, count, motion.shape[1]))
+        batch[:, :, 3 * n:] = motion[:, 3 * n:]
+        batch[0, :, :2 * n] = motion[:, :2 * n]
+        step = MOMENTUM_STEP / np.maximum(1.0, np.abs(dq).max(axis=1, keepdims=True))
+        for k, place in enumerate((q, q + step * dq, q - step * dq)):
+            batch[1 + 2 * k:3 + 2 * k, :, :n] = place
+            batch[1 + 2 * k, :, 2 * n:3 * n] = dq
+        y = efforts(batch.reshape(7 * count, -1)).reshape(7, count, -1)
+        change = ((y[3] - y[4]) - (y[5] - y[6])) / (2.0 * step)
+        return y[1] - y[2], change - y[0]
+
+
+# -- Pairs, residuals, thresholds and detector: everything behind the prediction
+
+class Watch:
+    """
+    Pairs, residuals, thresholds and detector: everything behind the prediction.
+
+    contact: None where it is not asked for, or nothing tells; no_contact: empty where they are.
+    """
+
+    def __init__(
+        self,
+        bundle: ModelBundle,
+        settings: MonitorSettings,
+        thresholds: dict[str, MethodThresholds] | None = None,
+        payload: CarriedLoad | None = None,
+    ) -> None:
+        self.payload = payload
+        self.bundle, self.settings = bundle, settings
+        spec = bundle.preprocessing
+        unknown = [name for name in settings.methods if name not in METHODS]
+        if unknown:
+            msg = f'methods {unknown} are unknown; expected some of {list(METHODS)}'
+            raise ModelError(msg)
+        if thresholds is None:
+            thresholds = stored_thresholds(bundle, settings.kind)
+        kinds = bundle.models
+        served = tuple(name for name in settings.methods or METHODS
+                       if ('analytical' if name == 'momentum' else settings.kind) in kinds.get(
+                           SOURCE[name], {}))
+        self.methods = served if settings.methods else (
+            tuple(name for name in served if name in thresholds) or served)
+        self.outputs = tuple(dict.fromkeys(SOURCE[name] for name in self.methods))
+        self.pairing = {output: Pairing() for output in self.outputs}
+        self.counts: dict[str, Counter[str]] = {output: Counter() for output in self.outputs}
+        self._residual = {output: ResidualStage(spec.output_cutoff, spec.settle)
+                          for output in self.outputs}
+        self.observer = (MomentumObserver(kinds['effort']['analytical'], settings.observer_gain,
+                                          spec.settle) if 'momentum' in self.methods else None)
+        self.contact: AnyEstimator | None = None
+        self.no_contact = ''
+        if settings.contact:
+            try:
+                self.contact = contact_estimator(bundle, settings.kind, self.methods)
+            except ModelError as err:
+                self.no_contact = str(err)
+        self._load_method = None if payload is None else self._follows(payload)
+        self.use_thresholds(thresholds, settings)
+
+    def _follows(self, payload: CarriedLoad) -> str:
+        """Choose the method whose samples the load goes by."""
+        own = [name for name in self.methods if SOURCE[name] == payload.output]
+        if not own and isinstance(payload, PayloadStage):
+            msg = (f'the load is told by {payload.output}, which none of the methods '
+                   f'{list(self.methods)} listens to: add it to methods')
+            raise ModelError(msg)
+        return min(own or self.methods, key=lambda name: name != payload.output)
+
+    def use_thresholds(
+        self, thresholds: dict[str, MethodThresholds], settings: MonitorSettings,
+    ) -> None:
+        """Put other thresholds into use; the detector begins anew."""
+        self.settings = settings
+        self.stages = {name: ExcessStage(thresholds[name], settings.rates)
+                       for name in self.methods if name in thresholds}
+        self.detector = CollisionDetector(
+            settings.detector, {name: stage.thresholds.channels
+                                for name, stage in self.stages.items()},
+            channel_links(self.bundle.arm))
+        self._restart = dict.fromkeys(self.methods, True)
+        self._methods_of = {output: [method for method in self.methods
+                                     if SOURCE[method] == output] for output in self.outputs}
+        self._judging = {output: sum(method in self.stages for method in methods)
+                         for output, methods in self._methods_of.items()}
+        self.set_rates(settings.rates)
+
+    def set_rates(self, rates: Rates) -> None:
+        """Share the false alarms that are allowed out among the methods in use."""
+        n = max(1, len(self.stages))
+        for stage in self.stages.values():
+            stage.rates = Rates(rates.collision / n, rates.contact / n)
+
+    def stiction(self, method: str, q: FloatArray) -> FloatArray:
+        """Give the friction that may hold each joint while it stands; see ``Model``."""
+        kind = 'analytical' if method == 'momentum' else self.settings.kind
+        return self.bundle.models[SOURCE[method]][kind].stiction(q)
+
+    @property
+    def level(self) -> Level:
+        """State of the arm."""
+        return self.detector.level
+
+    @property
+    def widened(self) -> dict[str, tuple[float, str]]:
+        """How much wider the thresholds of each method are than learned, and the channel."""
+        found = {}
+        for method, stage in self.stages.items():
+            place = int(np.argmax(stage.widening))
+            found[method] = float(stage.widening[place]), stage.thresholds.channels[place]
+        return found
+
+    @property
+    def unlike(self) -> str:
+        """Say where the arm does not move as it did for its thresholds; empty where it does."""
+        wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
+                if factor > UNLIKE]
+        return '' if not wide else (
+            f'the arm moves unlike what thresholds were learned from: widened {", ".join(wide)}; '
+            'learn them from such motion (~/calibrate, or more bags for tudor fit)')
+
+    @property
+    def settle(self) -> float:
+        """Time behind a beginning for which nothing is judged [s]."""
+        settle = self.bundle.preprocessing.settle
+        return settle if self.observer is None else max(settle, self.observer.settle)
+
+    def add_motion(self, motion: Motion, predicted: dict[str, FloatArray] | None) -> Found:
+        """
+        Take a motion with its predictions into account.
+
+        predicted: None while the filters settle.
+        """
+        found = Found()
+        for output, pairing in self.pairing.items():
+            values = None if predicted is None else predicted.get(output)
+            self._judge(output, pairing.add_motion(motion, values), found)
+        return found
+
+    def add_output(
+        self, output: str, motion: Motion, predicted: FloatArray | None,
+    ) -> Found:
+        """
+        Take a motion with the prediction of one output into account.
+
+        predicted (channels,) [its unit]: None while the filters settle.
+        """
+        found = Found()
+        if output in self.pairing:
+            self._judge(output, self.pairing[output].add_motion(motion, predicted), found)
+        return found
+
+    def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
+        """Take a measurement into account: stamp [ns], values (channels,) [its unit]."""
+        found = Found()
+        if output in self.pairing:
+            self._judge(output, self.pairing[output].add_measured(stamp, values), found)
+        return found
+
+    def _judge(self, output: str, pairs: Sequence[PairedSample], found: Found) -> None:
+        for pair in pairs:
+            before = len(found.excesses)
+            plain = self._residual[output].step(pair)
+            if self.contact is not None and output == self.contact.source:
+                self._touch(pair, plain, found)
+            for method in self._methods_of[output]:
+                if pair.motion.dt == 0.0:
+                    self._restart[method] = True
+                if method == 'momentum':
+                    assert self.observer is not None
+                    residual = self.observer.step(pair, self.payload)
+                    if self.contact is not None and method == self.contact.source:
+                        self._touch(pair, residual, found)
+                else:
+                    residual = plain
+                if residual is None:
+                    continue
+                found.residuals.append((method, residual))
+                self._carry(method, residual, found)
+                stage = self.stages.get(method)
+                if stage is None:
+                    continue
+                excess = stage.step(residual, self._restart[method])
+                self._restart[method] = False
+                found.excesses.append((method, excess))
+                event = self.detector.step(method, excess)
+                if event is not None and self.payload is not None and self.payload.expecting:
+                    self.detector.reset()
+                elif event is not None:
+                    found.events.append(event)
+            judging = self._judging[output]
+            self.counts[output][
+                'no_thresholds' if not judging else
+                'judged' if len(found.excesses) - before == judging else
+                'settling' if not pair.motion.settled(self.settle) else 'no_prediction'] += 1
+
+    def _carry(self, method: str, residual: Residual, found: Found) -> None:
+        """Let the load follow; a collision that is one is taken back."""
+        if self.payload is None or method != self._load_method:
+            return
+        load = self.payload.step(residual, self.level)
+        if load is not None:
+            found.loads.append(load)
+            self.detector.reset()
+
+    def _touch(
+        self, pair: PairedSample, residual: Residual | None, found: Found,
+    ) -> None:
+        """Estimate what touches the arm at a sample."""
+        assert self.contact is not None
+        motion = pair.motion
+        estimate = self.contact.step(
+            motion.stamp, motion.dt == 0.0, motion.row, pair.measured,
+            None if residual is None else residual.value)
+        if estimate is not None:
+            found.contacts.append(estimate)
+
+
+# -- Filter, predictor, residuals, thresholds and detector in one: a robot watched by sample
+
+class Monitor:
+    """
+    A whole chain, from joint states to collisions.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Fitted models, with the thresholds that were learned.
+    settings : MonitorSettings, optional
+        Kind of model, methods of detection, false alarms allowed.
+    thresholds : dict of str to MethodThresholds, optional
+        In place of those of the bundle.
+    payload : CarriedLoad, optional
+        Load that predictions have in them, and that follows the arm if it is a `PayloadStage`.
+
+    Attributes
+    ----------
+    filter : StateFilter
+        First stage: positions to motion.
+    predictor : Predictor
+        Second stage: motion to expected outputs.
+    watch : Watch
+        Third stage: residuals, thresholds and detector.
+    motion : Motion or None
+        Motion of the newest sample; None while a gap is crossed.
+    predicted : dict of str to ndarray, or None
+        Prediction for the newest sample; None while the filters settle.
+    wanted : set of str
+        Outputs to predict; those that the detector needs by default.
+
+    """
+
+    def __init__(
+        self,
+        bundle: ModelBundle,
+        settings: MonitorSettings = MonitorSettings(),
+        thresholds: dict[str, MethodThresholds] | None = None,
+        payload: CarriedLoad | None = None,
+    ) -> None:
+        check_type(bundle, ModelBundle, 'bundle', 'the result of fit or load_bundle')
+        check_type(settings, MonitorSettings, 'settings', "such as MonitorSettings(kind='elm')")
+        bundle = bundle.beside_robot()
+        self.filter = StateFilter(bundle.preprocessing, settings.gap)
+        self.watch = Watch(bundle, settings, thresholds, payload)
+        self.predictor = Predictor(
+            bundle, settings.kind,
+            settings.observer if 'strain' in self.watch.outputs else 'off')
+        self.wanted = set(self.watch.outputs)
+        self.payload = payload
+        self.motion: Motion | None = None
+        self.predicted: dict[str, FloatArray] | None = None
+
+    def add_joints(
+        self, stamp: int, q: FloatArray, measured_velocity: FloatArray | None = None,
+    ) -> Found:
+        """
+        Take joint states into account.
+
+        Parameters
+        ----------
+        stamp : int
+            Header stamp [ns].
+        q : ndarray of shape (n_joints,)
+            Positions of the active joints [rad or m].
+        measured_velocity : ndarray of shape (n_joints,), optional
+            Velocities of the driver [rad/s or m/s].
+
+        Returns
+        -------
+        Found
+            What became known; ``motion`` and ``predicted`` are those of this sample, or None.
+
+        """
+        self.motion = self.filter.step(stamp, q, measured_velocity)
+        self.predicted = None
+        if self.motion is None:
+            return Found()
+        self.predicted = self.predictor.step(self.motion, self.wanted)
+        if self.payload is not None and self.predicted is not None:
+            self.predicted = self.payload.add_to(self.predicted, self.motion.row)
+        return self.watch.add_motion(self.motion, self.predicted)
+
+    def add_measured(self, output: str, stamp: int, values: FloatArray) -> Found:
+        """
+        Take efforts or strains into account.
+
+        Parameters
+        ----------
+        output : {'effort', 'strain'}
+            What was measured.
+        stamp : int
+            Header stamp [ns].
+        values : ndarray of shape (n_channels,)
+            Readings in the units of the arm description, NaN where there is none.
+
+        Returns
+        -------
+        Found
+            Residuals, ratios to the thresholds, and collisions that became known.
+
+        """
+        if output == 'strain':
+            self.predictor.add_strain(stamp, values)
+        return self.watch.add_measured(output, stamp, values)
+
+
+# -- A few samples of an arm at rest, so that nothing is compiled or loaded beside the robot.
+#
+# Compiled functions are compiled at their first call, on a new installation for seconds, and read
+# from the disk at the first call in each process, for tens of milliseconds. Samples would be lost
+# meanwhile.
+
+PERIOD = 10_000_000
+"""Time between samples [ns]."""
+
+
+def warm_up(bundle: ModelBundle, settings: MonitorSettings) -> None:
+    """Run the whole chain on an arm at rest."""
+    monitor = Monitor(bundle, settings)
+    arm = bundle.arm
+    sizes = {'effort': len(arm.active_joints), 'strain': len(arm.gauge_names)}
+    health = SensorHealth(arm.active_joints, 1.0)
+    q = np.zeros(len(arm.active_joints))
+    needed = bundle.preprocessing.settle + (LAGS + WINDOW) * STEP + 0.1
+    monitor.wanted = {*OUTPUTS}
+    for k in range(round(needed * 1e9) // PERIOD):
+        monitor.add_joints(k * PERIOD, q, q)
+        health.step(k * PERIOD, q)
+        for output in monitor.watch.outputs:
+            monitor.add_measured(output, k * PERIOD, np.zeros(sizes[output]))
+
+
+def warm_up_filter(spec: PreprocessingSpec) -> None:
+    """Filter an arm at rest, with velocities and without."""
+    for measured in (None, np.zeros(1)):
+        warmed = StateFilter(spec)
+        for k in range(3):
+            warmed.step(k * PERIOD, np.zeros(1), measured)
+
+
+# -- A recording through a monitor that follows the load, message by message as beside the robot
+
+@dataclass(frozen=True, eq=False)
+class FollowedLoad:
+    """A recording that was watched."""
+
+    t: FloatArray  # time since its beginning, (samples,) [s]
+    # What is thought to be carried, and its standard deviation, (samples,) [kg].
+    mass: FloatArray
+    std: FloatArray
+    events: tuple[float, ...]  # times of collisions [s]
+    loads: tuple[LoadFound, ...]  # what turned out to be a load
+    times: tuple[float, ...]  # when it did [s]
+    told_by: str  # output that tells the load; empty where it is not followed
+
+
+def follow_load(
+    bundle: ModelBundle, recording: Recording, known: float, *, estimate: bool = True,
+    announced: Sequence[float] = (),
+) -> FollowedLoad:
+    """
+    Replay a recording.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Models as they were loaded, of all payloads or of one.
+    recording : Recording
+        Joints with efforts or strains.
+    known : float
+        Payload at the beginning [kg].
+    estimate : bool, default=True
+        Whether the load is followed.
+    announced : sequence of float
+        Times at which a load is announced [s].
+
+    Raises
+    ------
+    ModelError
+        If no output tells kilograms.
+
+    """
+    beside = bundle.beside_robot()
+    stage = PayloadStage(beside, known) if estimate else None
+    methods = ('strain',) if stage is None else (stage.output,)
+    monitor = Monitor(beside.at(known), MonitorSettings(methods=methods), payload=stage)
+    begin, waiting = int(recording.stamp[0]), sorted(announced)
+    mass, std = np.full(len(recording.stamp), known), np.zeros(len(recording.stamp))
+    events: list[float] = []
+    loads: list[LoadFound] = []
+    measured = {output: values for output in monitor.watch.outputs
+                if (values := getattr(recording, output)) is not None}
+    for k, stamp in enumerate(recording.stamp.tolist()):
+        if stage is not None and waiting and (stamp - begin) * 1e-9 >= waiting[0]:
+            del waiting[0]
+            stage.expect()
+        velocity = None if recording.dq is None else recording.dq[k]
+        found = [monitor.add_joints(stamp, recording.q[k], velocity)]
+        found += [monitor.add_measured(output, stamp, values[k])
+                  for output, values in measured.items()]
+        events += [(event.stamp - begin) * 1e-9 for item in found for event in item.events]
+        loads += [load for item in found for load in item.loads]
+        if stage is not None:
+            mass[k], std[k] = stage.mass, stage.std
+    return FollowedLoad(recording.t, mass, std, tuple(events), tuple(loads),
+                        tuple((load.stamp - begin) * 1e-9 for load in loads),
+                        '' if stage is None else stage.output)

@@ -1,0 +1,407 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Live streams: stamps, gaps, filtered joint states, measured values on their stamps."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+import numpy as np
+
+from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.alignment import GAP_FLOOR, GAP_PERIODS
+from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Stamps of a live stream: order, gaps and jumps, judged as they arrive
+
+JUMP = 1.0
+"""A stamp that is older by more than this is a clock that was set back, not a late message [s]."""
+LEARNING = 5
+"""Intervals needed before a period can be told."""
+RENEWAL = 16
+"""Intervals between two looks at the period, which would take a microsecond each."""
+LONG = 1.6
+"""Steps that are longer may hide a sample that was lost [periods]."""
+EARLY = 0.9
+"""Steps that are shorter make up for a sample that was late before them [periods]."""
+
+
+class Losses:
+    """
+    Counts samples that never came, by the period that it learns.
+
+    A sample that is only late is followed by steps that are shorter for it, and is not counted.
+    """
+
+    def __init__(self) -> None:
+        self.recent: deque[int] = deque(maxlen=31)
+        self._period = 0.0
+        self._long = -1.0
+        self._renewal = LEARNING
+        self._late = 0.0
+
+    @property
+    def learned(self) -> bool:
+        """Whether the period is known."""
+        return self._period > 0.0
+
+    def reset(self) -> int:
+        """Forget the period, and give the samples lost that were still in doubt."""
+        late = max(0, round(self._late))
+        self.recent.clear()
+        self._period, self._long, self._renewal, self._late = 0.0, -1.0, LEARNING, 0.0
+        return late
+
+    def unusable(self) -> None:
+        """Take a sample into account that came, but whose stamp is not stepped to."""
+        self._late -= 1.0
+
+    def step(self, step: int) -> int:
+        """Take the time between two samples: step [ns]."""
+        self.recent.append(step)
+        self._renewal -= 1
+        if not self._renewal:
+            self._renewal = RENEWAL
+            self._period = float(median(self.recent))
+            if self._period > self._long > 0.0:
+                self._late = 0.0  # the source has slowed down, which is no loss
+            self._long = LONG * self._period
+        if 0.0 < step <= self._long and not self._late:
+            return 0  # nearly always
+        return self._settle(step / self._period) if self._period else 0
+
+    def _settle(self, step: float) -> int:
+        """Add what a long step [periods] lacks, take off what early ones give back."""
+        if step > LONG:
+            self._late += step - 1.0
+            return 0
+        late = max(0.0, self._late - max(0.0, 1.0 - step))
+        self._late = late if step < EARLY else 0.0
+        return 0 if step < EARLY else round(late)
+
+
+@dataclass(slots=True)  # frozen would be three times as slow to make, twice a sample
+class Tick:
+    """An accepted stamp."""
+
+    dt: float  # time since the sample before; 0 for a first one [s]
+    # Whether nothing before it counts: at the start, behind a gap, after a jump of the clock.
+    first: bool
+
+
+class StampGate:
+    """
+    Lets increasing stamps pass and counts the others; a gap is what it is in recordings.
+
+    gap [s]: 0 for five periods, at least 20 ms.
+    """
+
+    def __init__(self, gap: float = 0.0) -> None:
+        self.gap = gap
+        self.drops: Counter[str] = Counter()
+        self._losses = Losses()
+        self.last: int | None = None
+
+    def reset(self) -> None:
+        """Take the next stamp for a first one."""
+        self.last = None
+        lost = self._losses.reset()
+        if lost:
+            self.drops['gap'] += lost
+
+    def unusable(self) -> None:
+        """Take a sample into account that came and is left out for its values: it is not lost."""
+        self._losses.unusable()
+
+    def limit(self) -> float:
+        """Give the longest time between samples that is not a gap now [s]."""
+        if self.gap > 0:
+            return self.gap
+        recent = self._losses.recent
+        if len(recent) < LEARNING:
+            return JUMP
+        return max(GAP_PERIODS * median(recent) * 1e-9, GAP_FLOOR)
+
+    def step(self, stamp: int) -> Tick | None:
+        """
+        Judge the next stamp.
+
+        stamp [ns]; returns None for a stamp that is repeated or older than the newest.
+        """
+        if self.last is None:
+            self.last = stamp
+            return Tick(0.0, True)
+        step = stamp - self.last
+        if step <= 0:
+            if -step * 1e-9 <= JUMP:
+                self.drops['duplicate_stamp' if step == 0 else 'backward_stamp'] += 1
+                return None
+            self.drops['clock_set_back'] += 1
+            self.reset()
+            self.last = stamp
+            return Tick(0.0, True)
+        dt = step * 1e-9
+        self.last = stamp
+        first = dt > GAP_FLOOR and dt > self.limit()
+        # also behind a gap: a source that has slowed down is not one gap after another
+        lost = self._losses.step(step)
+        if first and not self._losses.learned:
+            lost = 1  # nobody can tell how many
+        if lost:
+            self.drops['gap'] += lost
+        return Tick(0.0, True) if first else Tick(dt, False)
+
+
+# -- Live joint states to positions, velocities and accelerations, as the offline tools do it
+
+@dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
+class Motion:
+    """Motion of one sample."""
+
+    stamp: int  # header stamp of the sample [ns]
+    elapsed: float  # time since the filter began, or began anew behind a gap [s]
+    dt: float  # time since the sample before; 0 at the beginning [s]
+    # `[q, dq, ddq]` of the active joints, (3 joints,) [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    row: FloatArray
+
+    def settled(self, settle: float) -> bool:
+        """
+        Say whether the transients of the filters are over, by the offline tools' rule.
+
+        settle [s].
+        """
+        return self.elapsed >= settle - 0.5 * self.dt
+
+
+class LowPass:
+    """First-order low-pass of vectors: cutoff [Hz]."""
+
+    def __init__(self, cutoff: float | None) -> None:
+        self.cutoff = cutoff
+        self._state: FloatArray | None = None
+
+    def step(self, dt: float, x: FloatArray) -> FloatArray:
+        """
+        Filter one sample; ``dt`` of 0 begins anew.
+
+        x (channels,); dt [s]: 0 begins anew.
+        """
+        if self.cutoff is None:
+            return x
+        if self._state is None or dt <= 0:
+            self._state = x.copy()
+        else:
+            self._state = self._state + low_pass_gain(self.cutoff, dt) * (x - self._state)
+        return self._state
+
+
+class StateFilter:
+    """Filter of live joint states; gap [s]: 0 for five periods."""
+
+    def __init__(self, spec: PreprocessingSpec, gap: float = 0.0) -> None:
+        self.spec = spec
+        self.gate = StampGate(gap)
+        self.drops: Counter[str] = self.gate.drops
+        self._differentiator = CausalDifferentiator(
+            spec.velocity_cutoff, spec.acceleration_cutoff)
+        self._output = LowPass(spec.output_cutoff)
+        self._began = 0
+        self._with_velocity = False
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.gate.reset()
+
+    def step(self, stamp: int, q: FloatArray, measured: FloatArray | None = None) -> Motion | None:
+        """
+        Filter one sample.
+
+        stamp [ns], q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; returns None for a
+        sample that is left out.
+        """
+        if not all_finite(q):
+            self.drops['not_finite'] += 1
+            self.gate.unusable()
+            return None
+        if not self.spec.measured_velocity or (
+                measured is not None and not all_finite(measured)):
+            measured = None
+        tick = self.gate.step(stamp)
+        if tick is None:
+            return None
+        changed = self._with_velocity != (measured is not None)
+        if tick.first or changed:
+            if changed and not tick.first:
+                self.drops['velocity_came_or_went'] += 1
+            self._differentiator.reset()
+            self._began = stamp
+            self._with_velocity = measured is not None
+        dt = 0.0 if stamp == self._began else tick.dt
+        row = self._differentiator.step_row(tick.dt, q, measured)
+        if self._output.cutoff is not None:
+            n = len(q)
+            row[:2 * n] = self._output.step(dt, row[:2 * n])
+        return Motion(stamp, (stamp - self._began) * 1e-9, dt, row)
+
+
+# -- Brings what is measured onto the stamps of the motion, as the readers of bags do
+
+WAITING = 400
+"""Samples that may wait for their partner; more are dropped, oldest first."""
+
+
+@dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
+class PairedSample:
+    """A motion with its prediction and the measurement at the same time."""
+
+    motion: Motion
+    # (channels,): what the model expects; None while the filters settle.
+    predicted: FloatArray | None
+    # (channels,): what the sensors say, interpolated between their neighbours where stamps differ.
+    measured: FloatArray
+
+
+class Pairing:
+    """
+    Waits for the measurements that belong to motions.
+
+    Equal stamps go together as they are. A motion between two measurements gets their
+    interpolation once the second one is there; one without neighbours is dropped and counted.
+    """
+
+    def __init__(self) -> None:
+        self.gate = StampGate()
+        self.drops: Counter[str] = self.gate.drops
+        self._motions: deque[tuple[Motion, FloatArray | None]] = deque()
+        self._measured: deque[tuple[int, FloatArray]] = deque()
+
+    @property
+    def waiting(self) -> int:
+        """Give the number of motions that wait for a measurement."""
+        return len(self._motions)
+
+    def reset(self) -> None:
+        """Forget all that waits."""
+        self.gate.reset()
+        self._motions.clear()
+        self._measured.clear()
+
+    def add_motion(self, motion: Motion, predicted: FloatArray | None) -> list[PairedSample]:
+        """Add a motion, later than those before it: predicted (channels,)."""
+        if self._motions and motion.stamp <= self._motions[-1][0].stamp:
+            self.drops['no_measurement'] += len(self._motions)
+            self._motions.clear()  # the clock was set back
+            self._measured.clear()
+            self.drops['clock_set_back'] += 1
+        if len(self._motions) >= WAITING:
+            self._motions.popleft()
+            self.drops['no_measurement'] += 1
+        self._motions.append((motion, predicted))
+        return self._complete()
+
+    def add_measured(self, stamp: int, values: FloatArray) -> list[PairedSample]:
+        """Add a measurement: stamp [ns], values (channels,) [its unit]."""
+        if not all_finite(values):
+            self.drops['not_finite'] += 1
+            self.gate.unusable()
+            return []
+        tick = self.gate.step(stamp)
+        if tick is None:
+            return []
+        if tick.first:
+            while self._measured and self._measured[-1][0] > stamp:  # the clock was set back
+                self._measured.pop()
+        if len(self._measured) >= WAITING:
+            self._measured.popleft()
+        self._measured.append((stamp, values))
+        return self._complete()
+
+    def _complete(self) -> list[PairedSample]:
+        pairs: list[PairedSample] = []
+        motions, measured = self._motions, self._measured
+        while motions and measured:
+            motion, predicted = motions[0]
+            while len(measured) > 1 and measured[1][0] <= motion.stamp:
+                measured.popleft()
+            stamp, values = measured[0]
+            if stamp == motion.stamp:
+                pairs.append(PairedSample(motion, predicted, values))
+            elif stamp > motion.stamp:
+                self.drops['no_neighbour'] += 1
+            elif len(measured) == 1:
+                break
+            else:
+                after, later = measured[1]
+                if (after - stamp) * 1e-9 > self.gate.limit():
+                    self.drops['no_neighbour'] += 1
+                else:
+                    weight = (motion.stamp - stamp) / (after - stamp)
+                    pairs.append(PairedSample(motion, predicted,
+                                              (1 - weight) * values + weight * later))
+            motions.popleft()
+        return pairs
+
+
+# -- Readings of one output that arrive on several topics, put together to whole ones
+
+class Gathering:
+    """
+    Puts readings of several topics together, on the stamps of the first topic.
+
+    Equal stamps go together as they are; where they differ, the other topics are interpolated
+    between their neighbours. Readings of a single topic pass as they are, in its order.
+    """
+
+    def __init__(self, channels: Sequence[str], topics: Mapping[str, Sequence[str]]) -> None:
+        self.topics = tuple(topics)
+        order = [name for names in topics.values() for name in names]
+        self._order = [order.index(name) for name in channels]
+        self._gate = StampGate()
+        self._stages = [Pairing() for _ in self.topics[1:]]
+
+    @property
+    def drops(self) -> list[Counter[str]]:
+        """Give the readings left out, by cause; one topic's pairing with the motion counts."""
+        return [self._gate.drops, *(stage.drops for stage in self._stages)]
+
+    def add(
+        self, topic: str, stamp: int, values: FloatArray,
+    ) -> list[tuple[int, FloatArray]]:
+        """
+        Take a message into account.
+
+        stamp [ns], values (channels_of_topic,); returns (channels,).
+        """
+        if not self._stages:
+            return [(stamp, values)]
+        place = self.topics.index(topic)
+        if place:
+            done = [(pair.motion.stamp, np.concatenate([pair.motion.row, pair.measured]))
+                    for pair in self._stages[place - 1].add_measured(stamp, values)]
+        elif self._gate.step(stamp) is None:
+            return []
+        else:
+            done = [(stamp, values)]
+        for stage in self._stages[place:]:
+            done = [(pair.motion.stamp, np.concatenate([pair.motion.row, pair.measured]))
+                    for when, row in done
+                    for pair in stage.add_motion(Motion(when, 0.0, 0.0, row), None)]
+        return [(when, row[self._order]) for when, row in done]

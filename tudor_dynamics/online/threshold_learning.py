@@ -1,0 +1,460 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Thresholds learned from free motion, offline or beside the robot; as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator, ValidationInfo
+from scipy import optimize, sparse
+
+from tudor_dynamics.errors import FitError, ModelError
+from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.bundle_parts import BundlePart, read, Text
+from tudor_dynamics.online.detector import levels, USUAL
+from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.thresholds import (
+    accumulate, BLOCK, held_friction, LAGS, learn_taps, MethodThresholds, MotionFeatures,
+    OnsetFilter, released, REVERSAL_SPEED, STEP, Tail, UNSURE, WINDOW)
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Thresholds as plain values in a model bundle, and back
+
+DIGITS = 10
+DOMAIN = ('usual', 'reach')
+TAIL = ('location', 'scale', 'shape', 'share', 'largest', 'count')
+
+
+Positive = Annotated[float, Field(gt=0.0)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Size = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Matrix = tuple[tuple[Number, ...], ...]
+
+
+class TailPart(BundlePart):
+    """How a residual exceeds its profile, see `Tail`."""
+
+    location: Positive
+    scale: Positive
+    shape: Annotated[float, Field(ge=0.0, le=1.0)]
+    share: Annotated[float, Field(gt=0.0, le=1.0)]
+    largest: Positive
+    count: Annotated[float, Field(ge=1.0)]
+
+
+class ThresholdsPart(BundlePart):
+    """Thresholds of one method, of an arm whose channels and joints come as context."""
+
+    channels: tuple[Text, ...]
+    seconds: float
+    step: Positive
+    taps: tuple[Matrix, ...]
+    profile: tuple[tuple[Size, ...], ...]
+    tails: tuple[TailPart, ...]
+    usual: tuple[Positive, ...] | None = None
+    reach: tuple[Positive, ...] | None = None
+    stiction: tuple[Size, ...] | None = None
+
+    @model_validator(mode='after')
+    def _fits(self, info: ValidationInfo) -> ThresholdsPart:
+        context = info.context or {}
+        channels, joints = context['channels'], context['n_joints']
+        n = len(channels)
+        if self.channels != channels:
+            raise ValueError(f'channels {list(self.channels)} do not fit the arm; expected '
+                             f'{list(channels)}')
+        for name, value, shape in (
+                ('taps', self.taps, (LAGS + WINDOW, n, n)),
+                ('profile', self.profile, (2 * n, 1 + 4 * joints)), ('usual', self.usual, (n,)),
+                ('reach', self.reach, (joints,)), ('stiction', self.stiction, (n,))):
+            if value is not None and np.shape(value) != shape:
+                raise ValueError(f'{name} of another shape than {shape} do not fit the arm')
+        if len(self.tails) not in (2 * n, 3 * n):
+            raise ValueError(f'{len(self.tails)} tails do not fit the arm; expected two or three '
+                             'for each channel')
+        if any(row[0] == 0.0 for row in self.profile):
+            raise ValueError('profile with a size of 0 at rest')
+        if n != joints and any(self.stiction or ()):
+            raise ValueError('stiction of what is no joint')
+        return self
+
+
+def thresholds_to_dict(thresholds: MethodThresholds) -> dict[str, Any]:
+    """
+    Make plain values of thresholds.
+
+    Parameters
+    ----------
+    thresholds : MethodThresholds
+        Thresholds of one method.
+
+    Returns
+    -------
+    dict
+        YAML-ready; numbers of ten digits.
+
+    """
+    def short(x: float) -> float:
+        return float(f'{x:.{DIGITS}g}')
+
+    def listed(x: Any) -> Any:
+        return [listed(item) for item in x] if isinstance(x, list) else short(x)
+
+    return {
+        'channels': list(thresholds.channels), 'seconds': round(thresholds.seconds, 3),
+        'step': short(thresholds.step), 'taps': listed(thresholds.taps.tolist()),
+        'profile': listed(thresholds.profile.tolist()),
+        'tails': [{key: short(getattr(t, key)) for key in TAIL}
+                  for t in thresholds.tails],
+        # infinite means unknown, and is left out as in bundles that are older
+        **{key: listed(values.tolist()) for key in DOMAIN
+           if np.isfinite(values := getattr(thresholds, key)).all()},
+        **({'stiction': listed(thresholds.stiction.tolist())} if thresholds.stiction.any()
+           else {})}
+
+
+def thresholds_from_dict(
+    content: Any, channels: tuple[str, ...], n_joints: int,
+) -> MethodThresholds:
+    """
+    Read thresholds; older ones without ``usual`` and ``reach`` are never widened.
+
+    Parameters
+    ----------
+    content : dict
+        As from `thresholds_to_dict`.
+    channels : tuple of str
+        Channels that the arm has.
+    n_joints : int
+        Its active joints.
+
+    Returns
+    -------
+    MethodThresholds
+        Thresholds of one method.
+
+    Raises
+    ------
+    ModelError
+        If anything is missing, impossible, or does not fit the arm.
+
+    """
+    try:
+        part = read(ThresholdsPart, content, {'channels': channels, 'n_joints': n_joints})
+    except ModelError as err:
+        raise err.at('thresholds of the model') from None
+    n = len(channels)
+    return MethodThresholds(
+        channels, part.step, np.array(part.taps), np.array(part.profile),
+        tuple(Tail(**dict(tail)) for tail in part.tails), part.seconds,
+        np.full(n, np.inf) if part.usual is None else np.array(part.usual),
+        np.full(n_joints, np.inf) if part.reach is None else np.array(part.reach),
+        np.zeros(n) if part.stiction is None else np.array(part.stiction))
+
+
+def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresholds]:
+    """
+    Give the thresholds that a bundle carries for one kind of model.
+
+    Parameters
+    ----------
+    bundle : ModelBundle
+        Fitted models, with facts of their thresholds.
+    kind : str
+        Kind of model; the momentum observer always goes with the analytical one.
+
+    Returns
+    -------
+    dict of str to MethodThresholds
+        Method to thresholds; methods without any are left out.
+
+    """
+    stored = bundle.facts.get('thresholds')
+    found: dict[str, MethodThresholds] = {}
+    if not isinstance(stored, dict):
+        return found
+    arm = bundle.arm
+    for method, channels in (('strain', arm.gauge_names), ('effort', arm.active_joints),
+                             ('momentum', arm.active_joints)):
+        kinds = stored.get(method)
+        own = 'analytical' if method == 'momentum' else kind
+        if isinstance(kinds, dict) and own in kinds:
+            found[method] = thresholds_from_dict(kinds[own], channels, len(arm.active_joints))
+    return found
+
+
+# -- Learns thresholds from residuals of free motion
+
+GROUP = 0.08
+"""Time of which the largest value counts for the profile [s]."""
+QUANTILE = 0.8
+"""Share of the groups that stay below the profile."""
+ROWS = 1500
+"""Rows of a quantile regression; more make it slow and hardly better."""
+MIN_BLOCKS = 8
+"""Seconds of free motion below which nothing can be said of a tail."""
+MAX_BOUND = 0.5
+"""Tails that end more abruptly are an artefact of few peaks."""
+UPPER = 0.2
+"""Share of the peaks whose excess makes up the tail, where there are enough."""
+FEWEST = 20
+"""Peaks that make up a tail at least, where there are no more."""
+MAX_SHARE = 0.5
+"""More of the peaks are no tail."""
+SHAPE_ERROR = 2.0 / math.sqrt(3.0)
+"""Standard error of an exponential tail's shape, times the root of the number of peaks."""
+LEAST = (0.1, 0.1, 0.02)
+"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
+DOUBT = 2.0
+"""Standard errors of the shape by which a bound is doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """A gapless stretch of residuals while nothing touched the arm."""
+
+    stamp: NDArray[np.int64]  # header stamps, (samples,) [ns]
+    # `[q, dq, ddq]` of the active joints, in columns, (samples, 3 joints)
+    # [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
+    motion: FloatArray
+    # Residuals of a model that was not fitted to these samples, (samples, channels).
+    residual: FloatArray
+
+    @property
+    def t(self) -> FloatArray:
+        """Time since the first sample [s]."""
+        return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
+
+
+def learn_thresholds(
+    records: Sequence[FreeMotion], channels: tuple[str, ...],
+    stiction: FloatArray | None = None,
+) -> MethodThresholds:
+    """Learn the thresholds of one method: stiction (channels,) [unit of the residual]."""
+    if not records:
+        msg = 'no free motion to learn thresholds from'
+        raise FitError(msg)
+    period = float(np.median(np.concatenate([np.diff(r.t) for r in records])))
+    step = max(STEP, period)
+    records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)]
+    seconds = float(sum(r.t[-1] for r in records))
+    if seconds < MIN_BLOCKS * BLOCK:
+        msg = (f'{seconds:.1f} s of free motion are too little for thresholds; at least '
+               f'{MIN_BLOCKS * BLOCK:g} s without a gap are needed')
+        raise FitError(msg)
+    stiction = np.zeros(len(channels)) if stiction is None else stiction
+    rows = _Rows(records, step, period, stiction)
+    halves = [_Rows([_half(r, which) for r in records], step, period, stiction)
+              for which in (0, 1)]
+    # Ratios to a profile that was not learned from them: others are too small.
+    laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
+    ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
+    usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL, axis=0)
+    taps, profile = rows.law()
+    n, alive = len(channels), rows.noise() > 0.0
+    tails = tuple(_tail(column, LEAST[place // n] if alive[place % n] else 0.0)
+                  for place, column in enumerate(ratios.T))
+    return MethodThresholds(channels, step, taps, profile, tails, seconds,
+                            np.asarray(usual), rows.reach(), stiction)
+
+
+def _half(record: FreeMotion, which: int) -> FreeMotion:
+    middle = len(record.stamp) // 2
+    part = slice(middle, None) if which else slice(middle)
+    return FreeMotion(record.stamp[part], record.motion[part], record.residual[part])
+
+
+class _Rows:
+    """What is learned from: residuals with the columns of their motion."""
+
+    def __init__(
+        self, records: Sequence[FreeMotion], step: float, period: float, stiction: FloatArray,
+    ) -> None:
+        self._records, self._step = records, step
+        self._held = [held_friction(stiction, np.abs(r.motion[:, n:2 * n]))
+                      if stiction.any() else np.zeros_like(r.residual)
+                      for r in records for n in (len(stiction),)]
+        self._free = [released(r.t, r.residual, held)
+                      for r, held in zip(records, self._held, strict=True)]
+        self._group = max(1, round(GROUP / period))
+        self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
+        self._columns = []
+        for record in records:
+            features = MotionFeatures(record.motion.shape[1] // 3)
+            self._columns.append(np.array([features.step(s, m) for s, m in zip(
+                record.stamp.tolist(), record.motion, strict=True)])[self._skip:])
+
+    def law(self) -> tuple[FloatArray, FloatArray]:
+        """Learn taps and profile."""
+        taps = learn_taps([(r.t, x) for r, x in zip(self._records, self._free, strict=True)],
+                          self._step)
+        columns = np.vstack([_largest(c, self._group) for c in self._columns])
+        peaks = np.vstack([_largest(s, self._group) for s in self._sizes(taps)])
+        least = np.concatenate([self.noise(), np.zeros(taps.shape[1])])
+        return taps, np.array([_profile(columns, peaks[:, i], least[i])
+                               for i in range(peaks.shape[1])])
+
+    def ratios(self, taps: FloatArray, profile: FloatArray, block: int) -> FloatArray:
+        """Give the largest ratio to a profile in each block, and the largest sums of onsets."""
+        parts, n = [], taps.shape[1]
+        for record, held, columns, sizes in zip(
+                self._records, self._held, self._columns, self._sizes(taps), strict=True):
+            usual = columns @ profile.T
+            signs = np.sign(record.residual[self._skip:])
+            scale = usual[:, :n] + UNSURE * held[self._skip:]
+            sums = accumulate(np.diff(record.t[self._skip - 1:]), signs * sizes[:, :n] / scale)
+            parts.append(_largest(np.hstack([sizes / usual, sums]), block))
+        return np.vstack(parts)
+
+    def levels(self, taps: FloatArray, profile: FloatArray) -> FloatArray:
+        """Give the level of the onset statistics at each sample, as ratios to a profile."""
+        n = taps.shape[1]
+        return np.vstack([levels(np.diff(r.t[self._skip - 1:]), (s / (c @ profile.T))[:, n:])
+                          for r, c, s in zip(self._records, self._columns, self._sizes(taps),
+                                             strict=True)])
+
+    def reach(self) -> FloatArray:
+        """Give the largest speed of each joint; one that stood still moves from there on."""
+        joints = (self._columns[0].shape[1] - 1) // 4
+        largest = np.max([c[:, 1:1 + joints].max(axis=0) for c in self._columns], axis=0)
+        return np.asarray(np.maximum(largest, REVERSAL_SPEED))
+
+    def noise(self) -> FloatArray:
+        """Give the size of what changes from sample to sample, for each residual."""
+        return np.asarray(np.sqrt(0.5 * np.mean(np.vstack([
+            np.diff(r.residual, axis=0) for r in self._records]) ** 2, axis=0)))
+
+    def _sizes(self, taps: FloatArray) -> list[FloatArray]:
+        """Give the sizes of residuals and onset statistics, once the past is complete."""
+        return [np.hstack([np.maximum(np.abs(r.residual) - held, 0.0), np.abs(
+            OnsetFilter(taps, self._step).process(r.t, x))])[self._skip:]
+            for r, held, x in zip(self._records, self._held, self._free, strict=True)]
+
+
+def _largest(x: FloatArray, count: int) -> FloatArray:
+    """Take the largest of each ``count`` rows."""
+    whole = len(x) // count * count
+    return np.asarray(x[:whole].reshape(-1, count, x.shape[1]).max(axis=1))
+
+
+def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray:
+    """Fit a quantile of the peaks by non-negative columns, as a linear program."""
+    stride = -(-len(peaks) // ROWS)
+    columns, peaks = columns[::stride], peaks[::stride]
+    n, p = columns.shape
+    largest = np.maximum(columns.max(axis=0), 1e-12)
+    # friction that holds covers a joint at rest altogether
+    unit = float(np.median(peaks[peaks > 0.0])) if (peaks > 0.0).any() else max(least, 1e-300)
+    identity = sparse.identity(n, format='csr')
+    equal = sparse.hstack([sparse.csr_matrix(columns / largest), identity, -identity])
+    found = optimize.linprog(
+        np.concatenate([np.zeros(p), np.full(n, QUANTILE), np.full(n, 1.0 - QUANTILE)]),
+        A_eq=equal, b_eq=peaks / unit, bounds=(0, None), method='highs')
+    if not found.success:
+        msg = f'the profile of a threshold could not be found ({found.message})'
+        raise FitError(msg)
+    profile = found.x[:p] * unit / largest
+    # without a floor, standstill in the data would make the slightest noise a collision
+    profile[0] = max(profile[0], 0.1 * unit)
+    return np.asarray(profile)
+
+
+def _tail(peaks: FloatArray, least: float) -> Tail:
+    """
+    Fit a generalised Pareto distribution to the highest peaks by L-moments (Hosking, 1987).
+
+    A bound is believed as far as the peaks prove it: two standard errors below the estimate.
+    The scale is at least what is given: friction may cover a joint that stands, and sums may stay
+    at zero, which is no reason to be alarmed by the next touch of noise.
+    """
+    share = max(UPPER, min(FEWEST / len(peaks), MAX_SHARE))
+    location = max(float(np.quantile(peaks, 1.0 - share)), 1e-6)
+    above = np.sort(peaks[peaks > location] - location)
+    n = len(above)
+    largest = float(peaks.max())
+    if n < 3 or above[-1] <= 0.0:
+        return Tail(location, least, 0.0, share, max(largest, location), max(n, 3))
+    first = float(above.mean())
+    second = 2.0 * float((np.arange(n) / (n - 1) * above).mean()) - first
+    shape = first / second - 2.0 - DOUBT * SHAPE_ERROR / math.sqrt(n)
+    shape = min(max(shape, 0.0), MAX_BOUND)
+    return Tail(location, max(first * (1.0 + shape), least), shape, share, largest, n)
+
+
+# -- Thresholds learned beside the running robot, from residuals as they come
+
+MAX_SAMPLES = 2_000_000
+THINNED = 100
+"""Samples of which one tells the friction of a joint."""
+
+
+class Calibration:
+    """Collects free motion for a while: seconds [s]."""
+
+    def __init__(
+        self, channels: dict[str, tuple[str, ...]], seconds: float,
+        stiction: Callable[[str, FloatArray], FloatArray] | None = None,
+    ) -> None:
+        self.channels = channels
+        self.stiction = stiction
+        self.seconds = seconds
+        self._parts: dict[str, list[list[Residual]]] = {name: [] for name in channels}
+        self._collected = dict.fromkeys(channels, 0.0)
+        self._count = 0
+
+    def add(self, method: str, residual: Residual) -> None:
+        """Collect one residual."""
+        parts = self._parts[method]
+        motion = residual.motion
+        last = parts[-1][-1].motion.stamp if parts else 0
+        dt = (motion.stamp - last) * 1e-9
+        if not parts or not 0.0 < dt <= max(5.0 * motion.dt, 0.02):
+            parts.append([])
+        else:
+            self._collected[method] += dt
+        parts[-1].append(residual)
+        self._count += 1
+
+    @property
+    def done(self) -> bool:
+        """Say whether every method has enough."""
+        return (self._count > MAX_SAMPLES
+                or min(self._collected.values(), default=0.0) >= self.seconds)
+
+    def learn(self) -> dict[str, MethodThresholds]:
+        """Learn the thresholds."""
+        found = {}
+        for method, parts in self._parts.items():
+            records = [FreeMotion(np.array([r.motion.stamp for r in part], dtype=np.int64),
+                                  np.array([r.motion.row for r in part]),
+                                  np.array([r.value for r in part]))
+                       for part in parts if len(part) > 1]
+            places = np.vstack([r.motion[::THINNED, :r.motion.shape[1] // 3] for r in records]
+                               or [np.zeros((0, 0))])
+            held = (None if self.stiction is None or not len(places)
+                    else self.stiction(method, places))
+            learned = learn_thresholds(records, self.channels[method], held)
+            if not all(tail.scale > 0 for tail in learned.tails):
+                msg = f'{method}: a residual never changes; check the sensors and calibrate again'
+                raise FitError(msg)
+            found[method] = learned
+        return found

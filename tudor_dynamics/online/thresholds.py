@@ -1,0 +1,477 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Thresholds for a false-alarm rate, and the statistics that they apply to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What the size of a residual depends on when nothing touches the arm
+
+REVERSAL_SPEED = 0.02
+"""Slower is no direction of motion [rad/s or m/s]."""
+REVERSAL_WINDOW = 0.15
+"""Time for which a reversal counts: friction and play do not settle at once [s]."""
+RINGING = 0.5
+"""Time constant with which an acceleration is forgotten: links ring on behind it [s]."""
+STANDING = 2.0 * REVERSAL_SPEED
+"""Slower joints may stick; friction has its sign from there on [rad/s or m/s]."""
+NEVER = -2**62
+"""A stamp before all others [ns]."""
+
+
+class MotionFeatures:
+    """
+    Columns of a threshold: constant, speeds, accelerations now and lately, recent reversals.
+
+    direction, reversed_at, lately (joints,): what is remembered: signs of the speeds, stamps of
+    the last reversals [ns], decaying maxima of the accelerations [rad/s^2 or m/s^2].
+    """
+
+    def __init__(self, n_joints: int) -> None:
+        self.n_joints = n_joints
+        self.direction, self.lately = np.zeros(n_joints), np.zeros(n_joints)
+        self.reversed_at = np.full(n_joints, NEVER)
+        self._last = NEVER
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.direction[:], self.reversed_at[:], self.lately[:] = 0.0, NEVER, 0.0
+        self._last = NEVER
+
+    @property
+    def size(self) -> int:
+        """Give the number of columns."""
+        return 1 + 4 * self.n_joints
+
+    def step(self, stamp: int, row: FloatArray) -> FloatArray:
+        """
+        Evaluate the columns at one sample, later than those before it.
+
+        stamp [ns]; row (3 joints,): ``[q, dq, ddq]`` of one sample
+        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (size,).
+        """
+        columns = np.empty(self.size)
+        evaluate_features(stamp, self._last, row, self.direction, self.reversed_at, self.lately,
+                          columns)
+        self._last = stamp
+        return columns
+
+
+@compiled
+def evaluate_features(
+    stamp: int, last: int, row: FloatArray, direction: FloatArray, reversed_at: NDArray[np.int64],
+    lately: FloatArray, columns: FloatArray,
+) -> None:
+    """Evaluate the columns: the loop of `MotionFeatures.step`."""
+    n = len(direction)
+    decay = math.exp((last - stamp) * 1e-9 / RINGING)
+    columns[0] = 1.0
+    for i in range(n):
+        dq, ddq = row[n + i], abs(row[2 * n + i])
+        if abs(dq) > REVERSAL_SPEED:
+            if dq * direction[i] < 0.0:
+                reversed_at[i] = stamp
+            direction[i] = 1.0 if dq > 0.0 else -1.0
+        lately[i] = max(ddq, decay * lately[i])
+        columns[1 + i] = abs(dq)
+        columns[1 + n + i] = ddq
+        columns[1 + 2 * n + i] = lately[i]
+        columns[1 + 3 * n + i] = 1.0 if stamp - reversed_at[i] <= REVERSAL_WINDOW * 1e9 else 0.0
+
+
+# -- The onset statistic: what the residual of the last 100 ms does that its past does not explain.
+#
+# The residual of a rigid-body model rings with the links, and a threshold above that ringing finds
+# a touch late. Ringing can be foretold from its own past: a vector autoregression, learned from
+# free motion, predicts the residual one step ahead, and the statistic is the sum of its errors
+# over a window. A contact pushes all of them the same way, long before it rises above the ringing.
+# It answers to onsets only; what lasts is the business of the residual itself.
+#
+# The steps are 10 ms long whatever the sample rate is: the past is interpolated.
+
+STEP = 0.01
+"""Step of the autoregression; longer where samples come more slowly [s]."""
+LAGS = 10
+"""Steps of the past that foretell the next."""
+WINDOW = 10
+"""Steps over which errors are summed."""
+GROWTH = 1024
+
+
+def learn_taps(
+    records: Sequence[tuple[FloatArray, FloatArray]], step: float,
+) -> FloatArray:
+    """
+    Learn the autoregression and fold it with the window into one filter.
+
+    step [s]; returns (LAGS + WINDOW, channels, channels).
+    """
+    n = records[0][1].shape[1]
+    gram, moment = np.zeros((LAGS * n, LAGS * n)), np.zeros((LAGS * n, n))
+    for t, residual in records:
+        lagged = _lagged(t, residual, step, LAGS + 1)[_complete(t, step, LAGS + 1)]
+        past = lagged[:, 1:].reshape(len(lagged), -1)
+        gram += past.T @ past
+        moment += past.T @ lagged[:, 0]
+    scale = np.sqrt(np.diag(gram)) + 1e-300
+    scaled = gram / np.outer(scale, scale) + 1e-9 * np.eye(len(gram))
+    weights = (np.linalg.solve(scaled, moment / scale[:, None]) / scale[:, None])
+    weights = weights.reshape(LAGS, n, n)
+    taps = np.zeros((LAGS + WINDOW, n, n))
+    for k in range(WINDOW):
+        taps[k] += np.eye(n)
+        taps[k + 1:k + 1 + LAGS] -= weights
+    return taps
+
+
+def _lagged(t: FloatArray, x: FloatArray, step: float, count: int) -> FloatArray:
+    """Give x at t, t - step, ...; shape (n_samples, count, n_channels)."""
+    out = np.empty((len(t), count, x.shape[1]))
+    for lag in range(count):
+        for channel in range(x.shape[1]):
+            out[:, lag, channel] = np.interp(t - lag * step, t, x[:, channel])
+    return out
+
+
+def _complete(t: FloatArray, step: float, count: int) -> NDArray[np.bool_]:
+    return np.asarray(t - t[0] >= (count - 1) * step - 1e-6 * step)
+
+
+class OnsetFilter:
+    """
+    Evaluates the statistic.
+
+    taps (taps, channels, channels), step [s], t, x (places,) [s], ages (taps,) [s], weights
+    (taps channels, channels).
+    """
+
+    def __init__(self, taps: FloatArray, step: float) -> None:
+        self.taps = taps
+        self.step_time = step
+        self.ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
+        # interp wants increasing times: the oldest first
+        self.weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        channels = self.taps.shape[1]
+        self.t = np.empty(2 * GROWTH)
+        self.x = np.empty((2 * GROWTH, channels))
+        self.count = self.begin = 0
+        self._origin = 0
+
+    def process(self, t: FloatArray, residual: FloatArray) -> FloatArray:
+        """
+        Evaluate a gapless record at once.
+
+        t (samples,) [s], residual (samples, channels) [its unit]; returns (samples, channels).
+        """
+        lagged = _lagged(t, residual, self.step_time, len(self.taps))
+        out = np.einsum('tkc,kcd->td', lagged, self.taps)
+        out[~_complete(t, self.step_time, len(self.taps))] = 0.0
+        return np.asarray(out)
+
+    def step(self, stamp: int, residual: FloatArray, first: bool) -> FloatArray:
+        """
+        Evaluate one sample.
+
+        stamp [ns], residual (channels,) [its unit]; returns (channels,).
+        """
+        known = self.take_place(stamp, first)
+        self.x[self.count - 1] = residual
+        if not known:
+            return np.zeros(len(residual))
+        out = np.empty(len(residual))
+        self.begin = weigh(self.t, self.x, self.begin, self.count, self.ages, self.weights, out)
+        return out
+
+    def take_place(self, stamp: int, first: bool) -> bool:
+        """
+        Make a place for the residual of a sample, the last in use; whoever asks fills it.
+
+        stamp [ns].
+        """
+        if first or self.count == 0:
+            self.count = self.begin = 0
+            self._origin = stamp
+        now = (stamp - self._origin) * 1e-9
+        if self.count == len(self.x):
+            self._make_room()
+        self.t[self.count] = now
+        self.count += 1
+        return bool(self.count >= 2 and now >= self.ages[0] - 1e-6 * self.step_time)
+
+    def _make_room(self) -> None:
+        keep = self.count - self.begin
+        t, x = self.t, self.x
+        if keep > len(x) // 2:
+            t, x = np.empty(2 * len(x)), np.empty((2 * len(x), x.shape[1]))
+        t[:keep] = self.t[self.begin:self.count].copy()
+        x[:keep] = self.x[self.begin:self.count].copy()
+        self.t, self.x, self.count, self.begin = t, x, keep, 0
+
+
+@compiled
+def weigh(
+    t: FloatArray, x: FloatArray, begin: int, count: int, ages: FloatArray, weights: FloatArray,
+    out: FloatArray,
+) -> int:
+    """Interpolate the past at the ages, oldest first, and weigh it; gives the new beginning."""
+    n, now, j = len(out), t[count - 1], begin
+    out[:] = 0.0
+    for k in range(len(ages)):
+        at = now - ages[k]
+        while j + 2 < count and t[j + 1] <= at:
+            j += 1
+        if k == 0:
+            begin = j
+        share = max(0.0, (at - t[j]) / (t[j + 1] - t[j]))
+        for channel in range(n):
+            value = x[j, channel] + share * (x[j + 1, channel] - x[j, channel])
+            for i in range(n):
+                out[i] += value * weights[k * n + channel, i]
+    return begin
+
+
+# -- The accumulated statistic: what onsets come to that are each too small to be told.
+#
+# A soft hit rises for longer than the 100 ms over which an onset is summed, and never stands out
+# in any of them. A cumulative sum (Page, 1954) of the onset by its profile, less a drift, adds
+# them up: free motion, whose onsets change sign, falls back to zero soon. There is one sum for
+# each direction; its unit is the second, that is the time for which the onset stood one profile
+# above the drift.
+#
+# What lasts is no onset: friction that holds a joint is a residual that stays, of which the
+# autoregression leaves a part. So the change of the residual is summed: the onset, less what it
+# would be had the residual been as it was before the onset's past (see `OnsetFilter`).
+
+DRIFT = 1.0
+"""Ratio to the onset's profile that adds nothing: four fifths of free motion stay below."""
+LONGEST = 0.1
+"""A sample counts for no longer than this, however late the next one comes [s]."""
+UNSURE = 0.5
+"""Share of the friction that may hold a joint by which that friction may be larger for a while."""
+BEYOND = 1.1
+"""Times its threshold that a sum reaches at most: it must fall back when the force has gone."""
+
+
+@compiled
+def advance(
+    dt: float, z: FloatArray, threshold: FloatArray, sums: FloatArray,
+) -> None:
+    """
+    Add one sample to the sums.
+
+    dt [s], z (channels,), threshold (channels,) [s]; writes sums (2, channels) [s].
+    """
+    step = min(dt, LONGEST)
+    for i in range(len(z)):
+        if z[i] != z[i]:  # NaN adds nothing
+            continue
+        for row in range(2):
+            before = sums[row, i]
+            drift = DRIFT if before >= 0.0 else -DRIFT
+            grown = before + ((1.0 - 2.0 * row) * z[i] - drift) * step
+            least = min(before, 0.0)
+            sums[row, i] = min(max(grown, least), BEYOND * threshold[i])
+        for row in range(2):
+            if sums[row, i] > threshold[i]:
+                sums[1 - row, i] = -threshold[i]
+
+
+@compiled
+def _accumulation_record(dt: FloatArray, z: FloatArray, out: FloatArray) -> None:
+    n = z.shape[1]
+    sums, never = np.zeros((2, n)), np.full(n, np.inf)
+    for k in range(len(dt)):
+        advance(dt[k], z[k], never, sums)
+        for i in range(n):
+            out[k, i] = max(sums[0, i], sums[1, i])
+
+
+def accumulate(dt: FloatArray, z: FloatArray) -> FloatArray:
+    """
+    Sum a gapless record up.
+
+    dt (samples,) [s], z (samples, channels); returns (samples, channels) [s].
+    """
+    out = np.empty_like(z)
+    _accumulation_record(dt, z, out)
+    return out
+
+
+# -- Friction that holds a joint: how much it may be, and how much of it there is.
+#
+# A joint that stands keeps whatever friction it came to rest with. As far as friction can hold, a
+# residual that stays is none of contact; what is left of it shows changes.
+
+SETTLES = 0.5
+"""Time constant with which a residual that stays is taken for friction that holds [s]."""
+AnyFloat = TypeVar('AnyFloat', float, FloatArray)
+
+
+@compiled
+def held_friction(stiction: AnyFloat, speed: AnyFloat) -> AnyFloat:
+    """
+    Give the friction that may hold a joint at a speed.
+
+    stiction [unit of its effort], speed [rad/s or m/s].
+    """
+    return stiction * np.maximum(0.0, 1.0 - speed / STANDING)
+
+
+@compiled
+def advance_held(
+    dt: float, value: FloatArray, held: FloatArray, friction: FloatArray, out: FloatArray,
+) -> None:
+    """
+    Follow the friction that holds each joint, and give what is left of the residual.
+
+    value (channels,) [its unit], held, out (channels,); dt [s]: 0 to begin anew; writes friction
+    (channels,).
+    """
+    share = 1.0 if dt <= 0.0 else dt / (SETTLES + dt)
+    for i in range(len(value)):
+        if value[i] == value[i]:  # NaN tells nothing
+            friction[i] += share * (value[i] - friction[i])
+        friction[i] = min(max(friction[i], -held[i]), held[i])
+        out[i] = value[i] - friction[i]
+
+
+@compiled
+def _stiction_record(dt: FloatArray, value: FloatArray, held: FloatArray, out: FloatArray) -> None:
+    friction = np.zeros(value.shape[1])
+    for k in range(len(value)):
+        advance_held(dt[k], value[k], held[k], friction, out[k])
+
+
+def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
+    """
+    Take the friction that holds off a gapless record.
+
+    t (samples,) [s], value, held (samples, channels) [its unit]; returns (samples, channels).
+    """
+    out = np.empty_like(value)
+    _stiction_record(np.diff(t, prepend=t[0]), value, held, out)
+    return out
+
+
+# -- Thresholds for a false-alarm rate.
+#
+# Each statistic of each channel has a profile, its typical size as a function of speed,
+# acceleration and recent reversals, and a tail: the distribution of the largest ratio to that
+# profile in a second of free motion. The threshold is the profile times the ratio which the tail
+# exceeds as often as the user allows, a number in false alarms per hour, and never a multiple of
+# sigma.
+
+WEIGHTS = (50.0, 50.0, 1.0)
+"""Shares of a false-alarm rate: residual, onset, and accumulated onset, which tells the soft hits
+that the others tell late."""
+BLOCK = 1.0
+"""Time of which the largest ratio counts: longer than the ringing's memory of one event [s]."""
+
+
+@dataclass(frozen=True)
+class Tail:
+    """
+    How the largest ratio in a second is distributed where it is large.
+
+    A generalised Pareto distribution, exponential or with a bound: residuals of free motion are
+    bounded by physics. Seconds at rest and in motion are mixed, and only the upper part of that
+    mixture follows one law.
+    """
+
+    location: float  # ratio that a share of the seconds exceeds
+    scale: float  # scale of their excess
+    shape: float  # 0 for an exponential tail; otherwise the excess is below scale / shape
+    share: float  # share of the samples above that value
+    largest: float  # largest ratio that was seen
+    count: float  # peaks that the distribution was fitted to
+
+    def ratio(self, per_hour: float) -> float:
+        """
+        Give the ratio that is exceeded so often.
+
+        The scale is known as well as its peaks are many. What is left of the doubt is counted
+        in: the ratio is that of the predictive distribution, which for an exponential tail is
+        (1 + x / (n scale))^-n, and larger than that of the tail itself.
+        """
+        certain = math.log(min(per_hour * BLOCK / 3600.0, self.share) / self.share)
+        relative = -self.count * math.expm1(-certain / self.count)
+        if self.shape == 0.0:
+            return self.location - self.scale * relative
+        return self.location - self.scale * math.expm1(self.shape * relative) / self.shape
+
+
+@dataclass(frozen=True, eq=False)
+class MethodThresholds:
+    """All that is learned for one method: strain, effort or momentum observer."""
+
+    channels: tuple[str, ...]  # gauges or joints
+    step: float  # step of the onset statistic [s]
+    taps: FloatArray  # weights of the onset statistic, (taps, channels, channels)
+    # (2 channels, 1 + 4 joints): typical size of the residuals, then of the onset statistics, in
+    # the unit of the output per column of `MotionFeatures`.
+    profile: FloatArray
+    # One for each row of `profile`, then of the accumulated onset of each channel, if there are so
+    # many; bundles that are older have none.
+    tails: tuple[Tail, ...]
+    seconds: float  # duration of free motion that this was learned from [s]
+    # (channels,): usual level of the onset statistics there, see `Familiarity`; infinite where
+    # unknown.
+    usual: FloatArray
+    reach: FloatArray  # (joints,): largest speeds there [rad/s or m/s]; infinite where unknown
+    # (channels,): friction that may hold each joint while it stands, in the unit of its effort:
+    # added to the threshold of the residual there. Zeros for gauges.
+    stiction: FloatArray
+
+    @property
+    def n_joints(self) -> int:
+        """Give the number of active joints of the arm."""
+        return (self.profile.shape[1] - 1) // 4
+
+    def doubt(self, per_hour: float) -> float:
+        """Say how much wider thresholds are than those of as much motion as one could wish for."""
+        sure = replace(self, tails=tuple(replace(tail, count=1e9) for tail in self.tails))
+        n = len(self.channels)
+        return float(np.max(self.ratios(per_hour)[:n] / sure.ratios(per_hour)[:n]))
+
+    def ratios(self, per_hour: float) -> FloatArray:
+        """
+        Share a false-alarm rate out among all statistics.
+
+        Returns (3 channels,) [s], infinite where they have no tail.
+        """
+        n = len(self.channels)
+        weights = np.repeat(WEIGHTS, n)[:len(self.tails)]
+        found = np.full(3 * n, np.inf)
+        for place, (tail, each) in enumerate(zip(
+                self.tails, per_hour * weights / weights.sum(), strict=True)):
+            # Alarms rarer than once in what was seen: what was seen must not be one.
+            rare = each * self.seconds < 3600.0
+            found[place] = max(tail.ratio(each), tail.largest if rare else 0.0)
+        return found

@@ -1,0 +1,207 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bodies as described and as identified, and loads that a model did not know of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.identification.fit import FitResult
+from tudor_dynamics.load.offline import Leftover, PayloadEstimate
+from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.comparison import (
+    body_row, BodyRow, described_bodies, described_parameters_of, full_parameters_of,
+    FullParameters, relative_errors)
+from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.show.figures import (
+    BLUE, label, new_figure, PAGE, PAGE_MEASURED, style, thin, to_uri)
+from tudor_dynamics.typing import FloatArray
+
+
+# -- What a description says of the bodies, beside what was identified, and what that is worth
+
+@dataclass(frozen=True)
+class JointErrors:
+    """What bodies are worth for a joint, on motion that nothing was fitted to."""
+
+    joint: str  # name of the joint
+    # Relative error of its effort by bodies as described with the drives that suit them best, by
+    # identified ones that can exist, and by base parameters [%].
+    described: float
+    identified: float
+    free: float
+
+
+@dataclass(frozen=True)
+class IdentifiedBody:
+    """A body before and after."""
+
+    row: BodyRow  # as described, and as identified
+    mass_error: float  # standard error of the identified mass [kg]
+    shown: int  # of its ten parameters, those that the recordings fix
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """A description and a fit side by side."""
+
+    bodies: tuple[IdentifiedBody, ...]  # one for each joint
+    joints: tuple[JointErrors, ...]
+    assumed: bool  # whether torque is known up to a factor only, so that masses are not absolute
+
+
+def before_after(result: FitResult) -> BeforeAfter | None:
+    """Compare an arm as described with an arm as identified."""
+    arm = result.arm
+    fitted = next((item for item in result.fitted
+                   if (item.output, item.kind) == ('effort', 'analytical')), None)
+    before = described_bodies(arm)
+    if fitted is None or not any(body[0] > 0.0 for body in before.values()):
+        return None
+    models = [fitted.model, *(model for model, _ in fitted.validation.cases)]
+    if len(models) < 2 or not all(isinstance(model, AnalyticalModel) and model.data_
+                                  and model.payload_range is None for model in models):
+        return None
+    errors = np.zeros((3, len(arm.active_joints)))
+    for model, data in fitted.validation.cases:
+        assert isinstance(model, AnalyticalModel)
+        for kind, judged in enumerate((described_parameters_of(arm, model).model,
+                                       full_parameters_of(arm, model).model, model)):
+            errors[kind] += _squares(relative_errors(judged, data.stretches), len(models) - 1)
+    assert isinstance(fitted.model, AnalyticalModel)
+    full = full_parameters_of(arm, fitted.model)
+    return BeforeAfter(
+        tuple(_body(full, joint, before[joint], place)
+              for place, joint in enumerate(full.bodies)),
+        tuple(JointErrors(joint, *(100.0 * np.sqrt(errors[:, place])).tolist())
+              for place, joint in enumerate(arm.active_joints)), full.assumed)
+
+
+def _squares(errors: FloatArray, bags: int) -> FloatArray:
+    """Give the part of a bag in the mean square; a joint that shows nothing in it has none."""
+    return np.asarray(np.nan_to_num(errors) ** 2 / bags)
+
+
+def _body(full: FullParameters, joint: str, before: FloatArray, place: int) -> IdentifiedBody:
+    sources = full.sources()[10 * place:10 * (place + 1)]
+    return IdentifiedBody(
+        body_row(joint, (full.arm, full.arm), (before, full.bodies[joint])),
+        float(full.solution.body_errors[place, 0]), sources.count('data'))
+
+
+# -- A load that a model did not know of: what became known of it, and what it explains
+
+WITH_LOAD: dict[str, Any] = {'color': BLUE, 'linewidth': 0.9, 'linestyle': '-'}
+COLUMNS = 2
+"""Channels beside each other."""
+
+
+@dataclass(frozen=True)
+class LoadValue:
+    """A value that became known."""
+
+    name: str
+    unit: str
+    # Value with its standard deviation.
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class ChannelShare:
+    """What a load explains of a channel."""
+
+    # Output, its joint or gauge, and the unit of that.
+    output: str
+    channel: str
+    unit: str
+    # Root mean square of the residual without and with the load.
+    before: float
+    after: float
+    share: float  # part of its squares that the load explains [%]
+
+
+@dataclass(frozen=True, eq=False)
+class LoadSection:
+    """All that the page shows of a load."""
+
+    bag: str  # bag that it was found in
+    estimate: PayloadEstimate  # what is known of it
+    values: tuple[LoadValue, ...]  # mass, centre and inertia, as far as they are shown
+    channels: tuple[ChannelShare, ...]  # joints and gauges
+    figure: str  # residuals without and with the load, as data URI
+
+
+def load_section(arm: Arm, bag: str, told: PayloadEstimate) -> LoadSection:
+    """Collect what the page shows of a load."""
+    with style(PAGE):
+        figure = to_uri(draw_load(arm, told))
+    return LoadSection(bag, told, load_values(told), load_shares(arm, told), figure)
+
+
+def load_values(told: PayloadEstimate) -> tuple[LoadValue, ...]:
+    """List what is known of a load."""
+    if math.isnan(told.mass):
+        first = LoadValue("Part of the arm's own moment", '%', 100.0 * told.relative,
+                          100.0 * told.relative_std)
+    else:
+        first = LoadValue('Mass beyond what the model knows', 'kg', told.mass - told.known,
+                          told.mass_std)
+    named = [(f'Centre {axis}', 'm', value, std)
+             for axis, value, std in zip('xyz', told.com, told.com_std, strict=True)]
+    named += [(f'Inertia {axes}', 'kg m^2', value, std) for axes, value, std in zip(
+        ('xx', 'xy', 'yy', 'xz', 'yz', 'zz'), told.inertia, told.inertia_std, strict=True)]
+    return (first, *(LoadValue(name, unit, float(value), float(std))
+                     for name, unit, value, std in named if math.isfinite(value)))
+
+
+def load_shares(arm: Arm, told: PayloadEstimate) -> tuple[ChannelShare, ...]:
+    """Say what a load explains of each channel."""
+    rows = []
+    for item in told.outputs:
+        left, units = item.leftover, output_units(arm, item.output)
+        for name, before, after, share in zip(
+                left.channels, *left.sizes(), left.shares(), strict=True):
+            rows.append(ChannelShare(item.output, name, units[name], float(before), float(after),
+                                     100.0 * float(share)))
+    return tuple(rows)
+
+
+def draw_load(arm: Arm, told: PayloadEstimate) -> Figure:
+    """Draw what each channel leaves over without and with the load."""
+    panels: list[tuple[Leftover, int, str]] = []
+    for item in told.outputs:
+        units = output_units(arm, item.output)
+        panels += [(item.leftover, place, units[name])
+                   for place, name in enumerate(item.leftover.channels)]
+    rows = -(-len(panels) // COLUMNS)
+    figure, axes = new_figure(COLUMNS, [1.35] * rows, [0.45] + [0.55] * (rows - 1), between=0.8)
+    flat = [one for row in axes for one in row]
+    for one, (left, place, unit) in zip(flat, panels, strict=False):
+        one.plot(*thin(left.t, left.before[:, place]), **PAGE_MEASURED, label='without the load')
+        one.plot(*thin(left.t, left.after[:, place]), **WITH_LOAD, label='with the load')
+        one.set_ylabel(label(left.channels[place], unit)).set_parse_math(False)
+        one.set_xlabel('time [s]')
+        one.margins(x=0.01)
+    for one in flat[len(panels):]:
+        one.set_visible(False)
+    figure.legend(*flat[0].get_legend_handles_labels(), loc='upper right', ncol=2)
+    return figure

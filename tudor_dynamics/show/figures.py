@@ -1,0 +1,505 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Figures of the report: style, signals over time, errors, coverage."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import io
+import math
+from pathlib import Path
+import re
+from typing import Any
+
+import matplotlib
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+import numpy as np
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.files import write_whole
+from tudor_dynamics.identification.dataset import all_stretches, BagData
+from tudor_dynamics.identification.fit import FitResult, FittedOutput
+from tudor_dynamics.identification.validation import Trace
+from tudor_dynamics.models.kinds import KINDS
+from tudor_dynamics.models.regressor import output_units
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Numbers, units and names as the report writes them
+
+LONGEST_NAME = 40
+"""Characters of a name in a figure."""
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number for a reader."""
+    if not math.isfinite(value):
+        return 'n/a' if math.isnan(value) else ('∞' if value > 0 else '−∞')
+    if value == 0.0:
+        return '0'
+    exponent = math.floor(math.log10(abs(float(f'{value:.{digits - 1}e}'))))
+    if -4 <= exponent < 6:
+        text = f'{value:.{max(0, digits - 1 - exponent)}f}'
+    else:
+        text = f'{value:.{digits - 1}e}'
+    return text.replace('-', '−')
+
+
+def pretty_unit(unit: str) -> str:
+    """Write a unit as it is printed: µ, a dot between factors, raised exponents."""
+    text = re.sub(r'\((\w)\)', r'\1', unit.replace('um/m', 'µm/m'))
+    for plain, raised in (('^2', '²'), ('^(1/3)', '^⅓'), (' ', '·')):
+        text = text.replace(plain, raised)
+    return text
+
+
+def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
+    """Cut a name that would run out of a figure, and leave out what SVG cannot hold."""
+    short = name if len(name) <= longest else name[:longest - 3] + '...'
+    return ''.join(c if c.isprintable() else '?' for c in short)
+
+
+# -- How figures look, on the page of a fit and as files of their own: one style, two sizes of it.
+#
+# Every series has a line style, width or marker of its own, so that prints in grey stay legible;
+# the colours are those of Okabe and Ito, which colour-blind readers tell apart.
+
+BLUE, VERMILION = '#0072b2', '#d55e00'
+
+_COMMON: dict[str, Any] = {
+    'axes.axisbelow': True, 'axes.grid': True, 'axes.spines.right': False,
+    'axes.spines.top': False, 'axes.titlelocation': 'left', 'grid.color': '#dddddd',
+    'grid.linewidth': 0.6, 'legend.frameon': False, 'path.simplify': True,
+    # ids come from the content alone, so that equal fits give equal files
+    'svg.hashsalt': 'tudor_dynamics'}
+PAGE: Any = {
+    **_COMMON, 'font.family': 'sans-serif', 'font.sans-serif': ['DejaVu Sans', 'Verdana'],
+    'font.size': 8.5, 'axes.titlesize': 9.0, 'axes.titleweight': 'bold',
+    'axes.edgecolor': '#555555', 'axes.linewidth': 0.7, 'xtick.color': '#333333',
+    'ytick.color': '#333333', 'path.simplify_threshold': 0.2,
+    'svg.fonttype': 'none'}  # text stays text
+"""For figures inside the report of a fit."""
+PRINT: Any = {
+    **_COMMON, 'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0,
+    'legend.fontsize': 8.5, 'legend.handlelength': 2.8, 'xtick.labelsize': 8.5,
+    'ytick.labelsize': 8.5, 'svg.fonttype': 'path'}
+"""For figures that are files of their own, over two columns of a paper."""
+
+PAGE_MEASURED: dict[str, Any] = {'color': '#a3a3a3', 'linewidth': 2.4, 'linestyle': '-',
+                                 'solid_capstyle': 'round'}
+PAGE_MODELS: dict[str, dict[str, Any]] = {
+    'analytical': {'color': BLUE, 'linewidth': 1.0, 'linestyle': '-'},
+    'elm': {'color': VERMILION, 'linewidth': 1.0, 'linestyle': (0, (3.5, 1.5))},
+    'elastic': {'color': '#007a57', 'linewidth': 1.3, 'linestyle': (0, (1, 0.8))}}
+OTHER: dict[str, Any] = {'color': '#7a4fa3', 'linewidth': 1.1, 'linestyle': (0, (6, 1.2))}
+"""Of a kind that has no look of its own."""
+
+
+def page_model(kind: str) -> dict[str, Any]:
+    """Say how a kind of model is drawn on the page."""
+    return PAGE_MODELS.get(kind, OTHER)
+
+
+@contextmanager
+def style(settings: Any) -> Iterator[None]:
+    """Draw in one of the styles, whatever the user's matplotlibrc says."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(settings)
+        yield
+
+
+# -- How the report draws: layout, labels, SVG as data URI.
+#
+# Through matplotlib's object interface, without pyplot and its global state.
+
+WIDTH = 8.2
+"""Width of all figures [inch]; the page scales them to its column."""
+
+METADATA = {'Date': None, 'Creator': None, 'Format': None, 'Type': None}
+
+
+def label(name: str, unit: str = '') -> str:
+    """Write a channel with its unit; unit: none if empty."""
+    return f'{pretty_name(name)} [{pretty_unit(unit)}]' if unit else pretty_name(name)
+
+
+def plain_text(setter: Any, text: str) -> None:
+    """Set a text in which dollar signs are dollar signs: names are not ours."""
+    setter(text).set_parse_math(False)
+
+
+def to_uri(figure: Figure) -> str:
+    """Write a figure as SVG into a data URI."""
+    stream = io.BytesIO()
+    # not savefig: it draws everything twice
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(stream, metadata=METADATA)
+    # a hundredth of a point is enough for a line, and half the size
+    text = re.sub(rb' d="[^"]*"', lambda path: re.sub(rb'(\.\d\d)\d+', rb'\1', path[0]),
+                  stream.getvalue())
+    return 'data:image/svg+xml;base64,' + base64.b64encode(text).decode('ascii')
+
+
+def new_figure(
+    columns: int, heights: Sequence[float], gaps: Sequence[float], *, between: float = 0.5,
+) -> tuple[Figure, list[list[Any]]]:
+    """Lay out a figure by lengths in inches; matplotlib's own layout is slow."""
+    left, right, bottom = 0.75, 0.08, 0.45
+    height = sum(heights) + sum(gaps) + bottom
+    width = (WIDTH - left - right - between * (columns - 1)) / columns
+    figure = Figure(figsize=(WIDTH, height))
+    rows = []
+    top = height
+    for tall, gap in zip(heights, gaps, strict=True):
+        top -= gap + tall
+        begins = [left + k * (width + between) for k in range(columns)]
+        rows.append([figure.add_axes(
+            (begin / WIDTH, top / height, width / WIDTH, tall / height)) for begin in begins])
+    return figure, rows
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure, whole or not at all."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=path.suffix[1:], dpi=150)
+    write_whole(path, stream.getvalue())
+
+
+# -- Figures of the report: signals over time, and errors
+
+MAX_POINTS = 2000
+"""Points a line has at most; longer ones keep the extremes of each stretch of samples."""
+SIGNAL_BINS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedSignal:
+    """One channel of a bag with what the models say of it."""
+
+    # Output, channel and its unit.
+    output: str
+    name: str
+    unit: str
+    t: FloatArray  # time since the start of the bag, (samples,) [s]
+    measured: FloatArray  # measured output of the channel, (samples,)
+    predicted: dict[str, FloatArray]  # prediction of each kind of model
+
+
+@dataclass(frozen=True, eq=False)
+class JointPositions:
+    """One joint's positions, in training and in validation."""
+
+    name: str
+    unit: str
+    # (samples,): positions; `test` is empty where there is no test bag.
+    training: FloatArray
+    test: FloatArray
+
+
+def thin(t: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Keep the extremes of each stretch of samples, and break the line at gaps.
+
+    t (samples,) [s], x (samples,).
+    """
+    if len(t) > MAX_POINTS:
+        parts = np.array_split(np.arange(len(t)), MAX_POINTS // 2)
+        index = np.unique([k for part in parts
+                           for k in (part[np.argmin(x[part])], part[np.argmax(x[part])])])
+        t, x = t[index], x[index]
+    if len(t) < 3:
+        return t, x
+    step = np.diff(t)
+    breaks = np.flatnonzero(step > 8.0 * np.median(step)) + 1
+    return np.insert(t, breaks, np.nan), np.insert(x, breaks, np.nan)
+
+
+def _limit(axes: Any, reference: FloatArray, others: Sequence[FloatArray]) -> bool:
+    """Scale by the measured signal; a model that runs away does not squash the rest."""
+    low, high = float(np.min(reference)), float(np.max(reference))
+    room = 0.5 * (high - low) or 1.0
+    low_all = min([low, *(float(np.min(x)) for x in others)])
+    high_all = max([high, *(float(np.max(x)) for x in others)])
+    bottom, top = max(low_all, low - room), min(high_all, high + room)
+    pad = 0.04 * (top - bottom) or 1.0
+    axes.set_ylim(bottom - pad, top + pad)
+    return low_all < low - room or high_all > high + room
+
+
+def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
+    """Scale that shows nearly all errors, unless one model's are far larger than another's."""
+    sizes = [float(np.percentile(np.abs(x), percentile)) for x in errors.values()]
+    return min(max(sizes), 4.0 * min(sizes)) or max(sizes) or 1.0
+
+
+def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> str:
+    """Draw a channel for the report: stretch [s]."""
+    with style(PAGE):
+        return to_uri(draw_signal(series, stretch))
+
+
+def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
+    """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
+    # low enough for two on a printed page
+    figure, grid = new_figure(1, [1.3, 0.8, 1.3], [0.3, 0.34, 0.66])
+    whole, rest, detail = (row[0] for row in grid)
+    rest.sharex(whole)
+    window = (series.t >= stretch[0]) & (series.t <= stretch[1])
+    for axes, part, title in (
+            (whole, slice(None), f'{pretty_name(series.name, 20)}, whole bag'),
+            (detail, window, 'Stretch with the most motion (shaded above)')):
+        t, measured = series.t[part], series.measured[part]
+        axes.plot(*thin(t, measured), label='measured', **PAGE_MEASURED)
+        for kind, values in series.predicted.items():
+            axes.plot(*thin(t, values[part]), label=KINDS[kind].label, **page_model(kind))
+        if _limit(axes, measured, [values[part] for values in series.predicted.values()]):
+            title += '; a prediction leaves the scale'
+        plain_text(axes.set_title, title)
+        axes.set_ylabel(label(series.output, series.unit))
+    residuals = {kind: series.measured - values for kind, values in series.predicted.items()}
+    for kind, values in residuals.items():
+        rest.plot(*thin(series.t, values), **{**page_model(kind), 'linewidth': 0.8})
+    rest.axhline(0.0, color='#555555', linewidth=0.6)
+    bound = 1.1 * _reach(residuals, 99.8)
+    rest.set_ylim(-bound, bound)
+    rest.set_ylabel(label('residual', series.unit))
+    for axes in (whole, rest):
+        axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
+    whole.set_xlim(float(series.t[0]), float(series.t[-1]))
+    whole.tick_params(labelbottom=False)
+    whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
+    rest.set_title('Residual, measured - predicted')
+    rest.set_xlabel('time [s]')
+    detail.set_xlim(*stretch)
+    detail.set_xlabel('time [s]')
+    return figure
+
+
+def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> str:
+    """Draw the distribution of the error of each channel."""
+    columns = min(len(channels), 3)
+    n_rows = -(-len(channels) // columns)
+    with style(PAGE):
+        figure, rows = new_figure(columns, [1.6] * n_rows, [0.5] + [0.75] * (n_rows - 1))
+        cells = [axes for row in rows for axes in row]
+        for axes in cells[len(channels):]:
+            axes.set_axis_off()
+        for axes, (name, unit, errors) in zip(cells, channels, strict=False):
+            bound = _reach(errors, 99.5)
+            edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
+            for kind, values in errors.items():
+                # what lies beyond is counted in the outermost bins, not dropped
+                share = np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)
+                look = {key: page_model(kind)[key] for key in ('color', 'linestyle')}
+                axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
+                            fill=False, **look)
+            axes.axvline(0.0, color='#555555', linewidth=0.6)
+            axes.set_xlabel(label('error', unit))
+            plain_text(axes.set_title, label(name))
+            axes.set_ylim(bottom=0.0)
+        cells[0].set_ylabel('share of samples [%]')
+        handles, words = cells[0].get_legend_handles_labels()
+        figure.legend(handles, words, loc='upper right', ncol=len(words), borderpad=0.1,
+                      handlelength=1.6)
+        return to_uri(figure)
+
+
+# -- What the report's figures show: signals of the first validation bag, positions of the joints
+
+DETAIL = 10.0
+"""Length of the stretch shown in detail [s]."""
+MAX_PAIRS = 3
+
+
+@dataclass(frozen=True)
+class JointCoverage:
+    """Where a joint has been, in training and in validation."""
+
+    # Joint and the unit of its position.
+    joint: str
+    unit: str
+    # Smallest and largest position; None without test bag.
+    training: tuple[float, float]
+    # Largest in training, per second and per second squared.
+    speed: float
+    acceleration: float
+    test: tuple[float, float] | None = None
+    # Share of the validation samples outside the training range of positions [%].
+    outside: float | None = None
+    # Largest in validation.
+    test_speed: float | None = None
+    test_acceleration: float | None = None
+
+
+def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSignal]:
+    """Collect what the models of one output say of the first validation bag."""
+    traces = {item.kind: item.validation.traces[0] for item in fitted}
+    first = next(iter(traces.values()))
+    units = output_units(arm, fitted[0].output)
+    return [ComparedSignal(fitted[0].output, name, units[name], first.t, first.measured[:, i],
+                           {kind: trace.predicted[:, i] for kind, trace in traces.items()})
+            for i, name in enumerate(fitted[0].validation.channels)]
+
+
+def channel_errors(
+    fitted: Sequence[FittedOutput], arm: Arm,
+) -> list[tuple[str, str, dict[str, FloatArray]]]:
+    """Collect the errors over all validation bags."""
+    units = output_units(arm, fitted[0].output)
+    return [(name, units[name],
+             {item.kind: np.concatenate([trace.measured[:, i] - trace.predicted[:, i]
+                                         for trace in item.validation.traces]) for item in fitted})
+            for i, name in enumerate(fitted[0].validation.channels)]
+
+
+def _speed(trace: Trace, data: Sequence[BagData]) -> FloatArray:
+    """Squared speed over all joints at a trace's samples, each joint by its own spread."""
+    for bag in sorted(data, key=lambda item: str(item.choice) != trace.bag):
+        stamp = np.concatenate([s.stamp[s.decimation.keep] for s in bag.stretches])
+        dq = np.vstack([s.states.dq[s.decimation.keep] for s in bag.stretches])
+        # a part of a bag need not have been decimated to the same samples as the whole
+        place = np.minimum(np.searchsorted(stamp, trace.stamp), len(stamp) - 1)
+        if stamp[0] - 10**9 <= trace.stamp[0] and trace.stamp[-1] <= stamp[-1] + 10**9:
+            spread = np.maximum(dq.std(axis=0), 1e-12)
+            return np.sum((dq[place] / spread) ** 2, axis=1)
+    return np.ones(len(trace.t))
+
+
+def liveliest(trace: Trace, data: Sequence[BagData]) -> tuple[float, float]:
+    """Find the stretch with the most motion [s]."""
+    t = trace.t
+    length = min(DETAIL, 0.5 * float(t[-1] - t[0]))
+    total = np.concatenate([[0.0], np.cumsum(_speed(trace, data))])
+    end = np.searchsorted(t, t + length)
+    possible = t <= t[-1] - length
+    best = int(np.argmax(np.where(possible, total[end] - total[:-1], -1.0)))
+    return float(t[best]), float(t[best]) + length
+
+
+def joint_axes(result: FitResult) -> list[JointPositions]:
+    """Collect the positions of each joint at the samples used, in training and in validation."""
+    training, test = _kept(result.training, 'q'), _kept(result.test, 'q')
+    return [JointPositions(joint.name, 'm' if result.arm.is_prismatic(joint.name) else 'rad',
+                           training[:, i], test[:, i] if len(test) else np.zeros(0))
+            for i, joint in enumerate(result.arm.joints)]
+
+
+def _kept(data: Sequence[BagData], signal: str) -> FloatArray:
+    parts = [getattr(s.states, signal)[s.decimation.keep] for s in all_stretches(data)]
+    return np.vstack(parts) if parts else np.zeros((0, 0))
+
+
+def joint_pairs(axes: Sequence[JointPositions]) -> list[tuple[JointPositions, JointPositions]]:
+    """Pair neighbours among the joints that move; their combinations matter most."""
+    moving = [axis for axis in axes if np.ptp(axis.training) > 1e-3]
+    return list(zip(moving, moving[1:], strict=False))[:MAX_PAIRS]
+
+
+def coverage(result: FitResult) -> list[JointCoverage]:
+    """Say where each joint has been and how fast."""
+    peaks = [[np.max(np.abs(_kept(data, name)), axis=0) for name in ('dq', 'ddq')]
+             if data else None for data in (result.training, result.test)]
+    rows = []
+    for i, axis in enumerate(joint_axes(result)):
+        low, high = float(axis.training.min()), float(axis.training.max())
+        seen, unseen = peaks
+        assert seen is not None  # there is a training bag in every fit
+        row = JointCoverage(
+            axis.name, axis.unit, (low, high), float(seen[0][i]), float(seen[1][i]))
+        if unseen is not None:
+            beyond = np.mean((axis.test < low) | (axis.test > high))
+            row = JointCoverage(
+                row.joint, row.unit, row.training, row.speed, row.acceleration,
+                (float(axis.test.min()), float(axis.test.max())), 100.0 * float(beyond),
+                float(unseen[0][i]), float(unseen[1][i]))
+        rows.append(row)
+    return rows
+
+
+# -- Figures of the report that show where the joints have been: in training, in validation
+
+COVERAGE_BINS = 40
+MAX_DOTS = 700
+"""Validation samples shown as dots, evenly chosen."""
+TRAINING_COLOUR, TEST_COLOUR = '#b5b5b5', '#0072b2'
+
+
+def _edges(axis: JointPositions) -> FloatArray:
+    values = np.concatenate([axis.training, axis.test])
+    low, high = float(values.min()), float(values.max())
+    if high - low < 1e-9:
+        low, high = low - 0.5, high + 0.5
+    return np.linspace(low, high, COVERAGE_BINS + 1)
+
+
+def density_figure(joints: Sequence[JointPositions]) -> str:
+    """Draw how often each position was visited."""
+    columns = min(len(joints), 3)
+    n_rows = -(-len(joints) // columns)
+    with style(PAGE):
+        figure, rows = new_figure(columns, [1.4] * n_rows, [0.3] + [0.55] * (n_rows - 1))
+        cells = [axes for row in rows for axes in row]
+        for axes in cells[len(joints):]:
+            axes.set_axis_off()
+        for axes, joint in zip(cells, joints, strict=False):
+            edges = _edges(joint)
+            share = np.histogram(joint.training, edges)[0] / len(joint.training)
+            axes.stairs(100.0 * share, edges, fill=True, color=TRAINING_COLOUR, label='training')
+            if len(joint.test):
+                share = np.histogram(joint.test, edges)[0] / len(joint.test)
+                axes.stairs(100.0 * share, edges, color=TEST_COLOUR, linewidth=1.2,
+                            linestyle='--', label='validation')
+            plain_text(axes.set_xlabel, label(joint.name, joint.unit))
+        cells[0].set_ylabel('share of samples [%]')
+        cells[0].legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncol=2, borderpad=0.1)
+        return to_uri(figure)
+
+
+def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> str:
+    """Draw which combinations of two joints' positions were visited."""
+    with style(PAGE):
+        columns = max(len(pairs), 2)
+        height = 2.9 if columns == 2 else 2.0
+        figure, rows = new_figure(columns, [height], [0.3], between=0.75)
+        for axes in rows[0][len(pairs):]:
+            axes.set_axis_off()
+        for axes, (first, second) in zip(rows[0], pairs, strict=False):
+            x, y = _edges(first), _edges(second)
+            count = np.histogram2d(first.training, second.training, (x, y))[0]
+            # from pale to mid grey: each cell visited shows, and dots stay visible on top
+            shade = np.where(count > 0, np.log1p(count), np.nan).T
+            axes.pcolormesh(x, y, shade, cmap='Greys', vmin=-0.4 * np.nanmax(shade),
+                            vmax=1.7 * np.nanmax(shade), rasterized=True)
+            if len(first.test):
+                chosen = np.unique(np.linspace(0, len(first.test) - 1, MAX_DOTS).astype(int))
+                axes.plot(first.test[chosen], second.test[chosen], linestyle='none', marker='o',
+                          markersize=1.8, markeredgewidth=0.0, color=TEST_COLOUR, rasterized=True)
+            axes.grid(visible=False)
+            plain_text(axes.set_xlabel, label(first.name, first.unit))
+            plain_text(axes.set_ylabel, label(second.name, second.unit))
+        handles: list[Any] = [Patch(color=TRAINING_COLOUR, label='training')]
+        if len(pairs[0][0].test):
+            handles.append(Line2D([], [], linestyle='none', marker='o', markersize=3,
+                                  color=TEST_COLOUR, label='validation'))
+        rows[0][0].legend(handles=handles, loc='lower left', bbox_to_anchor=(0.0, 1.0),
+                          ncol=2, borderpad=0.1, handlelength=1.2)
+        return to_uri(figure)

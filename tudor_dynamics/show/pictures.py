@@ -1,0 +1,230 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Pictures of events, rates, schedules and planned motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.control.gains import Schedule
+from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification.detection import MethodResult
+from tudor_dynamics.show.figures import BLUE, plain_text, PRINT, style, VERMILION, write_figure
+from tudor_dynamics.signals.excitation import JointRange
+from tudor_dynamics.signals.motion_profile import MotionLimits, states
+from tudor_dynamics.typing import FloatArray
+
+
+# -- Picture of collisions: how far each method stands above its thresholds, pushes, events
+
+LOWEST = 0.05
+"""Ratios below are not worth their place."""
+MOST = 6
+"""Bags that are drawn at most."""
+
+
+def write_events(results: Sequence[MethodResult], path: Path) -> None:
+    """Write the picture, whole or not at all."""
+    bags = min(len(results[0].watched), MOST)
+    with style(PRINT):
+        figure = Figure(figsize=(7.2, 0.7 + 1.35 * bags * len(results)), layout='constrained')
+        rows = figure.subplots(bags * len(results), 1, squeeze=False)[:, 0]
+        for place, axes in enumerate(rows):
+            result, bag = results[place % len(results)], place // len(results)
+            _draw(axes, result, bag, first=place == 0, last=place == len(rows) - 1)
+        write_figure(figure, path)
+
+
+def _draw(axes: Any, result: MethodResult, bag: int, *, first: bool, last: bool) -> None:
+    watched = result.watched[bag]
+    if not len(watched.stamp):
+        return
+    sightings = watched.sightings
+    # events tell their time since the first sample of the bag, which settling leaves out
+    origin = (sightings[0].event.stamp - round(sightings[0].time * 1e9) if sightings
+              else int(watched.stamp[0]))
+    t = (watched.stamp - origin) * 1e-9
+    axes.semilogy(t, np.maximum(watched.ratio, LOWEST), color=BLUE, linewidth=0.8)
+    axes.axhline(1.0, color='#333333', linewidth=0.8, linestyle=(0, (4, 2)))
+    for number, push in enumerate(watched.truth.pushes, 1):
+        axes.axvspan((push.begin - origin) * 1e-9, (push.end - origin) * 1e-9, color='#f0e442',
+                     alpha=0.6, linewidth=0)
+        axes.text((push.begin - origin) * 1e-9, LOWEST * 1.15, f'{number}', fontsize=7.5)
+    top = 2.0 * max(float(watched.ratio.max(initial=0.0)), 1.5)
+    axes.plot([item.time for item in sightings], [0.7 * top] * len(sightings), 'v',
+              color=VERMILION, markersize=6, clip_on=False)
+    axes.set_ylim(LOWEST, top)
+    axes.set_xlim(float(t[0]), float(t[-1]))
+    axes.set_ylabel('ratio')
+    said = f'{result.score.found} of {result.score.pushes} pushes found, ' if (
+        watched.truth.pushes and len(result.watched) == 1) else ''
+    note = ' (yellow: pushes, triangles: events)' if first else ''
+    plain_text(axes.set_title, f'{result.method}: {said}{len(sightings)} events in '
+               f'{Path(watched.bag).name}{note}')
+    if last:
+        axes.set_xlabel('time [s]')
+
+
+# -- Plot of detection rate against false alarms, for each method
+
+SUFFIXES = ('.png', '.svg', '.pdf')
+
+
+def picture_path(path: str | Path) -> Path:
+    """Refuse a file name that no plot can be written to."""
+    if Path(path).suffix not in SUFFIXES:
+        msg = f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}'
+        raise UsageError(msg)
+    return Path(path)
+
+
+def write_roc(results: Sequence[MethodResult], path: Path) -> None:
+    """Write the plot, whole or not at all."""
+    figure = Figure(figsize=(6.4, 4.4), layout='constrained')
+    axes = figure.add_subplot()
+    for result, marker in zip(results, 'os^Dv', strict=False):
+        false = [point[1] for point in result.roc]
+        rate = [100.0 * point[2] for point in result.roc]
+        line, = axes.plot(false, rate, drawstyle='steps-post', label=result.method)
+        score = result.score
+        axes.plot(score.false_alarms_per_hour or 0.0, 100.0 * (score.detection_rate or 0.0),
+                  marker, color=line.get_color(), markersize=9, clip_on=False)
+    hours = results[0].score.hours
+    axes.set_xscale('symlog', linthresh=max(1.0 / max(hours, 1e-6), 1e-3))
+    axes.set_xlabel(f'false alarms per hour (from {60 * hours:.1f} min without a push)')
+    axes.set_ylabel('pushes found [%]')
+    axes.set_ylim(0, 103)
+    axes.set_xlim(left=0)
+    axes.grid(alpha=0.3)
+    axes.legend(title='marker: threshold in force')
+    write_figure(figure, path)
+
+
+# -- A schedule of gains as a figure: what changes with the payload, and how much with the pose
+
+LOOKS: tuple[dict[str, Any], ...] = (
+    {'color': BLUE, 'linestyle': '-', 'marker': 'o'},
+    {'color': VERMILION, 'linestyle': (0, (4, 1.6)), 'marker': 's'},
+    {'color': '#111111', 'linestyle': (0, (1, 1.2)), 'marker': '^'})
+
+
+def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
+    """
+    Draw a schedule; to be called within a style.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        Schedule to be drawn.
+    fixed : ndarray of the grid's shape
+        Damping ratios that fixed gains have.
+
+    Returns
+    -------
+    Figure
+        Four panels over the payload: median over the poses, and all of them as a band.
+
+    """
+    figure = Figure(figsize=(7.2, 5.0))
+    axes = figure.subplots(2, 2, sharex=True)
+    asked = schedule.content.damping_ratio
+    panels = (
+        ('frequency of the links [Hz]', [(f'mode {m}', schedule.column(f'frequency({m})'))
+                                         for m in range(1, schedule.modes + 1)]),
+        ('gain of the damper [rad/s per m/m]', [(joint, schedule.column(f'gain({joint})'))
+                                                for joint in schedule.content.damped]),
+        ('damping ratio, first mode', [('scheduled gains', schedule.column('reached')),
+                                       ('fixed gains', fixed)]),
+        ('position gain [1/s]', [('position loop', schedule.column('position_gain'))]))
+    for axis, (label, series) in zip(axes.flat, panels, strict=True):
+        for number, (name, values) in enumerate(series):
+            look = LOOKS[number % len(LOOKS)]
+            flat = values.reshape(len(schedule.payload), -1)
+            grams = 1e3 * schedule.payload
+            axis.plot(grams, np.median(flat, axis=1), linewidth=1.3, markersize=4,
+                      label=name.replace('$', r'\$'), **look)
+            axis.fill_between(grams, flat.min(axis=1), flat.max(axis=1), color=look['color'],
+                              alpha=0.15, linewidth=0.0)
+        axis.set_ylabel(label)
+        axis.set_ylim(bottom=0.0)
+        axis.legend(loc='best')
+    axes[1, 0].set_ylim(0.0, max(1.3 * asked, 1.1 * float(fixed.max())))
+    axes[1, 0].axhspan(0.8 * asked, 1.2 * asked, facecolor='none', edgecolor='#777777',
+                       hatch='///', linewidth=0.0, alpha=0.5)
+    for axis in axes[1]:
+        axis.set_xlabel('payload [g]')
+    plain_text(figure.suptitle, f'{schedule.content.arm}: damping ratio {asked:g} at a delay of '
+               f'{1e3 * schedule.content.delay:g} ms; bands: all poses, hatched: 20 %')
+    figure.tight_layout()
+    return figure
+
+
+def write_schedule_figure(schedule: Schedule, fixed: FloatArray, path: Path) -> None:
+    """Write the figure, whole or not at all."""
+    with style(PRINT):
+        write_figure(draw_schedule(schedule, fixed), path)
+
+
+# -- A planned motion as a figure: positions, speeds, accelerations, in parts of their limits
+
+SHOWN = 20.0
+"""Samples a second that are drawn [Hz]."""
+
+
+def draw_motion(
+    trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
+) -> Figure:
+    """Draw a motion; to be called within a style."""
+    names = trajectory.joints
+    _, dq, ddq = np.split(states(trajectory), 3, axis=1)
+    figure = Figure(figsize=(7.2, 0.6 + 1.25 * len(names)))
+    axes = figure.subplots(len(names), 2, sharex=True, squeeze=False,
+                           gridspec_kw={'width_ratios': (1.0, 1.6)})
+    every = max(int(round(1.0 / (SHOWN * float(np.median(np.diff(trajectory.t)))))), 1)
+    t = trajectory.t[::every]
+    for j, (name, (left, right)) in enumerate(zip(names, axes, strict=True)):
+        left.plot(t, trajectory.q[::every, j], color='#111111', linewidth=1.0)
+        for limit in (bounds.lower[j], bounds.upper[j]):
+            left.axhline(limit, color='#777777', linewidth=0.9, linestyle=(0, (4, 2)))
+        plain_text(left.set_ylabel, f'{name} [{units[name]}]')
+        for look, values, label in (
+                (LOOKS[0], dq[::every, j] / limits.velocity[j], 'speed'),
+                (LOOKS[1], ddq[::every, j] / limits.acceleration[j], 'acceleration')):
+            right.plot(t, values, color=look['color'], linestyle=look['linestyle'],
+                       linewidth=1.0, label=label)
+        right.set_ylim(-1.15, 1.15)
+        right.set_yticks((-1.0, 0.0, 1.0))
+    axes[0, 0].set_title('position, and its limits (dashed)')
+    axes[0, 1].set_title('in parts of the limits')
+    axes[0, 1].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, borderaxespad=0.0)
+    for axis in axes[-1]:
+        axis.set_xlabel('time [s]')
+    figure.tight_layout()
+    return figure
+
+
+def write_motion_figure(
+    trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
+    path: Path,
+) -> None:
+    """Write the figure, whole or not at all."""
+    with style(PRINT):
+        write_figure(draw_motion(trajectory, bounds, limits, units), path)
