@@ -106,14 +106,21 @@ def load_case(folder: Path, name: str) -> Values:
 
 
 def record(out: Path, root: Path, cases: list[Case]) -> None:
-    """Run cases in a folder of their own, one after the other, and keep what came of them."""
-    out.mkdir(parents=True)
+    """Run cases in a folder of their own, one after the other; a record of that tree grows."""
+    about = out / 'about.json'
+    commit = commit_of(root)
+    seconds: dict[str, float] = {}
+    if about.exists():
+        before = json.loads(about.read_text())
+        if before['commit'] != commit or commit.endswith('+'):
+            sys.exit(f'{out}: is a record of {before["commit"]}; expected {commit}, or a new name')
+        seconds = before['seconds']
+    out.mkdir(parents=True, exist_ok=True)
     place = subprocess.run(
         [sys.executable, '-c', 'import tudor_dynamics; print(tudor_dynamics.__file__)'],
         cwd=out, env=environment(root), capture_output=True, text=True, check=True).stdout
     if not Path(place).is_relative_to(root):
         sys.exit(f'{root}: the package is taken from {place.strip()}; expected it in that folder')
-    seconds: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix='golden_') as name:
         work = Path(name).resolve()
         for folder in ('bags', 'config'):
@@ -127,10 +134,11 @@ def record(out: Path, root: Path, cases: list[Case]) -> None:
             save_case(out, case.name, values)
             print(f'{case.name:28} {seconds[case.name]:6.1f} s  exit {values["exit code"]}  '
                   f'{len(values)} values', flush=True)
-    (out / 'about.json').write_text(json.dumps(
-        {'commit': commit_of(root), 'python': sys.version.split()[0], 'numpy': np.__version__,
+    about.write_text(json.dumps(
+        {'commit': commit, 'python': sys.version.split()[0], 'numpy': np.__version__,
          'seconds': seconds, 'cases': list(seconds)}, indent=1) + '\n')
-    print(f'{out}: {len(cases)} cases in {sum(seconds.values()):.0f} s of one core')
+    took = sum(seconds[case.name] for case in cases)
+    print(f'{out}: {len(cases)} cases in {took:.0f} s of one core')
 
 
 def commit_of(root: Path) -> str:
@@ -138,7 +146,8 @@ def commit_of(root: Path) -> str:
     def git(*words: str) -> str:
         return subprocess.run(['git', '-C', str(root), *words], capture_output=True,
                               text=True).stdout.strip()
-    return git('rev-parse', 'HEAD') + '+' * bool(git('status', '--porcelain'))
+    return git('rev-parse', 'HEAD') + '+' * bool(
+        git('status', '--porcelain', 'tudor_dynamics', 'bags', 'config'))
 
 
 def differences(a: Values, b: Values, tolerance: float = 0.0) -> Iterator[str]:

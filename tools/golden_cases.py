@@ -31,7 +31,7 @@ import shlex
 import numpy as np
 
 COMMANDS = ('init', 'fit', 'evaluate', 'fleet', 'payload', 'info', 'export', 'feedforward',
-            'compare', 'excite', 'record', 'simulate', 'tune', 'import-merit', 'reproduce')
+            'compare', 'excite', 'record', 'simulate', 'tune', 'import-merit')
 T1, T2, TEST = 'bags/two_blade_train_1', 'bags/two_blade_train_2', 'bags/two_blade_test'
 PUSHES, BLADES, TUDOR = 'bags/two_blade_pushes', 'config/two_blade_arm.yaml', 'config/tudor.yaml'
 DAMPED, UNDAMPED = 'bags/tudor_damped/stimulus_01', 'bags/tudor_undamped/stimulus_01'
@@ -144,8 +144,8 @@ excite/tudor = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --json
 excite/model+ = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --model fit/ignored/model \
   --seed 2
 
-tune/description+ = tune {TUDOR} --payloads 0 0.3 --out OUT/schedule.yaml --json
-tune/model = tune inputs/damped.yaml --model fit/elastic/model --payloads 0.2 0.3 \
+tune/description = tune {TUDOR} --payloads 0 0.3 --out OUT/schedule.yaml --json
+tune/model = tune inputs/damped.yaml --model fit/elastic/model --payloads 0.2 \
   --out OUT/schedule.yaml --json
 
 fleet/models = fleet inputs/fleet.yaml --out OUT/fleet --jobs 1 --json
@@ -153,8 +153,6 @@ fleet/text = fleet inputs/fleet.yaml --out OUT/fleet --jobs 1 --no-models
 
 import-merit/mcap+ = import-merit inputs/merit.csv --out OUT/bag
 import-merit/sqlite = import-merit inputs/merit.csv --out OUT/bag --storage sqlite3
-
-reproduce/lshape = reproduce lshape --out OUT --elements 1 --dt 0.001 --json
 
 errors/none+ = {''}
 errors/command+ = nonsense
@@ -201,6 +199,12 @@ objects/nodes+ = ! nodes fit/rigid/model {PUSHES} joint_state_filter dynamics_pr
 objects/load_nodes = ! nodes fit/masses/model record/pushed/bags/stimulus_01 payload_estimator
 objects/damper = ! nodes {TUDOR} {UNDAMPED} oscillation_damper
 objects/references = ! nodes {TUDOR} {DAMPED} reference_generator:mode=aprbs
+objects/ahead = ! nodes fit/ignored/model excite/tudor/plan/bag \
+  feedforward:/joint_trajectory=/wanted_trajectory
+objects/press = ! nodes {TUDOR} {DAMPED} force_controller
+objects/interfaces = ! nodes none {DAMPED} monitor joint_state_filter dynamics_predictor monitors \
+  collision_detector payload_estimator feedforward oscillation_damper force_controller \
+  reference_generator arm_simulator bag_player bag_recorder
 """
 
 

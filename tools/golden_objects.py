@@ -318,16 +318,19 @@ def nodes(source: str, bag: str, *names: str) -> None:
     from rosbags.highlevel import AnyReader
     notes = Notes()
     bus = Bus(notes)
+    where = {'arm' if source.endswith('.yaml') else 'model': source} if source != 'none' else {}
+    topics: dict[str, str] = {}
     for name, *settings in (item.split(':') for item in names):
-        bus.add(name, **{'arm' if source.endswith('.yaml') else 'model': source},
-                **dict(item.split('=') for item in settings))
+        given = dict(item.split('=') for item in settings)
+        topics.update({key: given.pop(key) for key in list(given) if key.startswith('/')})
+        bus.add(name, **where, **given)
     with AnyReader([Path(bag)]) as reader:
         end = reader.start_time + round(LONGEST * 1e9)
         for link, stamp, raw in reader.messages(stop=end):
             bus.advance(stamp)
             package, _, name = link.msgtype.partition('/msg/')
             kind = getattr(importlib.import_module(f'{package}.msg'), name)
-            bus.pass_on(link.topic, kind, bytes(raw))
+            bus.pass_on(topics.get(link.topic, link.topic), kind, bytes(raw))
             bus.deliver()
     notes.save('nodes')
 
