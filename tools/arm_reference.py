@@ -18,7 +18,7 @@ Write the tables of ``docs/arm_yaml.md`` from the schema of the arm description.
 
     python tools/arm_reference.py
 
-What stands before the marker is kept, what stands behind it is written anew.
+What stands before the marker is kept, what stands after it is written again.
 """
 
 from __future__ import annotations
@@ -52,28 +52,6 @@ READERS = {
 }
 """Letter in the tables to commands and nodes."""
 ALL = 'MESRDG'
-READ_BY = {
-    'name': ALL, 'kinematics': ALL, 'gravity': ALL, 'active_joints': ALL, 'joint_topic': 'MSRDG',
-    'joints': ALL, 'joints[].effort': 'MER', 'joints[].effort.torque_constant': 'ME',
-    'joints[].friction': 'ME', 'joints[].asymmetric': 'ME', 'joints[].rotor_inertia': 'ME',
-    'joints[].friction_velocity': 'ME', 'joints[].stribeck_velocity': 'ME',
-    'joints[].hold': 'MESR', 'joints[].limits': 'MRDG', 'joints[].planned': 'RDG',
-    'couplings': 'M', 'gauges': 'MESRD',
-    'preprocessing': 'MER', **dict.fromkeys((
-        'preprocessing.filter', 'preprocessing.acceleration_cutoff', 'preprocessing.output_cutoff',
-        'preprocessing.cutoff', 'preprocessing.measured_velocity', 'preprocessing.rate',
-        'preprocessing.settle'), 'ME'),
-    'motors': 'ESRDG', 'motors[]': 'R', 'motors[].joint': 'ESRDG', **dict.fromkeys((
-        'motors[].gear_ratio', 'motors[].torque_constant', 'motors[].efficiency',
-        'motors[].rotor_inertia'), 'SRDG'),
-    'motors[].current_limit': 'RDG', 'motors[].viscous': 'SR', 'motors[].backlash': 'ER',
-    **dict.fromkeys(('motors[].stiffness', 'motors[].damping'), 'ESR'),
-    'sensors': 'R', 'damper': 'RD', 'links': 'ESR', 'links[].hub_inertia': 'SR',
-    'links[].viscous_friction': 'SR', 'payload': 'ESR', 'simulation': 'ESR',
-    'simulation.initial': 'SR', 'simulation.start': 'S',
-}
-"""Key to its readers; a key that is not named here has those of the part that it stands in, where
-the entries of a list (``motors[]``) may have fewer than the list."""
 UNIT = re.compile(r'\[([^\[\]]+)\]\.?$')
 
 
@@ -92,6 +70,8 @@ class Key:
         Whether its part cannot be without it.
     part : str
         Name of the schema of what it holds, or none.
+    readers : str
+        Letters of the commands that read it: ``read_by`` of the key, else of its part.
 
     """
 
@@ -102,14 +82,7 @@ class Key:
     meaning: str
     needed: bool
     part: str
-
-    @property
-    def readers(self) -> str:
-        """Letters of the commands that read it."""
-        name = self.path
-        while name not in READ_BY:
-            name = name.removesuffix('[]') if name.endswith('[]') else name.rpartition('.')[0]
-        return READ_BY[name]
+    readers: str
 
 
 def _refs(schema: dict[str, Any]) -> Iterator[str]:
@@ -158,7 +131,7 @@ def _default(schema: dict[str, Any], needed: bool) -> str:
     return f'`{json.dumps(value)}`'.replace('"', '')
 
 
-def keys_of(name: str = 'ArmSpec', prefix: str = '') -> Iterator[Key]:
+def keys_of(name: str = 'ArmSpec', prefix: str = '', readers: str = ALL) -> Iterator[Key]:
     """
     Go through the keys of a part, and of the parts in it.
 
@@ -168,6 +141,8 @@ def keys_of(name: str = 'ArmSpec', prefix: str = '') -> Iterator[Key]:
         Name of the part's schema.
     prefix : str
         Path of the part.
+    readers : str
+        Letters of the commands that read the part.
 
     Yields
     ------
@@ -177,20 +152,21 @@ def keys_of(name: str = 'ArmSpec', prefix: str = '') -> Iterator[Key]:
     """
     schema = ArmSpec.model_json_schema()
     part = schema if name == 'ArmSpec' else schema['$defs'][name]
-    inner = []
+    readers, inner = part.get('read_by', readers), []
     for key, content in part['properties'].items():
         found = next(_refs(content), '')
         text = ' '.join(content.get('description', '').split('\n\n')[0].split())
         unit = UNIT.search(text)
         path = prefix + key
+        own = content.get('read_by', readers)
         yield Key(path, _values(content), _default(content, key in part.get('required', ())),
                   unit[1] if unit else '', UNIT.sub('', text).strip(' .'),
-                  key in part.get('required', ()), found)
+                  key in part.get('required', ()), found, own)
         if found:
             listed = '[]' if 'list of entries' in _values(content) else ''
-            inner.append((found, f'{path}{listed}.'))
-    for found, path in inner:
-        yield from keys_of(found, path)
+            inner.append((found, f'{path}{listed}.', own))
+    for part_of_it in inner:
+        yield from keys_of(*part_of_it)
 
 
 def tables() -> str:

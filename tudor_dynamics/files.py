@@ -167,6 +167,15 @@ for _kind in ('int', 'float'):
     BoundedLoader.add_constructor(f'tag:yaml.org,2002:{_kind}', BoundedLoader.construct_number)
 
 
+class YamlError(ValueError):
+    """Text that is no YAML, or more of it than is read."""
+
+
+def read_yaml(path: Path, limit: int) -> Any:
+    """Read a YAML file in UTF-8: limit [bytes]."""
+    return load_yaml(read_bounded(path, limit).decode())
+
+
 def load_yaml(text: str | bytes) -> Any:
     """Read YAML of which nothing is known."""
     try:
@@ -181,7 +190,7 @@ def load_yaml(text: str | bytes) -> Any:
         msg = f'no valid YAML: more than {MAX_DEPTH} levels'
     except (OverflowError, TypeError, ValueError) as err:  # dates and numbers that are none
         msg = f'no valid YAML: {" ".join(str(err).split())[:200]}'
-    raise ValueError(msg)
+    raise YamlError(msg)
 
 
 def _check(text: str | bytes) -> None:

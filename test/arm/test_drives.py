@@ -22,7 +22,7 @@ from typing import Any
 
 import pytest
 from tudor_dynamics.arm.description import arm_from_dict, load_arm
-from tudor_dynamics.arm.hardware import MotorSpec
+from tudor_dynamics.arm.schema import MotorSpec
 from tudor_dynamics.errors import ArmError
 import yaml
 

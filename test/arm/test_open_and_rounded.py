@@ -24,7 +24,7 @@ from hypothesis import given, strategies as st
 import pytest
 
 from tudor_dynamics.arm.description import arm_from_dict, load_arm, open_values, spelled
-from tudor_dynamics.arm.kinematics import exact, NEAR, Snapped, STEP
+from tudor_dynamics.arm.kinematics import exact, ExactAngles, NEAR, STEP
 from tudor_dynamics.errors import ArmError, TudorWarning
 from tudor_dynamics.models.regressor import base_sets, EffortRegressor
 
@@ -50,7 +50,7 @@ def test_what_is_near_is_exact(number: int, off: float) -> None:
 
 def test_notes_say_what_was_changed() -> None:
     """Printed digits alone are not worth a word; many angles do not make a long note."""
-    snapped = Snapped()
+    snapped = ExactAngles()
     assert snapped.take(1.57079632679, 'a') == math.pi / 2 and not snapped.note()
     for number in range(5):
         snapped.take(1.5708, f'joint {number}')

@@ -22,7 +22,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.arm.hardware import MotorSpec
+from tudor_dynamics.arm.schema import MotorSpec
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import hardware as dr
 from tudor_dynamics.mechanics.hardware import (

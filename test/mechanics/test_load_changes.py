@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.hardware import InertiaPart
+from tudor_dynamics.arm.schema import InertiaPart
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics.campaign import (
     APART, carried_at, FIRST_CHANGE, LoadChange, random_loads)

@@ -28,19 +28,15 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
-from pydantic import ValidationError
 
 from tudor_dynamics.arm.kinematics import (
-    gauge_point, is_prismatic, joint_axis, model_from_dh, model_from_urdf, read_urdf, Snapped,
-    unit_vector, with_gauge_joints)
+    build_model, gauge_point, is_prismatic, joint_axis, unit_vector, with_gauge_joints)
 from tudor_dynamics.arm.schema import (
-    ArmSpec, coupling_matrix, FRICTION_KEYS, GaugeSpec, JointSpec, SourceSpec)
+    ArmSpec, FRICTION_KEYS, GaugeSpec, JointSpec, read_spec, SourceSpec)
 from tudor_dynamics.errors import ArmError, check_type, TudorWarning
-from tudor_dynamics.files import load_yaml, read_bounded
+from tudor_dynamics.files import read_yaml, YamlError
 from tudor_dynamics.typing import FloatArray
 
-
-# -- What a description leaves open: values that are still ``?``, and where they stand
 
 OPEN = '?'
 """Stands in a description for what nobody has said yet; nothing is read from such a file."""
@@ -85,8 +81,6 @@ def check_no_open_values(content: Any, source: str) -> None:
             'write what it is in place of the question mark; docs/arm_yaml.md says what each key '
             'means'))
 
-
-# -- An arm as the rest of the package sees it: description, Pinocchio models, names, digest
 
 @dataclass(frozen=True, eq=False)
 class Arm:
@@ -155,7 +149,7 @@ class Arm:
 
     @cached_property
     def gauges(self) -> tuple[GaugeSpec, ...]:
-        """Gauges behind active joints or behind held ones; all of the description."""
+        """Gauges of all joints, active or held."""
         return self.spec.gauges
 
     @property
@@ -242,7 +236,7 @@ class Arm:
             return None
         names = [joint.name for joint in self.spec.joints]
         index = [names.index(name) for name in self.active_joints]
-        return coupling_matrix(self.spec.couplings, names)[np.ix_(index, index)]
+        return self.spec.couplings.speeds(names)[np.ix_(index, index)]
 
     def is_prismatic(self, joint: str) -> bool:
         """
@@ -270,15 +264,9 @@ class Arm:
         whatever else they say of limits, motors, sensors, damper, links and preprocessing.
         """
         content = self.spec.model_dump(
-            mode='json', exclude={'joints': {'__all__': {'limits', 'planned'}}},
-            include={'name', 'gravity', 'joints', 'active_joints', 'joint_topic', 'gauges'})
-        for source in (*(joint['effort'] for joint in content['joints']), *content['gauges']):
-            for key in ('index', 'interface'):  # digests from before they were known still hold
-                if source[key] is None:
-                    del source[key]
-        for joint, spec in zip(content['joints'], self.spec.joints, strict=True):
-            if not spec.bristles:
-                del joint['presliding_distances']
+            mode='json', include={'name', 'gravity', 'active_joints', 'joint_topic'})
+        content['joints'] = [joint.for_digest() for joint in self.spec.joints]
+        content['gauges'] = [gauge.for_digest() for gauge in self.spec.gauges]
         if self.spec.couplings is not None:
             content['couplings'] = self.spec.couplings.model_dump(mode='json')
         model = self.full_model
@@ -296,58 +284,7 @@ def _rounded(values: NDArray[np.float64]) -> Any:
     return (np.round(values, 9) + 0.0).tolist()
 
 
-# -- Reading arm descriptions: YAML, checked against the schema and against the kinematics
-
 MAX_YAML_BYTES = 2_000_000
-MAX_PARTS = 8
-"""Mistakes that one message names."""
-
-
-def validation_message(err: ValidationError) -> str:
-    """Put a pydantic error on one line: each key, what is wrong, what was found."""
-    parts = []
-    for item in err.errors(include_url=False):
-        where = '.'.join(str(part) for part in item['loc']) or 'top level'
-        text = str(item.get('ctx', {}).get('error', item['msg']))
-        if item['type'] == 'extra_forbidden':
-            text = 'unknown key (misspelt?)'
-        found = item.get('input')
-        shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
-            f', found {_short(repr(found))}')
-        parts.append(f'{_short(where)}: {text}{shown}')
-    more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
-    return '; '.join(parts[:MAX_PARTS]) + more
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 100 else f'{text[:100]}...'
-
-
-def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
-    known = list(model.names)[1:]
-    for joint in spec.joints:
-        if joint.name not in known:
-            msg = (f'{source}: joint {joint.name!r} is not in the kinematics, '
-                   f'whose joints are {known}; correct joints[].name')
-            raise ArmError(msg)
-    for joint in spec.joints:
-        prismatic = is_prismatic(model, joint.name)
-        if joint.type is not None and prismatic != (joint.type == 'prismatic'):
-            found = 'prismatic' if prismatic else 'revolute'
-            msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
-                   f'but is {found} in the kinematics')
-            raise ArmError(msg)
-        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
-        if wrong:
-            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
-            msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
-                   f'{joint.effort.unit!r}; expected {unit!r} or A')
-            raise ArmError(msg)
-        for gauge in spec.gauges:
-            if prismatic and gauge.joint == joint.name and gauge.axis is None:
-                msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
-                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
-                raise ArmError(msg)
 
 
 def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
@@ -378,27 +315,8 @@ def arm_from_dict(content: Any, *, base: Path, source: str) -> Arm:
         msg = f'{source}: expected a YAML mapping with name, kinematics and joints'
         raise ArmError(msg)
     check_no_open_values(content, source)
-    try:
-        spec = ArmSpec.model_validate(content)
-    except ValidationError as err:
-        msg = f'{source}: {validation_message(err)}'
-        raise ArmError(msg) from None
-    urdf, snapped = None, Snapped()
-    if spec.kinematics.urdf is not None:
-        urdf = read_urdf(base / spec.kinematics.urdf)
-        model = model_from_urdf(urdf, str(base / spec.kinematics.urdf), snapped)
-    else:
-        rows = spec.kinematics.dh
-        assert rows is not None  # the schema has one of the two
-        exact = [(a, snapped.take(alpha, f'alpha of row {number}'), d,
-                  snapped.take(theta, f'theta of row {number}'))
-                 for number, (a, alpha, d, theta) in enumerate(rows, start=1)]
-        model = model_from_dh(exact, [joint.name for joint in spec.joints],
-                              [joint.type or 'revolute' for joint in spec.joints],
-                              spec.kinematics.convention)
-    _check_against_model(spec, model, source)
-    model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
-    note = snapped.note()
+    spec = read_spec(content, source)
+    model, urdf, note = build_model(spec, base, source)
     return Arm(spec, model, source, urdf, (note,) if note else ())
 
 
@@ -425,26 +343,22 @@ def load_arm(path: str | Path) -> Arm:
     check_type(path, (str, Path), 'path', 'the path of a YAML file')
     path = Path(path)
     try:
-        text = read_bounded(path, MAX_YAML_BYTES).decode()
+        content = read_yaml(path, MAX_YAML_BYTES)
     except OSError as err:
         msg = (f'{path}: the arm description cannot be read ({err.strerror}); check --arm, or '
                'write one with `tudor init`')
         raise ArmError(msg) from None
+    except YamlError as err:
+        msg = f'{path}: {err}'
+        raise ArmError(msg) from None
     except ValueError as err:  # no UTF-8, or a NUL in the path
         msg = f'{path}: the arm description cannot be read ({err}); check --arm'
-        raise ArmError(msg) from None
-    try:
-        content = load_yaml(text)
-    except ValueError as err:
-        msg = f'{path}: {err}'
         raise ArmError(msg) from None
     arm = arm_from_dict(content, base=path.parent, source=str(path))
     for note in arm.notes:
         warnings.warn(f'{path}: {note}', TudorWarning, stacklevel=2)
     return arm
 
-
-# -- Efforts and strains that do not come as JointStates: in arrays, and as interfaces of joints
 
 def sources(arm: Arm) -> Iterator[tuple[str, SourceSpec]]:
     """Give where the efforts of the active joints and the readings of the gauges come from."""
@@ -464,7 +378,7 @@ def array_places(arm: Arm) -> dict[str, dict[str, int]]:
 
 
 def refuse_interfaces(arm: Arm, who: str, *, arrays: bool = False) -> None:
-    """Refuse an arm whose efforts or strains come in messages that somebody does not take."""
+    """Refuse an arm whose efforts or strains come in messages that a program does not read."""
     taken = 'JointState and Float64MultiArray' if arrays else 'JointState'
     for name, source in sources(arm):
         if source.interface is not None or (source.index is not None and not arrays):

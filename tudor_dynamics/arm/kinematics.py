@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""From a URDF or a D-H table to a Pinocchio model; joints and gauges of any model."""
+"""From a URDF or a D-H table to a Pinocchio model; axes and gauges of any model."""
 
 from __future__ import annotations
 
@@ -31,25 +31,23 @@ import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
 
-from tudor_dynamics.arm.hardware import LARGEST
-from tudor_dynamics.arm.schema import GaugeSpec
+from tudor_dynamics.arm.schema import ArmSpec, GaugeSpec, LARGEST
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_bounded
 
 
-# -- Angles that were meant to be right ones: rounded in a file, exact in the model.
-#
-# A file says 1.5708 where the drawing has a quarter turn. Axes that are parallel on the arm are
-# then not quite so in the model, and base parameters appear that only that difference shows:
-# columns of 4e-6, coefficients of 5e4. What lies this close to a multiple of 45 degrees is taken
-# as that; where an arm was measured to be off by less than a milliradian, its dynamics do not feel
-# it.
-
 STEP = math.pi / 4
 NEAR = 1e-3
-"""What is closer to a multiple of `STEP` is taken as that [rad]."""
-WORTH_SAYING = 1e-6
-"""Smaller differences are those of printed digits [rad]."""
+"""
+What is closer to a multiple of `STEP` is taken as that [rad].
+
+A file says 1.5708 where the drawing has a quarter turn. Axes that are parallel on the arm are
+then not quite so in the model, and base parameters appear that only that difference shows:
+columns of 4e-6, coefficients of 5e4 (measured on `ROUNDED` of test/arm/test_open_and_rounded.py).
+Where an arm was measured to be off by less than a milliradian, its dynamics do not feel it.
+"""
+PRINTED = 1e-6
+"""Smaller differences are those of printed digits, and not reported [rad]."""
 SHOWN = 3
 """Angles that one note names."""
 
@@ -64,33 +62,77 @@ def exact(angle: float) -> float:
     return nearest if abs(angle - nearest) <= NEAR else angle
 
 
-class Snapped:
+class ExactAngles:
     """Takes angles as what they were rounded from, and remembers which it changed."""
 
     def __init__(self) -> None:
-        self._told: list[str] = []
+        self._changed: list[str] = []
 
     def take(self, angle: float, where: str) -> float:
         """Give the exact angle: angle [rad]."""
         found = exact(angle)
-        if abs(found - angle) > WORTH_SAYING:
-            self._told.append(f'{where} {angle:.7g} as {found:.7g}')
+        if abs(found - angle) > PRINTED:
+            self._changed.append(f'{where} {angle:.7g} as {found:.7g}')
         return found
 
     def note(self) -> str:
         """Say in one sentence what was changed; nothing where nothing was."""
-        if not self._told:
+        if not self._changed:
             return ''
-        more = len(self._told) - SHOWN
-        shown = ', '.join(self._told[:SHOWN]) + (f' and {more} more' if more > 0 else '')
+        more = len(self._changed) - SHOWN
+        shown = ', '.join(self._changed[:SHOWN]) + (f' and {more} more' if more > 0 else '')
         return (f'angles within {NEAR:g} rad of a multiple of 45 degrees are taken as that: '
                 f'{shown} [rad]')
 
 
-# -- From a URDF to a Pinocchio model with one scalar coordinate a joint.
-#
-# URDFs come from anywhere. The parsers behind Pinocchio follow a chain of links by recursion until
-# the stack ends, and take NaN for a mass, so both are looked for here.
+def build_model(spec: ArmSpec, base: Path, source: str) -> tuple[pin.Model, str | None, str]:
+    """Build the model of a description; returns model, text of the URDF, and a note or nothing."""
+    urdf, angles = None, ExactAngles()
+    if spec.kinematics.urdf is not None:
+        file = base / spec.kinematics.urdf
+        urdf = read_urdf(file)
+        model = model_from_urdf(urdf, str(file), angles)
+    else:
+        rows = [(a, angles.take(alpha, f'alpha of row {number}'), d,
+                 angles.take(theta, f'theta of row {number}'))
+                for number, (a, alpha, d, theta) in enumerate(spec.kinematics.dh or (), start=1)]
+        model = model_from_dh(rows, [joint.name for joint in spec.joints],
+                              [joint.type or 'revolute' for joint in spec.joints],
+                              spec.kinematics.convention)
+    _check_against_model(spec, model, source)
+    model.gravity = pin.Motion(np.array(spec.gravity), np.zeros(3))
+    return model, urdf, angles.note()
+
+
+def _check_against_model(spec: ArmSpec, model: pin.Model, source: str) -> None:
+    known = list(model.names)[1:]
+    for joint in spec.joints:
+        if joint.name not in known:
+            msg = (f'{source}: joint {joint.name!r} is not in the kinematics, '
+                   f'whose joints are {known}; correct joints[].name')
+            raise ArmError(msg)
+    for joint in spec.joints:
+        prismatic = is_prismatic(model, joint.name)
+        if joint.type is not None and prismatic != (joint.type == 'prismatic'):
+            found = 'prismatic' if prismatic else 'revolute'
+            msg = (f'{source}: joint {joint.name!r} is described as {joint.type}, '
+                   f'but is {found} in the kinematics')
+            raise ArmError(msg)
+        wrong = {'N m': prismatic, 'N': not prismatic}.get(joint.effort.unit, False)
+        if wrong:
+            kind, unit = ('prismatic', 'N') if prismatic else ('revolute', 'N m')
+            msg = (f'{source}: joint {joint.name!r} is {kind} and has effort unit '
+                   f'{joint.effort.unit!r}; expected {unit!r} or A')
+            raise ArmError(msg)
+        for gauge in spec.gauges:
+            if prismatic and gauge.joint == joint.name and gauge.axis is None:
+                msg = (f'{source}: gauge {gauge.name!r} is behind the prismatic joint '
+                       f'{joint.name!r}, about whose axis nothing bends; give gauges[].axis')
+                raise ArmError(msg)
+
+
+# URDFs come from anywhere. The parsers that Pinocchio uses follow a chain of links by recursion
+# until the stack ends, and take NaN for a mass, so both are looked for here.
 
 MAX_URDF_BYTES = 20_000_000
 MAX_ELEMENTS = 100_000
@@ -200,16 +242,6 @@ def _check_numbers(root: ElementTree.Element, path: str) -> None:
                     raise ArmError(msg)
 
 
-def _snap(root: ElementTree.Element, snapped: Snapped) -> None:
-    """Take the angles between joints as what they were rounded from."""
-    for joint in root.iter('joint'):
-        origin = joint.find('origin')
-        if origin is not None and origin.get('rpy') is not None:
-            angles = [snapped.take(float(word), f'{joint.get("name")} rpy')
-                      for word in origin.get('rpy', '').split()]
-            origin.set('rpy', ' '.join(map(repr, angles)))
-
-
 def _are_numbers(text: str, count: int, tag: str) -> bool:
     try:
         values = [float(word) for word in text.split()]
@@ -223,11 +255,11 @@ def _are_numbers(text: str, count: int, tag: str) -> bool:
 
 @contextmanager
 def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
-    """Keep what compiled code writes to standard error, for the caller to tell on."""
+    """Keep what compiled code writes to standard error, for the caller to pass on."""
     try:
         sys.stderr.flush()
         usual = os.dup(2)
-    except (AttributeError, OSError):  # nobody listens
+    except (AttributeError, OSError):  # there is no standard error
         yield lambda: ''
         return
     with tempfile.TemporaryFile() as file:
@@ -242,12 +274,18 @@ def _stderr_of_libraries() -> Iterator[Callable[[], str]]:
             os.close(usual)
 
 
-def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin.Model:
+def model_from_urdf(text: str, path: str, angles: ExactAngles | None = None) -> pin.Model:
     """Build a model from a URDF; continuous joints become angles, fixed ones merge."""
     root = parse(text, path)
     adapt(root, path)
     _check_numbers(root, path)
-    _snap(root, snapped or Snapped())
+    angles = angles or ExactAngles()
+    for joint in root.iter('joint'):
+        origin = joint.find('origin')
+        if origin is not None and origin.get('rpy') is not None:
+            exactly = [angles.take(float(word), f'{joint.get("name")} rpy')
+                       for word in origin.get('rpy', '').split()]
+            origin.set('rpy', ' '.join(map(repr, exactly)))
     model, cause = None, None
     with _stderr_of_libraries() as taken:
         try:
@@ -255,7 +293,7 @@ def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin
         except (ValueError, RuntimeError, IndexError) as err:
             cause = str(err)
         said = taken()
-    # urdfdom tells of an inertia that it cannot read, and goes on without it
+    # urdfdom reports an inertia that it cannot read, and goes on without it
     errors = re.findall(r'^Error: *(.*)', said, re.MULTILINE)
     if model is None or errors:
         cause = errors[0] if errors else cause
@@ -268,8 +306,6 @@ def model_from_urdf(text: str, path: str, snapped: Snapped | None = None) -> pin
         raise ArmError(msg)
     return model
 
-
-# -- From a D-H table to a Pinocchio model; joints and gauges of any model
 
 def unit_vector(axis: str | Sequence[float]) -> NDArray[np.float64]:
     """Give the unit vector of an axis name or of any vector; returns (3,)."""

@@ -28,25 +28,23 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.hardware import DRIVE_TIMEOUT
 from tudor_dynamics.arm.kinematics import adapt, parse
-from tudor_dynamics.arm.schema import JointSpec, LimitSpec, PlannedSpec
+from tudor_dynamics.arm.schema import DRIVE_TIMEOUT, JointSpec, LimitSpec, PlannedSpec
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Limits of the joints, told apart: what nothing ever exceeds, and what is planned.
-#
-# The first come from the description's ``limits``, the URDF and the motors, whichever is tighter.
-# Planned motion stays below, so that the damper of the links has room to add its share.
+# Hard limits come from the description's ``limits``, the URDF and the motors, whichever is
+# tighter. Planned motion stays below, so that the damper of the links has room for its share.
 
 UNLIMITED = 1e8
-"""What a continuous joint of a URDF has as a limit is none."""
+"""From here on a limit is none: continuous joints of a URDF have 1e9 [rad, rad/s or N m]."""
 PLANNED_SPEED = 2.0 / 3.0
-"""Part of the speed limit that is planned where the description does not say."""
+"""Part of the speed limit that is planned where the description does not say; source: none
+known."""
 PLANNED_ACCELERATION = 1.0 / 3.0
-"""The same of the acceleration; the damper needs more of that."""
+"""The same of the acceleration, of which the damper needs more; source: none known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,19 +176,17 @@ def drive_stop(arm: Arm) -> DriveStop:
                      planned_limits(arm).acceleration)
 
 
-# -- How near the links of an arm come to each other, by the shapes that its URDF has for
-#    collisions.
-#
-# Meshes are replaced by their convex hulls, which enclose them and make distances cheap and
-# signed. Links that a joint connects touch always, and are no pair; neither are those that an SRDF
-# takes out, nor hulls that overlap wherever the arm stands. What surrounds the arm is not looked
-# at.
+# Distances between links use the shapes that the URDF has for collisions. Meshes are replaced by
+# their convex hulls, which enclose them and make distances cheap and signed. Links that a joint
+# connects touch always, and are no pair; neither are those that an SRDF takes out, nor hulls that
+# overlap in nearly all poses. What surrounds the arm is not considered.
 
 MAX_MESH_BYTES = 50_000_000
 MAX_SRDF_BYTES = 20_000_000
 MESHES = ('.stl', '.dae', '.obj')
 POSES, ALWAYS = 200, 0.9
-"""Random poses, and the part of them at which a pair overlaps that is left out."""
+"""Random poses, and the part of them at which a pair overlaps that is left out; source: none
+known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,110 +12,59 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Schema of the arm description in ``config/*.yaml``: keys, units, bounds; coupled drives."""
+"""
+The arm description as it stands in ``config/*.yaml``: keys, types, units, bounds, and who reads.
+
+Every key is checked here and nowhere else. Unknown keys are refused, because a misspelt key that
+is silently ignored gives a wrong model. A key is one entry: its type with bounds and readers, its
+default, and the string after it, of which ``docs/arm_yaml.md`` is made.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, get_args, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator,
+    ValidationError)
 
-from tudor_dynamics.arm.hardware import (
-    check_drives, check_links, check_overlap, DamperSpec, Finite, InertiaPart, LinkSpec, MotorSpec,
-    Name, NonNegative, Positive, SensorSpec, SimulationSpec, Spec, Vector3)
+from tudor_dynamics.errors import ArmError
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Coupled drives: motors that turn with more than one joint, as in wrists and SCARAs
-
-LARGEST_CONDITION = 1e6
-"""A matrix beyond it does not tell the joints from the motors."""
-
-
-class CouplingPair(Spec):
-    """One motor that another joint turns as well."""
-
-    motor: Name
-    """Joint whose motor it is."""
-    joint: Name
-    """Other joint that turns it."""
-    ratio: Finite
-    """Turns of the motor for one turn of that joint, in turns of the motor for one of its own;
-    -1 where it turns the other way [1, or rad/m or m/rad where one of both slides]."""
-
-    @model_validator(mode='after')
-    def _two_joints(self) -> CouplingPair:
-        if self.motor == self.joint:
-            raise ValueError(f'{self.motor!r} is coupled with itself; name another joint')
-        return self
+LARGEST = 1e15
+"""Nothing of an arm comes near it in SI units; products of a few such numbers do not overflow
+(1e15 to the 20th power is the largest double)."""
+Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
+Vector3 = tuple[Finite, Finite, Finite]
+Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class CouplingsSpec(Spec):
-    """How motors turn with joints; friction and rotor inertia act where the motors are."""
+def read_by(letters: str) -> Any:
+    """
+    Say who reads a key, or the keys of a part that say nothing.
 
-    pairs: tuple[CouplingPair, ...] = ()
-    """Motors with the other joints that turn them."""
-    matrix: tuple[tuple[Finite, ...], ...] | None = Field(default=None, max_length=100)
-    """In place of ``pairs``: speeds of the motors, as the joints' own would be without coupling,
-    by speeds of the joints; a row a motor and a column a joint, in the order of ``joints`` [1, or
-    rad/m or m/rad]."""
-    positions: Literal['joints', 'motors'] = 'joints'
-    """What positions and velocities in the messages are those of."""
-    efforts: Literal['joints', 'motors'] = 'joints'
-    """What efforts in the messages are those of."""
-
-    @model_validator(mode='after')
-    def _one_form(self) -> CouplingsSpec:
-        if (self.matrix is None) == (not self.pairs):
-            raise ValueError('give either pairs: [{motor, joint, ratio}, ...] or matrix: [[...]]')
-        return self
+    M: fit and models; E: the elastic model; S: ``tudor simulate``; R: ``tudor record``; D: the
+    damper; G: the reference generator. A key without a word has the readers of its part.
+    """
+    return Field(json_schema_extra={'read_by': letters})
 
 
-def coupling_matrix(couplings: CouplingsSpec, joints: Sequence[str]) -> FloatArray:
-    """Give the speeds of all motors by those of all joints; returns (joints, joints)."""
-    n = len(joints)
-    if couplings.matrix is not None:
-        if len(couplings.matrix) != n or any(len(row) != n for row in couplings.matrix):
-            raise ValueError(f'couplings.matrix: expected {n} rows of {n} numbers, one a joint')
-        matrix = np.array(couplings.matrix)
-    else:
-        matrix = np.eye(n)
-        for pair in couplings.pairs:
-            for name in (pair.motor, pair.joint):
-                if name not in joints:
-                    raise ValueError(f'couplings names the joint {name!r}, which is not among the '
-                                     f'joints {list(joints)}')
-            matrix[joints.index(pair.motor), joints.index(pair.joint)] += pair.ratio
-    if not np.linalg.cond(matrix) < LARGEST_CONDITION:
-        raise ValueError('couplings: different motions of the joints are the same motion of the '
-                         'motors; correct the ratios')
-    return matrix
+class Spec(BaseModel):
+    """
+    Base of all parts of the description: immutable, no unknown keys.
+
+    The string after a key describes it, with its unit in brackets at the end of the first
+    paragraph; ``docs/arm_yaml.md`` is made of these strings.
+    """
+
+    model_config = ConfigDict(extra='forbid', frozen=True, use_attribute_docstrings=True)
 
 
-def check_couplings(
-    couplings: CouplingsSpec | None, joints: Sequence[str], active: Sequence[str],
-) -> None:
-    """Refuse couplings that cannot be; couplings: None where nothing is coupled."""
-    if couplings is None:
-        return
-    matrix = coupling_matrix(couplings, joints)
-    at_motors = 'motors' in (couplings.positions, couplings.efforts)
-    for i, motor in enumerate(joints):
-        for j, joint in enumerate(joints):
-            if at_motors and i != j and matrix[i, j] and (motor in active) != (joint in active):
-                raise ValueError(f'couplings: {motor!r} and {joint!r} are coupled, and what is '
-                                 'measured at their motors needs both among active_joints')
-
-
-# -- The arm description as it stands in ``config/*.yaml``: keys, types, units, bounds.
-#
-# Every key is checked here and nowhere else. Unknown keys are refused, because a misspelt key that
-# is silently ignored gives a wrong model.
-
-EFFORT_UNITS = ('A', 'N m', 'N')
 NEWTON_METRE = ('N m', 'Nm', 'N*m', 'N·m', 'N⋅m', 'N.m')
 """Spellings of one unit; the first is used everywhere."""
 MAX_INDEX = 1000
@@ -125,8 +74,18 @@ AUTO = 'auto'
 FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity',
                  'presliding_distances')
 """Keys of a joint that say which friction is identified."""
-FRICTION_TERMS = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load',
-                  'presliding')
+FrictionTerm = Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load',
+                       'presliding']
+FRICTION_TERMS: tuple[str, ...] = get_args(FrictionTerm)
+
+
+def without_auto(key: str) -> Callable[[Any], Any]:
+    """Make a check that takes ``auto`` for a key that is left open."""
+    def check(content: Any) -> Any:
+        if isinstance(content, dict) and content.get(key) == AUTO:
+            return {name: value for name, value in content.items() if name != key}
+        return content
+    return check
 
 
 def one_spelling(unit: Any) -> Any:
@@ -136,6 +95,11 @@ def one_spelling(unit: Any) -> Any:
 
 EffortUnit = Annotated[Literal['A', 'N m', 'N'], BeforeValidator(one_spelling)]
 StrainUnit = Annotated[Literal['um/m', 'm/m', 'mV/V', 'V', 'N m'], BeforeValidator(one_spelling)]
+
+
+LARGEST_CONDITION = 1e6
+"""Of a coupling matrix: beyond it, motions of single joints cannot be distinguished by the motors;
+source: none known."""
 
 
 class KinematicsSpec(Spec):
@@ -150,7 +114,7 @@ class KinematicsSpec(Spec):
 
     Everything else of a link (centres of mass, beams, gauges) is given in the frame of its joint,
     which turns with it, z along its axis. Its origin stands before the d and a of a standard row,
-    so it is not the D-H frame, which is at the far end; behind those of a modified one, so it is.
+    so it is not the D-H frame, which is at the far end; after those of a modified one, so it is.
     A modified table may have a row more, for a flange that is fixed to the last link.
     """
 
@@ -181,6 +145,11 @@ class SourceSpec(Spec):
                              'not both')
         return self
 
+    def for_digest(self) -> dict[str, Any]:
+        """Give all keys with their values, without those that older versions did not have."""
+        return {key: value for key, value in self.model_dump(mode='json').items()
+                if value is not None or key not in ('index', 'interface')}
+
 
 class EffortSpec(SourceSpec):
     """The topic on which a joint's actuator effort arrives, and what it is measured in."""
@@ -190,7 +159,7 @@ class EffortSpec(SourceSpec):
     ``index`` or ``interface``."""
     unit: EffortUnit = 'N m'
     """What the driver publishes: motor current, torque, or force of a prismatic joint."""
-    torque_constant: Positive | None = None
+    torque_constant: Annotated[Positive | None, read_by('ME')] = None
     """Joint torque per ampere, gear and efficiency included; unknown by default
     [N m/A or N/A]."""
 
@@ -241,28 +210,27 @@ class JointSpec(Spec):
     """Name as it stands in JointState messages, and in the URDF."""
     type: Literal['revolute', 'continuous', 'prismatic'] | None = None  # noqa: A003
     """Needed with D-H rows (default revolute); a URDF has it already."""
-    effort: EffortSpec = EffortSpec()
+    effort: Annotated[EffortSpec, read_by('MER')] = EffortSpec()
     """Where the effort of its actuator comes from."""
-    friction: tuple[Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square',
-                            'load', 'presliding'], ...] = ('viscous', 'coulomb')
+    friction: Annotated[tuple[FrictionTerm, ...], read_by('ME')] = ('viscous', 'coulomb')
     """Terms of friction to identify, each a column of the regressor; ``auto``, or the key left
     out, for ``tudor fit`` to choose by left-out parts, from viscous and coulomb on."""
-    asymmetric: bool = False
+    asymmetric: Annotated[bool, read_by('ME')] = False
     """Separate viscous and Coulomb coefficients for each direction of motion."""
-    rotor_inertia: bool = True
+    rotor_inertia: Annotated[bool, read_by('ME')] = True
     """Identify the inertia of the motor, seen through the gear, as a parameter of its own."""
-    friction_velocity: Positive = 0.02
+    friction_velocity: Annotated[Positive, read_by('ME')] = 0.02
     """Speed over which the sign of the velocity is smoothed [rad/s or m/s]."""
-    stribeck_velocity: Positive = 0.1
+    stribeck_velocity: Annotated[Positive, read_by('ME')] = 0.1
     """Speed at which the Stribeck term has decayed to 1/e [rad/s or m/s]."""
     presliding_distances: tuple[Positive, ...] = Field((0.003,), min_length=1, max_length=8)
     """Displacements from rest to sliding of the term ``presliding``: springs that give way, each
     with a coefficient of its own [rad or m]."""
-    hold: Finite = 0.0
+    hold: Annotated[Finite, read_by('MESR')] = 0.0
     """Position of the joint where it is not active [rad or m]."""
-    limits: LimitSpec | None = None
+    limits: Annotated[LimitSpec | None, read_by('MRDG')] = None
     """What nothing ever exceeds."""
-    planned: PlannedSpec | None = None
+    planned: Annotated[PlannedSpec | None, read_by('RDG')] = None
     """What motion is planned with."""
 
     @model_validator(mode='after')
@@ -276,12 +244,7 @@ class JointSpec(Spec):
                                  'nothing may be planned that must not happen')
         return self
 
-    @model_validator(mode='before')
-    @classmethod
-    def _left_open(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get('friction') == AUTO:
-            return {key: value for key, value in content.items() if key != 'friction'}
-        return content
+    _open = model_validator(mode='before')(without_auto('friction'))
 
     @field_validator('friction', 'presliding_distances')
     @classmethod
@@ -295,14 +258,26 @@ class JointSpec(Spec):
         """Displacements over which its friction gives way; empty where it does not [rad or m]."""
         return self.presliding_distances if 'presliding' in self.friction else ()
 
+    def for_digest(self) -> dict[str, Any]:
+        """
+        Give the keys that a fitted model depends on, with their values.
+
+        A key that older versions did not have is left out where it does nothing, so that their
+        digests still hold.
+        """
+        content = self.model_dump(mode='json', exclude={'effort', 'limits', 'planned'})
+        if not self.bristles:
+            del content['presliding_distances']
+        return {**content, 'effort': self.effort.for_digest()}
+
 
 class GaugeSpec(SourceSpec):
-    """A strain gauge (bridge) on the link behind a joint."""
+    """A strain gauge (bridge) on the link after a joint."""
 
     name: Name
     """Name as it stands in the messages of its topic."""
     joint: Name
-    """Joint before it: the gauge sits on the link behind."""
+    """Joint before it: the gauge sits on the link after it."""
     distance: NonNegative
     """Place along the link, from the joint axis: x_s of the papers [m]."""
     axis: Literal['x', 'y', 'z'] | Vector3 | None = None
@@ -323,33 +298,421 @@ class GaugeSpec(SourceSpec):
         return vector
 
 
+class CouplingPair(Spec):
+    """One motor that another joint turns as well."""
+
+    motor: Name
+    """Joint whose motor it is."""
+    joint: Name
+    """Other joint that turns it."""
+    ratio: Finite
+    """Turns of the motor for one turn of that joint, in turns of the motor for one of its own;
+    -1 where it turns the other way [1, or rad/m or m/rad where one of both slides]."""
+
+    @model_validator(mode='after')
+    def _two_joints(self) -> CouplingPair:
+        if self.motor == self.joint:
+            raise ValueError(f'{self.motor!r} is coupled with itself; name another joint')
+        return self
+
+
+class CouplingsSpec(Spec):
+    """How motors turn with joints; friction and rotor inertia act where the motors are."""
+
+    pairs: tuple[CouplingPair, ...] = ()
+    """Motors with the other joints that turn them."""
+    matrix: tuple[tuple[Finite, ...], ...] | None = Field(default=None, max_length=100)
+    """In place of ``pairs``: speeds of the motors, as the joints' own would be without coupling,
+    by speeds of the joints; a row a motor and a column a joint, in the order of ``joints`` [1, or
+    rad/m or m/rad]."""
+    positions: Literal['joints', 'motors'] = 'joints'
+    """What positions and velocities in the messages are those of."""
+    efforts: Literal['joints', 'motors'] = 'joints'
+    """What efforts in the messages are those of."""
+
+    @model_validator(mode='after')
+    def _one_form(self) -> CouplingsSpec:
+        if (self.matrix is None) == (not self.pairs):
+            raise ValueError('give either pairs: [{motor, joint, ratio}, ...] or matrix: [[...]]')
+        return self
+
+    def speeds(self, joints: Sequence[str]) -> FloatArray:
+        """Give the speeds of all motors by those of all joints; returns (joints, joints)."""
+        n = len(joints)
+        if self.matrix is not None:
+            if len(self.matrix) != n or any(len(row) != n for row in self.matrix):
+                raise ValueError(f'couplings.matrix: expected {n} rows of {n} numbers, '
+                                 'one a joint')
+            matrix = np.array(self.matrix)
+        else:
+            matrix = np.eye(n)
+            for pair in self.pairs:
+                for name in (pair.motor, pair.joint):
+                    if name not in joints:
+                        raise ValueError(f'couplings names the joint {name!r}, which is not among '
+                                         f'the joints {list(joints)}')
+                matrix[joints.index(pair.motor), joints.index(pair.joint)] += pair.ratio
+        if not np.linalg.cond(matrix) < LARGEST_CONDITION:
+            raise ValueError('couplings: different motions of the joints are the same motion of '
+                             'the motors; correct the ratios')
+        return matrix
+
+
 class PreprocessingSpec(Spec):
     """How positions become velocities and accelerations, and how often samples are used."""
 
-    filter: Literal['causal', 'zero_phase'] = 'causal'  # noqa: A003
+    filter: Annotated[Literal['causal', 'zero_phase'], read_by('ME')] = 'causal'  # noqa: A003
     """The papers' causal filters, or zero-phase ones (offline; causal ones beside the robot);
     ``auto``, or the key left out, for ``tudor fit`` to choose by left-out parts."""
     velocity_cutoff: Positive = 80.0
-    """First-order low-pass behind the first difference quotient, causal [Hz]."""
-    acceleration_cutoff: Positive = 20.0
-    """First-order low-pass behind the second difference quotient, causal [Hz]."""
-    output_cutoff: Positive | None = None
+    """First-order low-pass after the first difference quotient, causal [Hz]."""
+    acceleration_cutoff: Annotated[Positive, read_by('ME')] = 20.0
+    """First-order low-pass after the second difference quotient, causal [Hz]."""
+    output_cutoff: Annotated[Positive | None, read_by('ME')] = None
     """First-order low-pass over positions, velocities, efforts and strains, causal [Hz]."""
-    cutoff: Positive | None = None
+    cutoff: Annotated[Positive | None, read_by('ME')] = None
     """Butterworth cut-off, zero-phase; a tenth of the sample rate by default [Hz]."""
-    measured_velocity: bool = True
+    measured_velocity: Annotated[bool, read_by('ME')] = True
     """Take the driver's velocity where the bag has it."""
-    rate: Positive | None = 20.0
+    rate: Annotated[Positive | None, read_by('ME')] = 20.0
     """Rate to decimate to for identification and evaluation; null for every sample [Hz]."""
-    settle: NonNegative = 0.5
+    settle: Annotated[NonNegative, read_by('ME')] = 0.5
     """What is left out at the start of each gapless stretch, and at its end if zero-phase [s]."""
 
-    @model_validator(mode='before')
-    @classmethod
-    def _left_open(cls, content: Any) -> Any:
-        if isinstance(content, dict) and content.get('filter') == AUTO:
-            return {key: value for key, value in content.items() if key != 'filter'}
-        return content
+    _open = model_validator(mode='before')(without_auto('filter'))
+
+
+def _both_directions(value: Any) -> Any:
+    return (value, value) if isinstance(value, (int, float)) else value
+
+
+PerDirection = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(_both_directions)]
+"""Magnitudes for positive and for negative motion; one number stands for both."""
+
+DRIVE_TIMEOUT = 0.1
+"""Time without a command from which on drives stop, where the description does not say [s]."""
+
+
+class MotorSpec(Spec):
+    """Motor, gear, encoder and current measurement of one revolute joint."""
+
+    model_config = ConfigDict(json_schema_extra={'read_by': 'R'})
+
+    joint: Annotated[Name, read_by('ESRDG')]
+    """Joint that it drives."""
+    gear_ratio: Annotated[Positive, read_by('SRDG')]
+    """Turns of the motor for one turn of the joint."""
+    torque_constant: Annotated[Positive, read_by('SRDG')]
+    """Torque at the motor shaft per ampere [N m/A]."""
+    efficiency: Annotated[float, Field(gt=0, le=1), read_by('SRDG')] = 1.0
+    """Part of that torque that arrives after the gear, the same in both directions."""
+    rotor_inertia: Annotated[NonNegative, read_by('SRDG')] = 0.0
+    """Inertia of the rotor, at the motor shaft [kg m^2]."""
+    viscous: Annotated[PerDirection, read_by('SR')] = (0.0, 0.0)
+    """Current against viscous friction, by the speed of the joint; one number, or one for each
+    direction [A s/rad]."""
+    coulomb: PerDirection = (0.0, 0.0)
+    """Current against Coulomb friction; one number, or one for each direction [A]."""
+    breakaway: Annotated[float, Field(ge=1, le=10)] = 1.0
+    """Stiction: friction at rest as a multiple of Coulomb friction."""
+    load_friction: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Coulomb friction on top, per torque through the gear: 1/efficiency - 1 of the teeth."""
+    presliding: Annotated[float, Field(ge=0, lt=math.pi)] = 0.0
+    """How far friction gives way like a spring before it slides, seen at the joint [rad]."""
+    current_limit: Annotated[Positive | None, read_by('RDG')] = None
+    """Largest current of the drive, in either direction [A]."""
+    stiffness: Annotated[Positive | None, read_by('ESR')] = None
+    """Torsion of the gear, seen at the joint; rigid by default [N m/rad]."""
+    damping: Annotated[NonNegative, read_by('ESR')] = 0.0
+    """Damping of that torsion [N m s/rad]."""
+    backlash: Annotated[float, Field(ge=0, lt=math.pi), read_by('ER')] = 0.0
+    """Full width of the play, seen at the joint [rad]."""
+    encoder_lines: Annotated[int, Field(gt=0, le=2**31)] | None = None
+    """Lines of the encoder, each giving four counts; ideal by default."""
+    encoder_on: Literal['motor', 'joint'] = 'motor'
+    """Shaft that carries the encoder."""
+    current_noise: NonNegative = 0.0
+    """Standard deviation of the measured current [A]."""
+    current_ripple: NonNegative = 0.0
+    """Amplitude of an error of the measured current that comes once a turn of the motor [A]."""
+    current_ripple_phase: Finite = 0.0
+    """That error is ripple * cos(angle of the motor + phase) [rad]."""
+    current_resolution: NonNegative = 0.0
+    """Step of the measured current, 0 for none [A]."""
+
+    @property
+    def joint_torque_constant(self) -> float:
+        """Torque at the joint per ampere, efficiency included [N m/A]."""
+        return self.torque_constant * self.gear_ratio * self.efficiency
+
+    @property
+    def reflected_inertia(self) -> float:
+        """Inertia of the rotor as the joint feels it [kg m^2]."""
+        return self.rotor_inertia * self.gear_ratio**2
+
+    @property
+    def encoder_resolution(self) -> float:
+        """Smallest step of the measured joint angle, 0 for an ideal encoder [rad]."""
+        if self.encoder_lines is None:
+            return 0.0
+        turn = 2 * math.pi / (4 * self.encoder_lines)
+        return turn / self.gear_ratio if self.encoder_on == 'motor' else turn
+
+
+class SensorSpec(Spec):
+    """How one strain gauge turns a bending moment into a reading."""
+
+    gauge: Name
+    """Gauge that it describes."""
+    gain: Finite
+    """Reading per bending moment [unit of the gauge per N m]."""
+    offset: Finite = 0.0
+    """Reading without load [unit of the gauge]."""
+    noise: NonNegative = 0.0
+    """Standard deviation of the reading [unit of the gauge]."""
+    resolution: NonNegative = 0.0
+    """Step of the reading, 0 for none [unit of the gauge]."""
+
+    @model_validator(mode='after')
+    def _sensitive(self) -> SensorSpec:
+        if self.gain == 0:
+            raise ValueError('gain 0 means a gauge that measures nothing: '
+                             'give the reading per N m, or leave the sensor out')
+        return self
+
+
+class DamperJointSpec(Spec):
+    """Strain feedback of one joint."""
+
+    joint: Name
+    """Joint that yields."""
+    gauge: Name
+    """Gauge that it yields to, in um/m or m/m."""
+    gain: NonNegative
+    """Yielding speed of the joint per mean-free strain [rad/s per m/m]."""
+
+
+class DamperSpec(Spec):
+    """Position loop with mean-free strain feedback, on top of a velocity loop."""
+
+    position_gain: Positive
+    """Speed per position error [1/s]."""
+    mean_frequency: Positive
+    """Corner below which strain counts as load and not as oscillation: DC blocker [Hz]."""
+    moving_frequency: Positive | None = None
+    """The same while the reference moves, when the load changes with the pose; by default
+    mean_frequency [Hz]."""
+    mean_window: Positive | None = None
+    """Take the mean over a moving window instead [s]."""
+    velocity_bandwidth: Positive
+    """Bandwidth of the velocity loop inside [Hz]."""
+    rate: Annotated[float, Field(gt=0, le=1e6)] = 2000.0
+    """Rate at which the law runs [Hz]."""
+    full_delay: Positive = 0.01
+    """Delay of the loop up to which the gains hold; beyond, the damper takes less [s]."""
+    drive_timeout: NonNegative = DRIVE_TIMEOUT
+    """Time without a command from which on the drives brake by themselves, as planned motion does:
+    before each position limit there is room left for that [s]."""
+    joints: tuple[DamperJointSpec, ...] = Field(min_length=1, max_length=100)
+    """Joints with strain feedback, each with its gauge and gain."""
+
+    @model_validator(mode='after')
+    def _separate_bands(self) -> DamperSpec:
+        if self.mean_frequency >= self.velocity_bandwidth:
+            raise ValueError(
+                f'mean_frequency {self.mean_frequency} Hz is not below velocity_bandwidth '
+                f'{self.velocity_bandwidth} Hz: nothing is left between them to damp')
+        if self.rate <= 2 * self.velocity_bandwidth:
+            raise ValueError(f'rate {self.rate} Hz is too slow for velocity_bandwidth '
+                             f'{self.velocity_bandwidth} Hz: give more than twice as much')
+        return self
+
+
+Axis = Literal['x', 'y', 'z'] | Vector3
+
+
+class SectionSpec(Spec):
+    """Cross-section of a beam; give what the shape needs and nothing else."""
+
+    shape: Literal['rectangle', 'tube', 'general']
+    """Which of the values below are needed."""
+    height: Positive | None = None
+    """Rectangle: extent along the height axis, which is the bending direction [m]."""
+    width: Positive | None = None
+    """Rectangle: extent across [m]."""
+    outer: Positive | None = None
+    """Tube: outer diameter [m]."""
+    inner: NonNegative | None = None
+    """Tube: inner diameter, 0 for a solid shaft [m]."""
+    area: Positive | None = None
+    """General: area of the section [m^2]."""
+    Iz: Positive | None = None
+    """General: second moment for bending along the height axis [m^4]."""
+    Iy: Positive | None = None
+    """General: second moment for bending across [m^4]."""
+    J: Positive | None = None
+    """Torsion constant; needed for a general section, else computed [m^4]."""
+    surface: Positive | None = None
+    """General: distance of the gauges from the neutral line, along the height axis [m]."""
+
+    @model_validator(mode='after')
+    def _complete(self) -> SectionSpec:
+        needed = {'rectangle': ('height', 'width'), 'tube': ('outer', 'inner'),
+                  'general': ('area', 'Iz', 'Iy', 'J')}[self.shape]
+        allowed = {*needed, 'J', 'surface'}
+        for key in needed:
+            if getattr(self, key) is None:
+                raise ValueError(f'a {self.shape} section needs {", ".join(needed)}; '
+                                 f'{key} is missing')
+        for key in ('height', 'width', 'outer', 'inner', 'area', 'Iz', 'Iy'):
+            if getattr(self, key) is not None and key not in allowed:
+                raise ValueError(f'{key} does not go with a {self.shape} section, '
+                                 f'which needs {", ".join(needed)}')
+        if self.outer is not None and self.inner is not None and self.inner >= self.outer:
+            raise ValueError(f'the inner diameter {self.inner} of the tube is not below '
+                             f'the outer {self.outer}')
+        return self
+
+
+class MaterialSpec(Spec):
+    """Isotropic material: E, rho, and one of G and nu."""
+
+    E: Positive
+    """Young's modulus [Pa]."""
+    rho: Positive
+    """Density of the material [kg/m^3]."""
+    G: Positive | None = None
+    """Shear modulus, in the place of nu [Pa]."""
+    nu: Annotated[float, Field(gt=-1, le=0.5)] | None = None
+    """Poisson's ratio, in the place of G."""
+
+    @model_validator(mode='after')
+    def _one_of(self) -> MaterialSpec:
+        if (self.G is None) == (self.nu is None):
+            raise ValueError('give either the shear modulus G or the Poisson ratio nu')
+        return self
+
+
+class InertiaPart(Spec):
+    """Mass, centre and inertia of a rigid part, in the axes of the frame it is fixed to."""
+
+    mass: NonNegative
+    """Mass of the part [kg]."""
+    center: Vector3 = (0.0, 0.0, 0.0)
+    """Centre of mass, in the axes of the frame that the part is fixed to [m]."""
+    inertia: tuple[Finite, Finite, Finite, Finite, Finite, Finite] | NonNegative = 0.0
+    """Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, or one number for a cube
+    [kg m^2]."""
+
+    @model_validator(mode='after')
+    def _physical(self) -> InertiaPart:
+        if isinstance(self.inertia, tuple):
+            xx, yy, zz, xy, xz, yz = self.inertia
+            scale = 1e-9 * (abs(xx) + abs(yy) + abs(zz)) + 1e-300
+            minors = (xx, yy, zz, xx * yy - xy * xy, xx * zz - xz * xz, yy * zz - yz * yz)
+            if min(minors) < -scale or max(
+                    xx - yy - zz, yy - xx - zz, zz - xx - yy) > scale:
+                raise ValueError('the inertia (Ixx, Iyy, Izz, Ixy, Ixz, Iyz) is not that of a '
+                                 'body: principal moments must be positive and each no larger '
+                                 'than the sum of the others')
+        return self
+
+    @property
+    def components(self) -> tuple[float, ...]:
+        """All six components of the inertia [kg m^2]."""
+        if isinstance(self.inertia, tuple):
+            return self.inertia
+        return (self.inertia, self.inertia, self.inertia, 0.0, 0.0, 0.0)
+
+
+class LumpedSpec(InertiaPart):
+    """A rigid part fixed to a node of a beam; centre and inertia in the beam's joint frame."""
+
+    node: Annotated[int, Field(ge=0)] | Literal['base', 'tip'] = 'tip'
+    """Node, counted from 0 at the start of the beam."""
+
+
+class BeamSpec(Spec):
+    """One straight flexible beam."""
+
+    section: SectionSpec
+    """Cross-section, the same all along."""
+    material: MaterialSpec
+    """What it is made of."""
+    elements: Annotated[int, Field(ge=1, le=60)] = 2
+    """Beam elements it is divided into; two are enough for the lowest modes."""
+    start: Vector3 = (0.0, 0.0, 0.0)
+    """Where the beam is clamped, in the joint frame: the rigid offset of the hub [m]."""
+    end: Vector3 | None = None
+    """End of the beam in the joint frame; the next joint (or the tip) by default [m]."""
+    length: Finite | None = None
+    """Alternative to ``end``: length along ``direction`` [m]."""
+    direction: Axis = 'x'
+    """Direction of the beam in the joint frame, with ``length``."""
+    height_axis: Axis | None = None
+    """Direction of the section's height in the joint frame; in the plane of motion by default."""
+    stretch: bool = True
+    """Bending shortens the beam, and its normal force stiffens it; false: linear beam."""
+    lumped: tuple[LumpedSpec, ...] = ()
+    """Rigid parts fixed to nodes."""
+
+    @model_validator(mode='after')
+    def _geometry(self) -> BeamSpec:
+        if self.length is not None and self.length <= 0:
+            raise ValueError(f'the length of a beam must be positive, found {self.length} m')
+        if self.length is not None and self.end is not None:
+            raise ValueError('give either the end of the beam or its length, not both')
+        for part in self.lumped:
+            if isinstance(part.node, int) and part.node > self.elements:
+                raise ValueError(f'a lumped part sits at node {part.node}, but a beam of '
+                                 f'{self.elements} elements has nodes 0 to {self.elements}')
+        return self
+
+
+class LinkSpec(Spec):
+    """The link after one joint: rigid or flexible, and what sits at its hub."""
+
+    joint: Name
+    """Joint that moves this link."""
+    rigid: InertiaPart | None = None
+    """Rigid link, in the joint frame: with standard D-H rows not the row's own frame."""
+    flexible: BeamSpec | None = None
+    """Flexible link: one straight beam."""
+    hub_inertia: Annotated[NonNegative, read_by('SR')] = 0.0
+    """Rotor, gear and hub on the motor side, seen at the joint [kg m^2 or kg]."""
+    joint_stiffness: Positive | None = None
+    """Torsional stiffness between motor and link; rigid by default [N m/rad or N/m]."""
+    joint_damping: NonNegative = 0.0
+    """Damping of that spring [N m s/rad or N s/m]."""
+    viscous_friction: Annotated[NonNegative, read_by('SR')] = 0.0
+    """Friction of the joint [N m s/rad or N s/m]."""
+
+    @model_validator(mode='after')
+    def _damping_needs_spring(self) -> LinkSpec:
+        if self.joint_damping > 0 and self.joint_stiffness is None:
+            raise ValueError('joint_damping is the damping of the joint spring: give '
+                             'joint_stiffness too, or use viscous_friction')
+        return self
+
+
+class RayleighSpec(Spec):
+    """Structural damping C = alpha M + beta K."""
+
+    alpha: NonNegative = 0.0
+    """Damping by the masses, felt by slow modes [1/s]."""
+    beta: NonNegative = 0.0
+    """Damping by the stiffness, felt by fast modes [s]."""
+
+
+class SimulationSpec(Spec):
+    """How a run starts and what damps it."""
+
+    rayleigh: RayleighSpec = RayleighSpec()
+    """Structural damping of the beams."""
+    initial: Annotated[dict[Name, Finite], read_by('SR')] = Field(default_factory=dict)
+    """Initial position by joint; 0, or where the joint is held [rad or m]."""
+    start: Annotated[Literal['equilibrium', 'undeformed'], read_by('S')] = 'equilibrium'
+    """Elastic state at the start: static under gravity, or straight."""
 
 
 class ArmSpec(Spec):
@@ -365,28 +728,71 @@ class ArmSpec(Spec):
     """One entry a joint, in the order of the D-H rows, where there are some."""
     active_joints: tuple[Name, ...] | None = None
     """Inputs and outputs of the model, all joints by default; the others are held."""
-    joint_topic: Name = 'joint_states'
+    joint_topic: Annotated[Name, read_by('MSRDG')] = 'joint_states'
     """Topic of the positions, and of the velocities where the driver has them."""
-    couplings: CouplingsSpec | None = None
+    couplings: Annotated[CouplingsSpec | None, read_by('M')] = None
     """Motors that turn with more than their own joint, as in wrists and SCARAs; none by
     default."""
-    gauges: tuple[GaugeSpec, ...] = ()
+    gauges: Annotated[tuple[GaugeSpec, ...], read_by('MESRD')] = ()
     """Strain gauges; without them there is no strain model and no damper."""
-    preprocessing: PreprocessingSpec = PreprocessingSpec()
+    preprocessing: Annotated[PreprocessingSpec, read_by('MER')] = PreprocessingSpec()
     """Defaults of ``tudor fit`` for this arm."""
-    motors: tuple[MotorSpec, ...] = ()
+    motors: Annotated[tuple[MotorSpec, ...], read_by('ESRDG')] = ()
     """Motors and gears, one entry a joint that is simulated or damped."""
-    sensors: tuple[SensorSpec, ...] = ()
+    sensors: Annotated[tuple[SensorSpec, ...], read_by('R')] = ()
     """What the simulated gauges read; of those without an entry, ideal strain."""
-    damper: DamperSpec | None = None
+    damper: Annotated[DamperSpec | None, read_by('RD')] = None
     """Gains of joint cascade and strain feedback."""
-    links: tuple[LinkSpec, ...] = ()
-    """What moves behind each joint: rigid, or one beam."""
-    payload: InertiaPart | None = None
+    links: Annotated[tuple[LinkSpec, ...], read_by('ESR')] = ()
+    """What moves after each joint: rigid, or one beam."""
+    payload: Annotated[InertiaPart | None, read_by('ESR')] = None
     """Rigid part at the tip, in the axes of the tip frame; ``tudor record --payload`` replaces
     it."""
-    simulation: SimulationSpec = SimulationSpec()
+    simulation: Annotated[SimulationSpec, read_by('ESR')] = SimulationSpec()
     """Structural damping, and how a run starts."""
+
+    @model_validator(mode='after')
+    def _consistent(self) -> ArmSpec:
+        names = [joint.name for joint in self.joints]
+        gauges = [gauge.name for gauge in self.gauges]
+        for what, listed in (('joint', names), ('gauge', gauges),
+                             ('active joint', list(self.active_joints or ()))):
+            for name in listed:
+                if listed.count(name) > 1:
+                    raise ValueError(f'{what} {name!r} is named twice')
+        for name in self.active_joints or ():
+            if name not in names:
+                raise ValueError(f'active joint {name!r} is not among the joints {names}')
+        if self.active_joints is not None and not self.active_joints:
+            raise ValueError('active_joints is empty: name at least one joint, or leave it out')
+        self._check_couplings(names)
+        for gauge in self.gauges:
+            if gauge.joint not in names:
+                raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
+                                 f'which is not among the joints {names}')
+        self._check_types()
+        self._check_links(names)
+        rows = self.kinematics.dh
+        flange = self.kinematics.convention == 'modified'
+        if rows is not None and len(rows) - len(names) not in (0, flange):
+            raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
+                             'give one row a joint, base first'
+                             + (', and one more at most, for the flange' if flange else ''))
+        self._check_drives(names, gauges)
+        return self
+
+    def _check_couplings(self, joints: list[str]) -> None:
+        """Refuse couplings that cannot be."""
+        if self.couplings is None:
+            return
+        matrix, active = self.couplings.speeds(joints), self.active_joints or joints
+        at_motors = 'motors' in (self.couplings.positions, self.couplings.efforts)
+        for i, motor in enumerate(joints):
+            for j, joint in enumerate(joints):
+                if (at_motors and i != j and matrix[i, j]
+                        and (motor in active) != (joint in active)):
+                    raise ValueError(f'couplings: {motor!r} and {joint!r} are coupled, and what '
+                                     'is measured at their motors needs both among active_joints')
 
     def _check_types(self) -> None:
         """Refuse a topic that is described as if it carried messages of two types."""
@@ -400,33 +806,74 @@ class ArmSpec(Spec):
                                  'types: give index, or interface, with all that it carries, '
                                  'and joint states on another one')
 
-    @model_validator(mode='after')
-    def _consistent(self) -> ArmSpec:
-        names = [joint.name for joint in self.joints]
-        for what, listed in (('joint', names), ('gauge', [g.name for g in self.gauges]),
-                             ('active joint', list(self.active_joints or ()))):
-            for name in listed:
-                if listed.count(name) > 1:
-                    raise ValueError(f'{what} {name!r} is named twice')
-        for name in self.active_joints or ():
-            if name not in names:
-                raise ValueError(f'active joint {name!r} is not among the joints {names}')
-        if self.active_joints is not None and not self.active_joints:
-            raise ValueError('active_joints is empty: name at least one joint, or leave it out')
-        check_couplings(self.couplings, names, self.active_joints or names)
-        for gauge in self.gauges:
-            if gauge.joint not in names:
-                raise ValueError(f'gauge {gauge.name!r} names the joint {gauge.joint!r}, '
-                                 f'which is not among the joints {names}')
-        self._check_types()
-        check_links(self.links, self.simulation, names)
-        rows = self.kinematics.dh
-        flange = self.kinematics.convention == 'modified'
-        if rows is not None and len(rows) - len(names) not in (0, flange):
-            raise ValueError(f'{len(rows)} D-H rows for {len(names)} joints: '
-                             'give one row a joint, base first'
-                             + (', and one more at most, for the flange' if flange else ''))
-        check_drives(self.motors, self.sensors, self.damper, names,
-                     [gauge.name for gauge in self.gauges])
-        check_overlap(self.links, [motor.joint for motor in self.motors])
-        return self
+    def _check_links(self, joints: list[str]) -> None:
+        """Check that links and initial positions name joints of the arm."""
+        seen: list[str] = []
+        for link in self.links:
+            if link.joint not in joints:
+                raise ValueError(f'links: {link.joint!r} is not among the joints {joints}')
+            if link.joint in seen:
+                raise ValueError(f'links: joint {link.joint!r} has two entries; merge them')
+            if link.rigid is not None and link.flexible is not None:
+                raise ValueError(f'links: the link of joint {link.joint!r} is rigid and flexible; '
+                                 'leave one out')
+            seen.append(link.joint)
+        for name in self.simulation.initial:
+            if name not in joints:
+                raise ValueError(f'simulation.initial: {name!r} is not among the joints {joints}')
+
+    def _check_drives(self, joints: list[str], gauges: list[str]) -> None:
+        """Check that drives name parts of the arm, and that none is described twice."""
+        damped = () if self.damper is None else self.damper.joints
+        for key, what, named, known, once in (
+                ('motors', 'joint', [motor.joint for motor in self.motors], joints, True),
+                ('sensors', 'gauge', [sensor.gauge for sensor in self.sensors], gauges, True),
+                ('damper', 'joint', [item.joint for item in damped], joints, True),
+                ('damper', 'gauge', [item.gauge for item in damped], gauges, False)):
+            for name in named:
+                if name not in known:
+                    raise ValueError(f'{key} names the {what} {name!r}, which is not among the '
+                                     f'{what}s {known}')
+                if once and named.count(name) > 1:
+                    raise ValueError(f'{key} has the {what} {name!r} twice')
+        motors = {motor.joint for motor in self.motors}
+        for link in self.links:
+            for key, other in (('hub_inertia', 'rotor_inertia'), ('joint_stiffness', 'stiffness'),
+                               ('viscous_friction', 'viscous')):
+                if link.joint in motors and getattr(link, key):
+                    raise ValueError(
+                        f'links: joint {link.joint!r} has {key} and an entry in motors; what its '
+                        f'drive adds stands in motors alone: give {other} there, remove {key} '
+                        'here')
+
+
+MAX_PARTS = 8
+"""Mistakes that one message names."""
+
+
+def validation_message(err: ValidationError) -> str:
+    """Put a pydantic error on one line: each key, what is wrong, what was found."""
+    def short(text: str) -> str:
+        return text if len(text) <= 100 else f'{text[:100]}...'
+
+    parts = []
+    for item in err.errors(include_url=False):
+        where = '.'.join(str(part) for part in item['loc']) or 'top level'
+        text = str(item.get('ctx', {}).get('error', item['msg']))
+        if item['type'] == 'extra_forbidden':
+            text = 'unknown key (misspelt?)'
+        found = item.get('input')
+        shown = '' if isinstance(found, (dict, list)) or item['type'] == 'missing' else (
+            f', found {short(repr(found))}')
+        parts.append(f'{short(where)}: {text}{shown}')
+    more = f'; and {len(parts) - MAX_PARTS} more' if len(parts) > MAX_PARTS else ''
+    return '; '.join(parts[:MAX_PARTS]) + more
+
+
+def read_spec(content: dict[str, Any], source: str) -> ArmSpec:
+    """Check a description as it stands in a file."""
+    try:
+        return ArmSpec.model_validate(content)
+    except ValidationError as err:
+        msg = f'{source}: {validation_message(err)}'
+        raise ArmError(msg) from None

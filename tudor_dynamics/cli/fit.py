@@ -24,8 +24,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from tudor_dynamics.arm.description import Arm, load_arm, validation_message
-from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.schema import AUTO, FRICTION_TERMS, PreprocessingSpec, validation_message
 from tudor_dynamics.cli.console import (
     add_running, check_running, finite, new_table, print_findings, print_json, print_table,
     score_table, steps)

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.hardware import DamperSpec, MotorSpec
 from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
+from tudor_dynamics.arm.schema import DamperSpec, MotorSpec
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control.guards import Envelope
 from tudor_dynamics.errors import ArmError

@@ -24,8 +24,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from tudor_dynamics.arm.description import Arm, validation_message
-from tudor_dynamics.arm.hardware import DamperSpec, Finite, Name, NonNegative, Positive, Spec
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import (
+    DamperSpec, Finite, Name, NonNegative, Positive, Spec, validation_message)
 from tudor_dynamics.control.cascade import velocity_lag
 from tudor_dynamics.control.damper import Damper
 from tudor_dynamics.control.guards import SwingWatch

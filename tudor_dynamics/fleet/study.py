@@ -26,9 +26,8 @@ from matplotlib.dates import DateFormatter
 from matplotlib.ticker import MaxNLocator
 from pydantic import Field, field_validator, ValidationError
 
-from tudor_dynamics.arm.description import Arm, load_arm, validation_message
-from tudor_dynamics.arm.hardware import Name, Spec
-from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.arm.description import Arm, load_arm
+from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_message
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.fleet.comparison import (

@@ -27,9 +27,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from scipy import optimize
 
-from tudor_dynamics.arm.description import Arm, validation_message
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
-from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec
+from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec, validation_message
 from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import SignalError, UsageError

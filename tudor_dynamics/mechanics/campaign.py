@@ -28,9 +28,9 @@ import pinocchio as pin
 from scipy.interpolate import CubicHermiteSpline
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.arm.hardware import InertiaPart
 from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.arm.schema import InertiaPart
 from tudor_dynamics.bags.messages import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory

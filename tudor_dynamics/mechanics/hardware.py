@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.hardware import InertiaPart, MotorSpec
+from tudor_dynamics.arm.schema import InertiaPart, MotorSpec
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at

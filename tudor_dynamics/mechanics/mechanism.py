@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.hardware import (
-    BeamSpec, InertiaPart, LinkSpec, MaterialSpec, MotorSpec, SectionSpec, six_components)
 from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
-from tudor_dynamics.arm.schema import GaugeSpec
+from tudor_dynamics.arm.schema import (
+    BeamSpec, GaugeSpec, InertiaPart, LinkSpec, MaterialSpec, MotorSpec, SectionSpec)
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain
@@ -237,7 +236,7 @@ class Builder:
         if part is not None:
             floats[at.MASS] = part.mass
             floats[at.CENTER:at.CENTER + 3] = part.center
-            floats[at.INERTIA:at.INERTIA + 6] = six_components(part.inertia)
+            floats[at.INERTIA:at.INERTIA + 6] = part.components
         return self._append(ints, floats)
 
     def link(self, index: int) -> None:
@@ -272,7 +271,7 @@ class Builder:
         elif spec.rigid is not None:
             floats[at.MASS] = spec.rigid.mass
             floats[at.CENTER:at.CENTER + 3] = spec.rigid.center
-            floats[at.INERTIA:at.INERTIA + 6] = six_components(spec.rigid.inertia)
+            floats[at.INERTIA:at.INERTIA + 6] = spec.rigid.components
         else:
             inertia = model.inertias[index]
             tensor = inertia.inertia

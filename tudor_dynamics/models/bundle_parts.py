@@ -26,8 +26,8 @@ from pydantic import (
     AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator,
     ValidationError)
 
-from tudor_dynamics.arm.description import Arm, validation_message
-from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import PreprocessingSpec, validation_message
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.estimation import Constants, Estimate
 from tudor_dynamics.models.regressor import BaseSet, column_unit, Regressor

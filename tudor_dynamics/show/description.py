@@ -28,9 +28,9 @@ import pinocchio as pin
 from pydantic import ValidationError
 
 from tudor_dynamics._version import __version__
-from tudor_dynamics.arm.description import Arm, validation_message
-from tudor_dynamics.arm.hardware import InertiaPart, MotorSpec, SensorSpec
-from tudor_dynamics.arm.schema import ArmSpec
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.arm.schema import (
+    ArmSpec, InertiaPart, MotorSpec, SensorSpec, validation_message)
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import FullParameters

@@ -29,7 +29,7 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import OPEN
 from tudor_dynamics.arm.kinematics import (
-    is_prismatic, model_from_dh, model_from_urdf, read_urdf, Snapped)
+    ExactAngles, is_prismatic, model_from_dh, model_from_urdf, read_urdf)
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import load_yaml, read_bounded
 
@@ -161,7 +161,7 @@ class DraftedChain:
 
 def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
     """Take the kinematics of a URDF."""
-    snapped = Snapped()
+    snapped = ExactAngles()
     text = read_urdf(path)
     model = model_from_urdf(text, str(path), snapped)
     model.gravity = pin.Motion(np.array(GRAVITY), np.zeros(3))
