@@ -32,9 +32,6 @@ import time
 from typing import Any, TypeVar
 import warnings
 
-from joblib import delayed, Parallel
-from joblib.externals.loky import get_reusable_executor
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 import numpy as np
 
 from tudor_dynamics.errors import ProcessError, TudorWarning, UsageError
@@ -281,6 +278,10 @@ def _watch(
 def _run_all(
     work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int, folder: str,
 ) -> list[Result]:
+    from joblib import delayed, Parallel  # slow to import, and one process needs none of it
+    from joblib.externals.loky import get_reusable_executor
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
     # An interrupt is the first thread's to handle; processes that begin here inherit that.
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     before = os.environ.get('PYTHONWARNINGS')

@@ -46,7 +46,6 @@ from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.online.detector import DetectorSettings, Rates
 from tudor_dynamics.online.monitor import MonitorSettings
-from tudor_dynamics.show.pictures import picture_path, write_events, write_roc
 
 
 # -- Options of ``tudor evaluate --collisions``, apart from what they need
@@ -90,6 +89,9 @@ def run_collisions(args: argparse.Namespace) -> int:
         msg = (f'--pushes: {len(args.pushes)} tables for {len(args.bags)} bags; give one for '
                'each, in their order')
         raise UsageError(msg)
+    from tudor_dynamics.show.pictures import (  # plots are slow to import
+        picture_path, write_events, write_roc)
+
     plot = picture_path(args.roc) if args.roc else None
     picture = picture_path(args.plot) if args.plot else None
     bundle = at_payload(load_bundle(args.model), args.payload)

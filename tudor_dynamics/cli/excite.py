@@ -40,7 +40,6 @@ from tudor_dynamics.identification.excitation_plan import (
 from tudor_dynamics.identification.next_steps import Comparison
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.regressor import output_units
-from tudor_dynamics.show.pictures import write_motion_figure
 from tudor_dynamics.signals.excitation import fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits
 from tudor_dynamics.typing import FloatArray
@@ -242,6 +241,8 @@ def run(args: argparse.Namespace) -> int:
     with whole(Path(args.out), replace=False) as folder:
         folder.mkdir()
         write_plan(folder, plan, head)
+        from tudor_dynamics.show.pictures import write_motion_figure  # slow to import
+
         write_motion_figure(
             plan.trajectory, joint_range(arm), motion_limits(arm),
             {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints},

@@ -47,7 +47,6 @@ from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
 from tudor_dynamics.parallel import on_cluster
-from tudor_dynamics.show.page import headline
 
 EXAMPLES = """\
 examples:
@@ -228,7 +227,7 @@ def run(args: argparse.Namespace) -> int:
         assessment = assess(result)
         bundle = bundle_of(result, assessment)
         clock.lap('collision thresholds')
-        from tudor_dynamics.show.page import report_bytes  # plots are slow to import
+        from tudor_dynamics.show.page import headline, report_bytes  # plots are slow to import
 
         step('report')
         save_bundle(bundle, out, overwrite=args.overwrite,

@@ -23,7 +23,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled
@@ -362,6 +361,8 @@ def ringing(response: StepResponse) -> FloatArray:
         msg = (f'a response of {len(response.strain) * response.dt:g} s is too short to see a '
                'decay; record 3 s or more')
         raise SignalError(msg)
+    from scipy.signal import butter, sosfiltfilt  # slow to import
+
     sos = butter(2, HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
     values = response.strain - response.strain[-len(response.strain) // 4:].mean()
     return np.asarray(sosfiltfilt(sos, values), dtype=float)

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
@@ -91,6 +90,8 @@ def _step(
     if np.all(step >= low) and np.all(step <= high):
         return np.asarray(step)
     roots = np.sqrt(curvature)
+    from scipy.optimize import lsq_linear  # slow to import
+
     return np.asarray(lsq_linear(roots[:, None] * axes.T, downhill / roots,
                                  (low, np.maximum(high, low + 1e-12)), method='bvls').x)
 

@@ -25,7 +25,6 @@ from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from scipy import optimize
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
@@ -37,7 +36,6 @@ from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.excitation import (
     Beyond, Bounds, CLEARANCE, covariance_of, Criterion, expected_errors, ExpectedError,
     Information, known_efforts, mean_error, Noise, OUTPUTS, Series, series, Subject)
-from tudor_dynamics.mechanics.run import modes
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import (
@@ -180,9 +178,11 @@ def best_series(
     generator = np.random.default_rng(order.seed)
     x = generator.normal(size=shape) / np.sqrt(shape[0])
     x[0] = _middle(bounds, basis, generator)
+    from scipy import optimize  # slow to import
+
     stopped = False
 
-    def step(intermediate_result: optimize.OptimizeResult) -> None:
+    def step(intermediate_result: Any) -> None:
         nonlocal stopped
         stopped = report(float(intermediate_result.fun))
         if stopped:
@@ -386,6 +386,8 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
 def default_highest(arm: Arm) -> float:
     """Choose the largest frequency of a series: below what makes links swing [Hz]."""
     if any(link.flexible is not None for link in arm.spec.links):
+        from tudor_dynamics.mechanics.run import modes  # slow to import
+
         return min(HIGHEST, float(modes(arm, 1).frequency[0]) / 3.0)
     return HIGHEST
 

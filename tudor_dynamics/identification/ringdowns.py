@@ -22,7 +22,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import Delaunay, QhullError
 
 from tudor_dynamics.errors import SignalError, SimulationError
 from tudor_dynamics.identification.dataset import BagData, model_for
@@ -223,6 +222,8 @@ def enclosed(visited: NDArray[np.bool_]) -> NDArray[np.bool_]:
         inside = np.zeros_like(visited)
         inside[spots.min():spots.max() + 1] = True
         return inside
+    from scipy.spatial import Delaunay, QhullError  # slow to import
+
     try:
         hull = Delaunay(spots)
     except QhullError:  # all in a line: nothing is between

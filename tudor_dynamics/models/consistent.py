@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 import pinocchio as pin
-from scipy import linalg, optimize
+from scipy import linalg
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
@@ -515,6 +515,8 @@ def solve_consistent(
 
     prior: from the description by default.
     """
+    from scipy import optimize  # slow to import
+
     problem = Problem(arm, model, products, prior or prior_of(arm))
     x = problem.start()
     for search, (problem.trusted, problem.strict) in enumerate(SEARCHES, start=1):
@@ -541,6 +543,8 @@ def solve_drives(
 
     def whole(part: FloatArray) -> FloatArray:
         return np.concatenate([x[:first], part])
+
+    from scipy import optimize  # slow to import
 
     found = optimize.least_squares(
         lambda part: problem.residual(whole(part)),

@@ -24,7 +24,6 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator, ValidationInfo
-from scipy import optimize, sparse
 
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.models.bundle import ModelBundle
@@ -364,6 +363,8 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
     largest = np.maximum(columns.max(axis=0), 1e-12)
     # friction that holds covers a joint at rest altogether
     unit = float(np.median(peaks[peaks > 0.0])) if (peaks > 0.0).any() else max(least, 1e-300)
+    from scipy import optimize, sparse  # slow to import
+
     identity = sparse.identity(n, format='csr')
     equal = sparse.hstack([sparse.csr_matrix(columns / largest), identity, -identity])
     found = optimize.linprog(
