@@ -14,7 +14,7 @@
 
 
 """
-Write the tables of ``docs/arm_yaml.md`` from the schema of the arm description.
+Write the tables of ``docs/arm_yaml.md`` from the schema and the table of friction terms.
 
     python tools/arm_reference.py
 
@@ -30,7 +30,8 @@ from pathlib import Path
 import re
 from typing import Any
 
-from tudor_dynamics.arm.schema import ArmSpec
+from tudor_dynamics.arm.schema import ArmSpec, FRICTION_TERMS
+from tudor_dynamics.models.friction import TERMS
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'arm_yaml.md'
 MARKER = '<!-- From here on written by tools/arm_reference.py from the schema. -->\n'
@@ -170,9 +171,11 @@ def keys_of(name: str = 'ArmSpec', prefix: str = '', readers: str = ALL) -> Iter
 
 
 def tables() -> str:
-    """Write a table for each part."""
+    """Write a table of the friction terms, and one for each part."""
     schema = ArmSpec.model_json_schema()
-    lines = ['## Keys', '', '| letter | read by |', '|---|---|',
+    lines = ['## Terms of friction', '', '| friction term | column | use |', '|---|---|---|',
+             *(f'| `{name}` | {TERMS[name].column} | {TERMS[name].use} |'
+               for name in FRICTION_TERMS), '', '## Keys', '', '| letter | read by |', '|---|---|',
              *(f'| {letter} | {readers} |' for letter, readers in READERS.items())]
     keys = list(keys_of())
     names = {key.path: key.part for key in keys if key.part}

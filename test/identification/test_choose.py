@@ -31,7 +31,7 @@ from tudor_dynamics.identification.choice import (
 from tudor_dynamics.identification.dataset import BagChoice, BagData, filtered, training_blocks
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.friction import Bristles
+from tudor_dynamics.models.friction import FrictionStates
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
@@ -111,10 +111,10 @@ def test_presliding_is_found() -> None:
     recordings = []
     for seed in (1, 2):
         recording = _recording(_arm(), seed)
-        bent = Bristles(truth).follow(prepare(recording, SPEC)[0])[:, 9:]
+        bent = FrictionStates(truth).follow(prepare(recording, SPEC)[0])[:, 9:]
         recordings.append(replace(recording, effort=recording.effort + 4.0 * bent))
     chosen = _choose(_arm(), *recordings)
-    assert all(0.03 in joint.bristles for joint in chosen.arm.joints)
+    assert all(0.03 in joint.state_values('presliding') for joint in chosen.arm.joints)
     choice, = (item for item in chosen.made if item.what == 'friction')
     assert choice.error < 0.8 * choice.error_instead and 'gives way over 0.03' in choice.chosen
 

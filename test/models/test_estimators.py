@@ -34,7 +34,7 @@ class Linear:
     columns = ('q', 'dq', 'ddq')
     unknown = ()
     loaded = False
-    bristles = None
+    states = None
     scaled = np.zeros(3, dtype=bool)
 
     def __init__(self, n_channels: int = 1) -> None:

@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 from sample_arms import arm_of, random_states, SIX_ROWS
 
-from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.arm.schema import FRICTION_TERMS, JointSpec, STATE_KEYS
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.models.friction import (
+    DAMPING, FIRST_STATE, FRICTION, friction_columns, friction_names, has_constant, TERMS)
 from tudor_dynamics.models.payload import payload_regressor
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.typing import FloatArray
@@ -112,3 +113,25 @@ def test_load_and_several_payloads() -> None:
     """A load that hangs on the payload makes no model that is affine in it."""
     with pytest.raises(FitError, match='fit each payload apart'):
         payload_regressor(EffortRegressor(LOADED), LOADED)
+
+
+def test_every_term_of_the_description_is_in_the_table() -> None:
+    """Each has a column; those with a state have a key, and codes after the others."""
+    assert set(TERMS) == set(FRICTION_TERMS)
+    for name, term in TERMS.items():
+        assert (term.code >= FIRST_STATE) == (name in STATE_KEYS)
+        columns = friction_columns(JointSpec(name='a', friction=(name,)), np.array([-0.2, 0.3]))
+        power = columns[:, 0] * [-0.2, 0.3]
+        assert np.all(power > 0.0) or not term.takes_energy
+    assert (DAMPING, FRICTION) == ('viscous', 'coulomb')
+
+
+def test_a_constant_is_recognized() -> None:
+    """An offset, or Coulomb columns each way, make one; not the others."""
+    speed = np.array([-3.0, -1.0, 1.0, 2.0])
+    for friction, asymmetric in (('offset', False), ('coulomb', True), ('coulomb', False),
+                                 ('viscous', True)):
+        joint = JointSpec(name='a', friction=(friction,), asymmetric=asymmetric)
+        columns = friction_columns(joint, speed)
+        ones = columns @ np.linalg.lstsq(columns, np.ones(4), rcond=None)[0]
+        assert has_constant(joint) == np.allclose(ones, 1.0)

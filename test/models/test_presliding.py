@@ -27,7 +27,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, training_blocks
 from tudor_dynamics.models.analytical import AnalyticalModel
-from tudor_dynamics.models.friction import Bristles, friction_columns, friction_names, Trail
+from tudor_dynamics.models.friction import (
+    friction_columns, friction_names, FrictionStates, LiveFriction)
 from tudor_dynamics.models.payload import payload_regressor
 from tudor_dynamics.models.regressor import EffortRegressor
 from tudor_dynamics.online.monitor import MomentumObserver
@@ -54,7 +55,7 @@ def _stretch(arm: Arm, seed: int = 0, seconds: float = 4.0, rate: float = 200.0)
 def _single(places: list[float], distance: float) -> FloatArray:
     arm = arm_of(SIX_ROWS[:1], [{'name': 'a', 'friction': ['presliding'],
                                  'presliding_distances': [distance]}])
-    trail = Trail(Bristles(arm))
+    trail = LiveFriction(FrictionStates(arm))
     return np.array([trail.step(float(k > 0), np.array([place, 0.0, 0.0]))[3]
                      for k, place in enumerate(places)])
 
@@ -167,7 +168,7 @@ def test_names_columns_and_payload() -> None:
     joint = arm.joints[0]
     names = friction_names(joint)
     assert names == ('viscous(a)', 'coulomb(a)', 'presliding@0.05(a)', 'presliding@0.4(a)')
-    columns = friction_columns(joint, np.array([0.5]), bent=np.array([[0.1, -0.2, 9.0]]))
+    columns = friction_columns(joint, np.array([0.5]), states=np.array([[0.1, -0.2, 9.0]]))
     assert np.allclose(columns, [[0.5, 1.0, 0.1, -0.2]])
     assert np.allclose(friction_columns(joint, np.array([0.5])), [[0.5, 1.0, 1.0, 1.0]])
     single = arm_of(SIX_ROWS[:1], [{'name': 'a', 'friction': ['presliding']}])

@@ -71,12 +71,15 @@ MAX_INDEX = 1000
 """Values of an array that may be named."""
 AUTO = 'auto'
 """What stands for a key that is left open: the same as no key."""
-FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity',
-                 'presliding_distances')
-"""Keys of a joint that say which friction is identified."""
 FrictionTerm = Literal['viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square', 'load',
                        'presliding']
 FRICTION_TERMS: tuple[str, ...] = get_args(FrictionTerm)
+"""Names; what each of them does stands in ``models/friction.py``."""
+STATE_KEYS = {'presliding': 'presliding_distances'}
+"""Term with a state to the key of a joint that has a value for each of its columns."""
+FRICTION_KEYS = ('friction', 'asymmetric', 'friction_velocity', 'stribeck_velocity',
+                 *STATE_KEYS.values())
+"""Keys of a joint that say which friction is identified."""
 
 
 def without_auto(key: str) -> Callable[[Any], Any]:
@@ -246,17 +249,18 @@ class JointSpec(Spec):
 
     _open = model_validator(mode='before')(without_auto('friction'))
 
-    @field_validator('friction', 'presliding_distances')
+    @field_validator('friction', *STATE_KEYS.values())
     @classmethod
     def _no_repetition(cls, terms: tuple[str | float, ...]) -> tuple[str | float, ...]:
         if len(set(terms)) != len(terms):
             raise ValueError(f'a friction term or displacement is named twice in {list(terms)}')
         return terms
 
-    @property
-    def bristles(self) -> tuple[float, ...]:
-        """Displacements over which its friction gives way; empty where it does not [rad or m]."""
-        return self.presliding_distances if 'presliding' in self.friction else ()
+    def state_values(self, term: str) -> tuple[float, ...]:
+        """Give the values of a friction term with a state, one a column; none without it."""
+        values: tuple[float, ...] = (getattr(self, STATE_KEYS[term])
+                                     if term in STATE_KEYS and term in self.friction else ())
+        return values
 
     def for_digest(self) -> dict[str, Any]:
         """
@@ -266,8 +270,9 @@ class JointSpec(Spec):
         digests still hold.
         """
         content = self.model_dump(mode='json', exclude={'effort', 'limits', 'planned'})
-        if not self.bristles:
-            del content['presliding_distances']
+        for term, key in STATE_KEYS.items():
+            if term not in self.friction:
+                del content[key]
         return {**content, 'effort': self.effort.for_digest()}
 
 

@@ -20,19 +20,20 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import JointSpec, PreprocessingSpec
+from tudor_dynamics.arm.schema import JointSpec, PreprocessingSpec, STATE_KEYS
 from tudor_dynamics.errors import FitError, SignalError
 from tudor_dynamics.identification.dataset import BagData, common_outputs, filtered
 from tudor_dynamics.identification.fit import Choice, FitSettings
 from tudor_dynamics.models.estimation import (
     find_constants, Products, rescaled, solve, squared_residuals)
-from tudor_dynamics.models.friction import bent_along, Coupling, friction_columns, friction_names
+from tudor_dynamics.models.friction import (
+    BY_LOAD, Coupling, friction_columns, friction_names, states_along, term_of, TERMS)
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.payload import payload_regressor
 from tudor_dynamics.models.regressor import base_sets, plain_regressor
@@ -48,13 +49,15 @@ from tudor_dynamics.typing import FloatArray, Progress
 
 PARTS = 5
 """Parts that a few recordings are divided into; of more recordings each is a part."""
-_EVEN = ('viscous', 'offset', 'square')
-"""Terms that no switch is part of."""
-Term = tuple[str, float, float]
-"""
-Name of a friction term, with the velocities of its switch and of Stribeck's curve; of what gives
-way, with its displacement in place of the switch.
-"""
+
+
+class Column(NamedTuple):
+    """A column of friction; numbers that it does not depend on are 0."""
+
+    kind: str  # name of the term, with its direction
+    switch: float  # velocity of the smoothed sign [rad/s or m/s]
+    decay: float  # velocity of Stribeck's curve [rad/s or m/s]
+    value: float  # of its state
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +70,27 @@ class CandidateRows:
     output: FloatArray  # efforts or strains in their units, as measured, (samples, channels)
 
 
-def terms_of(joint: JointSpec) -> list[Term]:
-    """Give the friction terms of a joint, one a column; velocities that do not count are 0."""
-    found: list[Term] = [('presliding', distance, 0.0) for distance in joint.bristles]
+def columns_of(joint: JointSpec) -> list[Column]:
+    """Give the friction columns of a joint, those with a state first."""
+    found = [Column(term, 0.0, 0.0, value) for term in joint.friction
+             for value in joint.state_values(term)]
     for name in friction_names(joint):
-        kind = name.partition('(')[0]
-        if not kind.startswith('presliding'):
-            found.append((kind, 0.0 if kind in _EVEN else joint.friction_velocity,
-                          joint.stribeck_velocity if kind == 'stribeck' else 0.0))
+        kind, term = name.partition('(')[0], term_of(name)
+        if term not in STATE_KEYS:
+            # what acts in one direction has a switch
+            switched = TERMS[term].switched or kind != term
+            found.append(Column(kind, joint.friction_velocity if switched else 0.0,
+                                joint.stribeck_velocity if TERMS[term].decays else 0.0, 0.0))
     return found
 
 
-def joint_with(joint: JointSpec, term: Term) -> JointSpec:
-    """Give a joint whose friction has a term, with another one where terms come in pairs."""
-    name = term[0].rstrip('+-')
+def joint_with(joint: JointSpec, column: Column) -> JointSpec:
+    """Give a joint whose friction has a column, with another one where columns come in pairs."""
+    name = column.kind.rstrip('+-')
     return joint.model_copy(update={
-        'friction': (name,), 'asymmetric': name != term[0],
-        'friction_velocity': term[1] or joint.friction_velocity,
-        'stribeck_velocity': term[2] or joint.stribeck_velocity})
+        'friction': (name,), 'asymmetric': name != column.kind,
+        'friction_velocity': column.switch or joint.friction_velocity,
+        'stribeck_velocity': column.decay or joint.stribeck_velocity})
 
 
 class WideRows:
@@ -99,12 +105,12 @@ class WideRows:
         self._coupling = Coupling(arm)
         self._reach = self._coupling.reach if output == 'effort' else np.zeros((0, 0))
         names = [joint.name for joint in arm.joints]
-        self.terms: list[list[Term]] = [[] for _ in names]
+        self.terms: list[list[Column]] = [[] for _ in names]
         self._joints = arm.joints
         if output == 'effort':
             for joint in candidates:
                 own = self.terms[names.index(joint.name)]
-                own += [term for term in terms_of(joint) if term not in own]
+                own += [column for column in columns_of(joint) if column not in own]
         self._widest = max((len(terms) for terms in self.terms), default=0)
         self.groupings = {}
         kept: set[int] = set()
@@ -138,17 +144,20 @@ class WideRows:
             keep, n = stretch.decimation, len(self.terms)
             dq = self._coupling.drive_places(stretch.states.dq)
             speed = np.zeros((len(motion), n, self._widest))
-            distances = sorted({term[1] for terms in self.terms for term in terms
-                                if term[0] == 'presliding'})
-            bent = bent_along(stretch, self._coupling, np.tile(
-                np.array(distances).reshape(-1, 1), n))
-            for i, terms in enumerate(self.terms):
-                for k, term in enumerate(terms):
-                    if term[0] == 'presliding':
-                        speed[:, i, k] = bent[:, distances.index(term[1]), i]
+            stateful = sorted({column for columns in self.terms for column in columns
+                               if column.kind in STATE_KEYS})
+            states = states_along(
+                stretch, self._coupling,
+                np.array([[TERMS[column.kind].code] * n for column in stateful],
+                         dtype=np.intp).reshape(-1, n),
+                np.array([[column.value] * n for column in stateful]).reshape(-1, n))
+            for i, columns in enumerate(self.terms):
+                for k, column in enumerate(columns):
+                    if column in stateful:
+                        speed[:, i, k] = states[:, stateful.index(column), i]
                         continue
-                    names = friction_names(joint := joint_with(self._joints[i], term))
-                    place = [name.partition('(')[0] for name in names].index(term[0])
+                    names = friction_names(joint := joint_with(self._joints[i], column))
+                    place = [name.partition('(')[0] for name in names].index(column.kind)
                     speed[:, i, k] = friction_columns(joint, dq[:, i])[:, place]
             rows = self._regressor.rows(motion if keep.sections is not None else keep(motion))
             bodies = rows[:, :, self.columns]
@@ -179,9 +188,9 @@ class WideRows:
         if self._loads is not None:
             speed = speed.copy()
             loads = np.abs(np.einsum('kcp,cp->kc', part.bodies, self._loads))
-            for i, terms in enumerate(self.terms):
-                for k, term in enumerate(terms):
-                    if term[0] == 'load':
+            for i, columns in enumerate(self.terms):
+                for k, column in enumerate(columns):
+                    if TERMS[term_of(column.kind)].loaded:
                         speed[:, i, k] *= loads[:, i]
         found = []
         for channel in range(part.output.shape[1]):
@@ -199,8 +208,8 @@ class WideRows:
         bodies = np.searchsorted(self.columns, columns)
         if self.output != 'effort':
             return bodies
-        friction = [len(self.columns) + i * self._widest + self.terms[i].index(term)
-                    for i, joint in enumerate(joints) for term in terms_of(joint)]
+        friction = [len(self.columns) + i * self._widest + self.terms[i].index(column)
+                    for i, joint in enumerate(joints) for column in columns_of(joint)]
         return np.concatenate([bodies, np.array(friction, dtype=np.intp)])
 
 
@@ -312,17 +321,15 @@ ROUNDS = 3
 """Additions that a joint may get."""
 SWITCHES = (0.05, 0.25, 5.0)
 """Speeds of the smoothed sign that are tried, in that of the description."""
-TERMS = ('load', 'offset', 'stribeck', 'cube_root', 'square')
-"""Terms that are tried beside viscous and Coulomb friction, and presliding."""
-DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
-"""Displacements over which friction is tried to give way [rad or m]."""
+TRIED = tuple(name for name, term in TERMS.items() if term.tried)
+TRIED_STATES = tuple(name for name, term in TERMS.items() if term.tried_values)
 Change = Mapping[str, Any]
 
 
 def choices_of(joint: JointSpec) -> dict[str, Any]:
     """Give all keys of a joint that a choice of its friction sets."""
     return {key: getattr(joint, key) for key in (
-        'friction', 'asymmetric', 'friction_velocity', 'presliding_distances')}
+        'friction', 'asymmetric', 'friction_velocity', *STATE_KEYS.values())}
 
 
 def is_open(joint: JointSpec) -> bool:
@@ -338,19 +345,21 @@ def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
     """
     found: dict[str, Change] = {}
     if is_open(joint):
-        for term in TERMS:
+        for term in TRIED:
             if term in left_out or term in joint.friction or (
-                    term == 'offset' and joint.asymmetric):
+                    TERMS[term].constant and joint.asymmetric):
                 continue
             found[term] = {'friction': (*joint.friction, term)}
-        for distance in () if 'presliding' in left_out else DISTANCES:
-            if distance not in joint.bristles:
-                found[f'presliding {distance:g}'] = {
-                    'friction': tuple(dict.fromkeys((*joint.friction, 'presliding'))),
-                    'presliding_distances': tuple(sorted((*joint.bristles, distance)))}
+        for term in TRIED_STATES:
+            values = joint.state_values(term)
+            for value in () if term in left_out else TERMS[term].tried_values:
+                if value not in values:
+                    found[f'{term} {value:g}'] = {
+                        'friction': tuple(dict.fromkeys((*joint.friction, term))),
+                        STATE_KEYS[term]: tuple(sorted((*values, value)))}
         if not joint.asymmetric:
             found['asymmetric'] = {'asymmetric': True, 'friction': tuple(
-                term for term in joint.friction if term != 'offset')}
+                term for term in joint.friction if not TERMS[term].constant)}
     if 'friction_velocity' not in joint.model_fields_set:
         for factor in SWITCHES:
             found[f'switch {factor:g}'] = {
@@ -370,11 +379,12 @@ def all_candidates(
             found.append(one)
             if is_open(joint):
                 every = _changed(one, {'friction': (*joint.friction, *(
-                    term for term in TERMS if term not in left_out))})
+                    term for term in TRIED if term not in left_out))})
                 found += [every, _changed(every, {'asymmetric': True})]
-        if is_open(joint) and 'presliding' not in left_out:
-            found.append(_changed(joint, {'friction': ('presliding',),
-                                          'presliding_distances': DISTANCES}))
+        if is_open(joint):
+            found += [_changed(joint, {'friction': (term,),
+                                       STATE_KEYS[term]: TERMS[term].tried_values})
+                      for term in TRIED_STATES if term not in left_out]
     return found
 
 
@@ -468,8 +478,8 @@ class _Chooser:
         self.made: list[Choice] = []
         follows = any(KINDS[kind].model.has_memory for kind in settings.kinds)
         # a load on the gear is no term of an arm that is followed, nor affine in a payload
-        self.without = (*(('load',) if summable or follows or settings.payloads is not None
-                          else ()), *(('presliding',) if follows else ()))
+        self.without = (*((BY_LOAD,) if summable or follows or settings.payloads is not None
+                          else ()), *(STATE_KEYS if follows else ()))
         # what follows measured positions has no filter to choose
         self.filter_open = not follows and not spec.model_fields_set & CAUSAL_KEYS
 
@@ -585,8 +595,10 @@ def friction_words(joints: Sequence[JointSpec]) -> str:
             text += ', each way'
         if joint.friction_velocity != USUAL_SWITCH:
             text += f', sign smoothed over {joint.friction_velocity:g}'
-        if joint.bristles:
-            text += f', gives way over {" and ".join(f"{d:g}" for d in joint.bristles)}'
+        for term in STATE_KEYS:
+            if values := joint.state_values(term):
+                text += (f', {TERMS[term].state_words} '
+                         f'{" and ".join(f"{value:g}" for value in values)}')
         found.setdefault(text, []).append(joint.name)
     if len(found) == 1:
         return next(iter(found))

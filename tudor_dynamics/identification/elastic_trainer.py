@@ -31,6 +31,7 @@ from tudor_dynamics.identification.elastic_search import identify, taken_over
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import (
     driven_arm, effort_rows, ElasticModel, follow_motion, PhysicalParameter)
+from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.parallel import shared_out
 from tudor_dynamics.typing import FloatArray, Progress
 
@@ -43,8 +44,8 @@ Searches = Mapping[tuple[str, ...], Identified]
 def check_arm(arm: Arm) -> None:
     """Refuse an arm of which no elastic model can be made, before hours of work and not after."""
     reason = ''
-    beyond = sorted({term for joint in arm.joints for term in joint.friction
-                     if term in ('load', 'presliding')})
+    beyond = sorted({term for joint in arm.joints
+                     for term in term_names(joint, loaded=True, state=True)})
     if arm.coupling is not None or beyond:
         what = f'friction: {", ".join(beyond)}' if beyond else 'couplings'
         msg = (f'{arm.source}: the elastic model knows nothing of {what}; leave that out of the '

@@ -28,7 +28,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
-from tudor_dynamics.arm.schema import FRICTION_KEYS, PreprocessingSpec, validation_message
+from tudor_dynamics.arm.schema import (
+    FRICTION_KEYS, PreprocessingSpec, STATE_KEYS, validation_message)
 from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import SignalError, UsageError
@@ -355,9 +356,9 @@ def target_of_arm(arm: Arm, noise: dict[str, FloatArray]) -> Target:
 
 
 def _planned(arm: Arm, output: str) -> AnalyticalModel:
-    """Give the model that a motion is planned for: any reversal shows where friction gives way."""
+    """Give the model that a motion is planned for: any reversal shows friction with a state."""
     sliding = arm.with_joints({joint.name: {'friction': tuple(
-        term for term in joint.friction if term != 'presliding')} for joint in arm.joints})
+        term for term in joint.friction if term not in STATE_KEYS)} for joint in arm.joints})
     return AnalyticalModel(plain_regressor(sliding, output, 'exact'), len(arm.active_joints))
 
 
@@ -370,7 +371,7 @@ def target_of_model(bundle: ModelBundle, arm: Arm) -> Target:
         if isinstance(model, AnalyticalModel) and model.payload_range is None:
             if output == 'effort':
                 known = model.coefficients()
-            found[output] = model if model.bristles is None else _planned(bundle.arm, output)
+            found[output] = model if model.states is None else _planned(bundle.arm, output)
             noise[output] = np.zeros(len(model.channels))
             for group in model.groups_:
                 noise[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)

@@ -41,6 +41,7 @@ from tudor_dynamics.identification.validation import (
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import Products, summed
+from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.typing import Progress
 
 
@@ -340,7 +341,7 @@ class _Many:
         bags, test_bags = ([bag for bag in some if all(map(bag.has, outputs))]
                            for some in (bags, test_bags))
         chosen = choose(self.arm, bags, self.spec, self.settings, self.progress, summable=True)
-        if any('load' in joint.friction for joint in chosen.arm.joints):
+        if any(term_names(joint, loaded=True) for joint in chosen.arm.joints):
             raise UsageError('friction that grows with the load is not fitted bag by bag: its '
                              'rows depend on all of them', remedy='leave the term load out')
         self.progress('doctor')

@@ -68,9 +68,9 @@ class AnalyticalModel(MemorylessModel):
         self.regressor = regressor
         self.channels = regressor.channels
         self.n_joints = n_joints
-        self.bristles = regressor.bristles
-        self._bent = 0 if self.bristles is None else self.bristles.count
-        self.n_inputs = 3 * n_joints + self._bent + getattr(regressor, 'extra_inputs', 0)
+        self.states = regressor.states
+        self._n_states = 0 if self.states is None else self.states.count
+        self.n_inputs = 3 * n_joints + self._n_states + getattr(regressor, 'extra_inputs', 0)
         self.estimator = estimator
         self.base_: tuple[BaseSet, ...] = (
             base_sets(regressor, n_joints) if base is None else base)
@@ -193,7 +193,7 @@ class AnalyticalModel(MemorylessModel):
         """Predict the outputs; see ``Model``."""
         coefficients = self.coefficients()
         motion = np.asarray(motion, dtype=float)
-        check_motion(motion, self.n_inputs, self.n_inputs - self._bent)
+        check_motion(motion, self.n_inputs, self.n_inputs - self._n_states)
         return self.regressor.outputs(motion, coefficients)
 
     def coefficients(self) -> FloatArray:

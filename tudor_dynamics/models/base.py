@@ -25,7 +25,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
-from tudor_dynamics.models.friction import Trail
+from tudor_dynamics.models.friction import LiveFriction
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -214,7 +214,7 @@ class Model(ABC):
         """
         return stretch.motion
 
-    def trail(self) -> Trail | None:
+    def trail(self) -> LiveFriction | None:
         """Give the same sample by sample; None where the motion is all."""
         return None
 

@@ -34,6 +34,7 @@ from tudor_dynamics.models.bundle_parts import Group
 from tudor_dynamics.models.consistent import (
     full_of, Prior, prior_of, Solution, solve_consistent, solve_drives)
 from tudor_dynamics.models.estimation import Constants, summed
+from tudor_dynamics.models.friction import BY_LOAD
 from tudor_dynamics.models.regressor import BaseSet, EffortRegressor
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
@@ -74,7 +75,7 @@ class FullParameters:
         for column, value in zip(self.columns[first:], self.solution.drives.tolist(),
                                  strict=True):
             term, _, joint = column[:-1].partition('(')
-            own = 1.0 if term in ('Ia', 'load') else constants[joint]
+            own = 1.0 if term in ('Ia', BY_LOAD) else constants[joint]
             found[joint][term] = value * own
         return found
 

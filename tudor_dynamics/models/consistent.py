@@ -28,7 +28,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.estimation import CORRELATED, PRIOR_WIDTH, Products, triangle
-from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.models.friction import (
+    BY_LOAD, DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.models.regressor import EffortRegressor, random_inputs
 from tudor_dynamics.typing import FloatArray
 
@@ -176,8 +177,6 @@ def _body(mass: float, center: FloatArray, second: FloatArray) -> FloatArray:
 
 GRID = 12
 """Speeds at which friction is looked at, in each direction."""
-NO_FRICTION = ('offset', 'load')
-"""Terms beside friction of its own: a constant, and a part of what the joint carries."""
 ACTS = 0.3
 """Part of its largest effect from which on a term is asked to make up for others: of Coulomb
 friction at the smallest speed there is three quarters."""
@@ -213,7 +212,7 @@ def energy_rows(arm: Arm, columns: Sequence[str], speeds: FloatArray) -> FloatAr
         values = friction_columns(joint, speed) * np.sign(speed)[:, None]
         own = np.zeros((len(speed), len(columns)))
         for name, column in zip(friction_names(joint), values.T, strict=True):
-            if not name.startswith(NO_FRICTION) and name in place:
+            if TERMS[term_of(name)].takes_energy and name in place:
                 own[:, place[name]] = column
         rows.append(own[np.any(own != 0.0, axis=1)])
     return np.vstack(rows)
@@ -226,7 +225,7 @@ def raised(values: FloatArray, columns: Sequence[str], rows: FloatArray) -> Floa
     values (columns,), rows (rows, columns); returns (columns,).
     """
     values = np.array(values)
-    places = [i for kind in ('Ia', 'coulomb', 'viscous') for i, name in enumerate(columns)
+    places = [i for kind in ('Ia', FRICTION, DAMPING) for i, name in enumerate(columns)
               if name.startswith(kind)]
     for _ in range(PASSES):
         for i in places:
@@ -317,9 +316,9 @@ class Problem:
         self.parts.sort(key=lambda part: part[0])
         self.sizes = self._sizes()
         self.data = self._joined()
-        speeds = _mean_sizes(model, products, 'viscous')
+        speeds = _mean_sizes(model, products, DAMPING)
         self.speeds = PEAK * np.where(speeds > 0.0, speeds, 1.0 / PEAK)
-        self.loads = _mean_sizes(model, products, 'load')
+        self.loads = _mean_sizes(model, products, BY_LOAD)
         self.rows = energy_rows(arm, self.columns[self.first:], self.speeds)
         steps = self.rows * self.sizes
         self.steps = steps / np.maximum(np.abs(steps).max(axis=1, keepdims=True), 1e-300)

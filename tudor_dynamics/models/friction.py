@@ -17,13 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.arm.schema import JointSpec, STATE_KEYS
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.preprocessing import Stretch
@@ -32,7 +33,7 @@ from tudor_dynamics.typing import FloatArray
 
 # -- Coupled drives in the rows: what is measured at motors, and what each effort feels of them.
 #
-# With the speeds of the motors ``w = C dq`` (those of uncoupled drives, behind their gears, are
+# With the speeds of the motors ``w = C dq`` (those of uncoupled drives, after their gears, are
 # ``dq``), friction and rotor inertia f(w) of the motors reach the joints as ``C' f(w)``, since
 # both sides do the same work; a motor feels ``C^-T`` of what the bodies ask of the joints.
 
@@ -70,7 +71,7 @@ class Coupling:
 
     def drive_places(self, q: FloatArray) -> FloatArray:
         """
-        Give what the motors have turned by, behind their gears.
+        Give what the motors have turned by, after their gears.
 
         q (samples, joints) [rad or m].
         """
@@ -118,20 +119,108 @@ class Coupling:
 
 (_VISCOUS, _VISCOUS_FORWARD, _VISCOUS_BACKWARD, _COULOMB, _FORWARD, _BACKWARD, _OFFSET, _STRIBECK,
  _CUBE_ROOT, _SQUARE, LOAD, PRESLIDING) = range(12)
-_TERMS = {'viscous': (_VISCOUS,), 'coulomb': (_COULOMB,), 'offset': (_OFFSET,),
-          'stribeck': (_STRIBECK,), 'cube_root': (_CUBE_ROOT,), 'square': (_SQUARE,),
-          'load': (LOAD,), 'presliding': (PRESLIDING,)}
-_DIRECTED = {'viscous': (_VISCOUS_FORWARD, _VISCOUS_BACKWARD), 'coulomb': (_FORWARD, _BACKWARD)}
+FIRST_STATE = PRESLIDING
+"""Codes from here on are those of columns with a state."""
+DISTANCES = (3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+"""
+Displacements over which friction is tried to give way [rad or m], evenly on a logarithmic scale.
+Source: 0.3 to 10 mrad were chosen for the arms of docs/validation.md.
+"""
+
+
+@dataclass(frozen=True)
+class Term:
+    """A friction term of the description: all that depends on which one it is."""
+
+    code: int  # its column in `friction_term`; of a term with a state also in `_next_state`
+    column: str  # what its column is, for docs/arm_yaml.md
+    use: str  # and what it is good for
+    unit: str = '{f}'  # of its coefficient: {f} is that of the effort, {x} rad or m
+    each_way: tuple[int, ...] = ()  # its columns where each direction has its own
+    backward_sign: float = 1.0  # of a coefficient of the backward direction that takes energy
+    switched: bool = True  # whether the smoothed sign of the speed is part of it
+    decays: bool = False  # whether it depends on the Stribeck velocity
+    constant: bool = False  # whether it is a constant
+    loaded: bool = False  # whether it grows with what the bodies ask of the joint
+    pair: str = ''  # what URDF and MJCF call it: damping or friction
+    exported: str = ''  # what export says of it where that pair has no place for it
+    tried: bool = False  # whether `tudor fit` tries it where friction is left open
+    tried_values: tuple[float, ...] = ()  # of a term with a state: values of its key
+    state_words: str = ''  # what comes before these values in texts
+
+    @property
+    def takes_energy(self) -> bool:
+        """Say whether it is friction of its own, which takes energy from the motion."""
+        return not (self.loaded or self.constant)
+
+
+TERMS = {
+    'viscous': Term(
+        _VISCOUS, 'velocity; each direction its own with `asymmetric: true`', 'every joint',
+        unit='{f} s/{x}', each_way=(_VISCOUS_FORWARD, _VISCOUS_BACKWARD), switched=False,
+        pair='damping'),
+    'coulomb': Term(
+        _COULOMB, 'smoothed sign of the velocity; each direction its own with `asymmetric: true`, '
+        'as Malzahn et al. have it', 'every joint', each_way=(_FORWARD, _BACKWARD),
+        backward_sign=-1.0, pair='friction'),
+    'load': Term(
+        LOAD, 'smoothed sign times the size of what the bodies ask of the joint',
+        'gears under load', unit='1', loaded=True, exported='load, but for its mean', tried=True),
+    'offset': Term(
+        _OFFSET, 'constant', 'spring balancers, current sensors with a bias', switched=False,
+        constant=True, exported='offset', tried=True),
+    'stribeck': Term(
+        _STRIBECK, 'sign times exp(-(velocity / `stribeck_velocity`)²)',
+        'harmonic drives: friction that falls after breakaway', decays=True, tried=True),
+    'cube_root': Term(
+        _CUBE_ROOT, 'signed cube root of the velocity', 'lubricated gears at low speed',
+        unit='{f} (s/{x})^(1/3)', tried=True),
+    'square': Term(
+        _SQUARE, 'velocity times its magnitude', 'fans, oil', unit='{f} (s/{x})^2',
+        switched=False, tried=True),
+    'presliding': Term(
+        PRESLIDING, 'for each of `presliding_distances`, a spring that bends with the joint up to '
+        'that displacement and slides along bent: -1 to 1', 'gears that turn round often; takes '
+        'the place of a part of `coulomb`, and remembers', tried_values=DISTANCES,
+        state_words='gives way over')}
+"""
+Name of each term to what it is. A new one is a name in ``arm/schema.py``, with a key for the
+values of its state where it has one; a code and an entry here; and its line in `friction_term`,
+and in `_next_state`.
+"""
+DAMPING, FRICTION = (next(name for name, term in TERMS.items() if term.pair == word)
+                     for word in ('damping', 'friction'))
+"""Names of the two terms that URDF and MJCF have."""
+BY_LOAD = next(name for name, term in TERMS.items() if term.loaded)
+"""Name of the term that grows with the load."""
+
+
+def term_names(joint: JointSpec, *, loaded: bool = False, state: bool = False) -> tuple[str, ...]:
+    """Give the friction terms of a joint that grow with the load, or have a state."""
+    return tuple(name for name in joint.friction
+                 if loaded and TERMS[name].loaded or state and name in STATE_KEYS)
+
+
+def term_of(parameter: str) -> str:
+    """Give the term of a friction parameter, without its joint, direction or displacement."""
+    return parameter.partition('(')[0].partition('@')[0].rstrip('+-')
+
+
+def has_constant(joint: JointSpec) -> bool:
+    """Say whether friction terms of a joint make a constant."""
+    # the columns of Coulomb friction that act one way only make one together
+    return any(TERMS[name].constant or joint.asymmetric and TERMS[name].backward_sign < 0.0
+               for name in joint.friction)
 
 
 def friction_names(joint: JointSpec) -> tuple[str, ...]:
     """Name the friction parameters of a joint."""
     names: list[str] = []
     for term in joint.friction:
-        if joint.asymmetric and term in ('viscous', 'coulomb'):
+        if term in STATE_KEYS:
+            names += [f'{term}@{value:g}({joint.name})' for value in joint.state_values(term)]
+        elif joint.asymmetric and TERMS[term].each_way:
             names += [f'{term}+({joint.name})', f'{term}-({joint.name})']
-        elif term == 'presliding':
-            names += [f'{term}@{distance:g}({joint.name})' for distance in joint.bristles]
         else:
             names.append(f'{term}({joint.name})')
     return tuple(names)
@@ -139,20 +228,20 @@ def friction_names(joint: JointSpec) -> tuple[str, ...]:
 
 def friction_columns(
     joint: JointSpec, dq: FloatArray, load: FloatArray | None = None,
-    bent: FloatArray | None = None,
+    states: FloatArray | None = None,
 ) -> FloatArray:
     """
     Evaluate the friction columns of a joint.
 
-    dq (samples,) [rad/s or m/s], load (samples,) [N m or N]; bent (samples, bristles or more): as
-    of a joint that slides by default; returns (samples, terms).
+    dq (samples,) [rad/s or m/s], load (samples,) [N m or N]; states (samples, columns with a state
+    or more): as of a joint that slides by default; returns (samples, columns).
     """
     codes = friction_codes(joint)
     out = np.empty((len(dq), len(codes)))
     _fill(np.asarray(dq, dtype=float), codes, joint.friction_velocity, joint.stribeck_velocity,
           out)
-    if bent is not None:
-        out[:, codes == PRESLIDING] = bent[:, :len(joint.bristles)]
+    if states is not None:
+        out[:, codes >= FIRST_STATE] = states[:, :np.count_nonzero(codes >= FIRST_STATE)]
     if load is not None:
         out[:, codes == LOAD] *= np.abs(load)[:, None]
     return out
@@ -160,10 +249,14 @@ def friction_columns(
 
 def friction_codes(joint: JointSpec) -> NDArray[np.intp]:
     """Give the terms of a joint as `friction_term` takes them, one a column."""
-    return np.array([
-        code for term in joint.friction for code in (
-            _DIRECTED if joint.asymmetric and term in _DIRECTED else _TERMS)[term]
-        for _ in (joint.bristles if code == PRESLIDING else (0.0,))], dtype=np.intp)
+    codes: list[int] = []
+    for name in joint.friction:
+        term = TERMS[name]
+        if name in STATE_KEYS:
+            codes += [term.code] * len(joint.state_values(name))
+        else:
+            codes += term.each_way if joint.asymmetric and term.each_way else (term.code,)
+    return np.array(codes, dtype=np.intp)
 
 
 @compiled
@@ -178,7 +271,7 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
     """
     Evaluate one column at one speed; that of a load still wants its size as a factor.
 
-    Friction that gives way is taken as that of a joint that slides.
+    A term with a state is taken as that of a joint that slides.
 
     dq, sharp, stribeck [rad/s or m/s].
     """
@@ -203,94 +296,116 @@ def friction_term(code: int, dq: float, sharp: float, stribeck: float) -> float:
     return 0.5 * (1.0 + smooth) if code == _FORWARD else 0.5 * (1.0 - smooth)
 
 
-# -- Friction before a joint breaks away: a bristle that bends with the drive, and slides at its
-#    limit.
+# -- Friction with a state, such as that before a joint breaks away: a bristle that bends with the
+#    drive, and slides at its limit.
 #
-# Prandtl's element, the stop operator of hysteresis (Visintin, Differential Models of Hysteresis,
-# 1994, Section III.1): ``z_k = min(1, max(-1, z_(k-1) + (q_k - q_(k-1)) / distance))``. It does
-# not depend on the rate, and a sum of such elements, each with a coefficient of its own, is linear
-# in these (Prandtl-Ishlinskii). Since ``z`` needs the motion before a sample, it follows the
-# motion as a further input of the rows.
+# Presliding is Prandtl's element, the stop operator of hysteresis (Visintin, Differential Models
+# of Hysteresis, 1994, Section III.1): ``z_k = min(1, max(-1, z_(k-1) + (q_k - q_(k-1)) / d))``
+# with its displacement d. It does not depend on the rate, and a sum of such elements, each with a
+# coefficient of its own, is linear in these (Prandtl-Ishlinskii). Since ``z`` needs the motion
+# before a sample, states are further inputs of the rows, after the motion.
 
 @compiled
-def _bend(
-    places: FloatArray, distance: FloatArray, last: FloatArray, bent: FloatArray, out: FloatArray,
+def _next_state(code: int, state: float, move: float, dt: float, value: float) -> float:
+    """
+    Give the state of a column after a move of the drive within dt, from 0 at first.
+
+    move [rad or m]; dt [s]; value: of the term's key.
+    """
+    if code == PRESLIDING:
+        return min(1.0, max(-1.0, state + move / value))
+    return state
+
+
+@compiled
+def _follow(
+    dt: FloatArray, places: FloatArray, codes: NDArray, values: FloatArray, last: FloatArray,
+    state: FloatArray, out: FloatArray,
 ) -> None:
     for k in range(len(places)):
-        for i in range(len(distance)):
-            bent[i] = min(1.0, max(-1.0, bent[i] + (places[k, i] - last[i]) / distance[i]))
+        for i in range(len(codes)):
+            state[i] = _next_state(codes[i], state[i], places[k, i] - last[i], dt[k], values[i])
             last[i] = places[k, i]
-            out[k, i] = bent[i]
+            out[k, i] = state[i]
 
 
-def bent_along(stretch: Stretch, coupling: Coupling, distance: FloatArray) -> FloatArray:
+def states_along(
+    stretch: Stretch, coupling: Coupling, codes: NDArray[np.intp], values: FloatArray,
+) -> FloatArray:
     """
-    Follow bristles along a stretch, from what is known of the motion before it on.
+    Follow states along a stretch, from what is known of the motion before it on.
 
-    distance (bristles, joints) [rad or m]: infinite for one that is not there; returns
-    (samples, bristles, joints), 0 where the motion begins.
+    codes, values (states, joints): of each term and joint, infinite for one that is not there;
+    returns (samples, states, joints), 0 where the motion begins.
     """
-    q, earlier = stretch.states.q, 0
+    q, dt, earlier = stretch.states.q, stretch.dt, 0
     if stretch.before is not None:
         earlier = len(stretch.before)
         q = np.vstack([stretch.before[:, 1:], q])
-    places = np.tile(coupling.drive_places(q), len(distance))
+        dt = np.concatenate([stretch.before[:, 0], dt])
+    places = np.tile(coupling.drive_places(q), len(values))
     out = np.empty_like(places)
-    _bend(places, distance.ravel(), places[0].copy(), np.zeros(distance.size), out)
-    return out[earlier:].reshape(len(q) - earlier, *distance.shape)
+    _follow(dt, places, codes.ravel(), values.ravel(), places[0].copy(), np.zeros(values.size),
+            out)
+    return out[earlier:].reshape(len(q) - earlier, *values.shape)
 
 
-class Bristles:
-    """The bristles of an arm's drives."""
+class FrictionStates:
+    """The states of friction of an arm's drives."""
 
     def __init__(self, arm: Arm) -> None:
         self.coupling = Coupling(arm)
-        most = max(len(joint.bristles) for joint in arm.joints)
-        self.distance = np.full((most, len(arm.joints)), np.inf)
-        for i, joint in enumerate(arm.joints):
-            self.distance[:len(joint.bristles), i] = joint.bristles
-        self.count = self.distance.size
+        found = [[(TERMS[term].code, value) for term in joint.friction
+                  for value in joint.state_values(term)] for joint in arm.joints]
+        most = max(len(states) for states in found)
+        self.codes = np.full((most, len(found)), FIRST_STATE, dtype=np.intp)
+        self.values = np.full((most, len(found)), np.inf)
+        for i, states in enumerate(found):
+            for k, (code, value) in enumerate(states):
+                self.codes[k, i], self.values[k, i] = code, value
+        self.count = self.values.size
 
     def follow(self, stretch: Stretch) -> FloatArray:
         """
-        Give the motion of a stretch, and how far the bristles are bent.
+        Give the motion of a stretch, and the states.
 
-        Returns (samples, 3 joints + count): ``[q, dq, ddq, z]``, the first bristle of each drive
+        Returns (samples, 3 joints + count): ``[q, dq, ddq, z]``, the first state of each drive
         before the second ones.
         """
-        bent = bent_along(stretch, self.coupling, self.distance)
-        return np.hstack([stretch.motion, bent.reshape(len(bent), -1)])
+        states = states_along(stretch, self.coupling, self.codes, self.values)
+        return np.hstack([stretch.motion, states.reshape(len(states), -1)])
 
 
-class Trail:
-    """Bristles beside a running robot."""
+class LiveFriction:
+    """The states of friction of a running robot."""
 
-    def __init__(self, bristles: Bristles) -> None:
-        self._bristles = bristles
-        self._distance = bristles.distance.ravel()
-        self._last = np.zeros(bristles.count)
-        self._bent = np.zeros((1, bristles.count))
+    def __init__(self, states: FrictionStates) -> None:
+        self._states = states
+        self._codes, self._values = states.codes.ravel(), states.values.ravel()
+        self._last = np.zeros(states.count)
+        self._state = np.zeros((1, states.count))
 
     def step(self, dt: float, row: FloatArray) -> FloatArray:
         """
         Go to the next sample.
 
-        dt [s]; row (3 joints,): ``[q, dq, ddq]`` of one sample
+        dt [s]: 0 for the first after a gap; row (3 joints,): ``[q, dq, ddq]`` of one sample
         [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (3 joints + count,): ``[q, dq, ddq, z]``,
-        as `Bristles.follow` gives it.
+        as `FrictionStates.follow` gives it.
         """
-        most, n = self._bristles.distance.shape
-        places = np.tile(self._bristles.coupling.drive_places(row[None, :n]), most)
+        most, n = self._states.values.shape
+        places = np.tile(self._states.coupling.drive_places(row[None, :n]), most)
         if dt == 0.0:
-            self._last, self._bent = places[0].copy(), np.zeros_like(self._bent)
-        _bend(places, self._distance, self._last, self._bent[0], self._bent)
-        return np.concatenate([row, self._bent[0]])
+            self._last, self._state = places[0].copy(), np.zeros_like(self._state)
+        _follow(np.array([dt]), places, self._codes, self._values, self._last, self._state[0],
+                self._state)
+        return np.concatenate([row, self._state[0]])
 
 
 # -- Rotor inertia, friction and unit of each joint's effort, times their parameters, compiled
 
 NOT_KNOWN = np.empty((0, 0))
-"""What friction that gives way has done, where nothing is known of it."""
+"""States of friction where nothing is known of them."""
 
 
 class JointTerms:
@@ -317,21 +432,22 @@ class JointTerms:
 
     def add(
         self, motion: FloatArray, parameters: FloatArray, out: FloatArray,
-        bent: FloatArray | None = None,
+        states: FloatArray | None = None,
     ) -> None:
         """
         Add rotor inertias and friction, and bring the sum to the unit of the measurement.
 
-        parameters (joints, columns), bent (samples, bristles); motion (samples, 3 joints):
+        parameters (joints, columns), states (samples, states); motion (samples, 3 joints):
         ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s, m/s^2];
         writes out (samples, joints) [N m or N].
         """
-        _add(self._terms, motion, NOT_KNOWN if bent is None else bent, parameters, out)
+        _add(self._terms, motion, NOT_KNOWN if states is None else states, parameters, out)
 
 
 @compiled
 def _add(
-    terms: tuple, motion: FloatArray, bent: FloatArray, parameters: FloatArray, out: FloatArray,
+    terms: tuple, motion: FloatArray, states: FloatArray, parameters: FloatArray,
+    out: FloatArray,
 ) -> None:
     layout, codes, smoothing, scale, speeds, reach = terms
     n = len(layout)
@@ -347,15 +463,15 @@ def _add(
             for i in range(n):
                 if reach[i, drive] == 0.0:
                     continue
-                column, value, bristle = layout[drive, 0], 0.0, drive
+                column, value, own = layout[drive, 0], 0.0, drive
                 if layout[drive, 1] != 0:
                     value += parameters[i, column] * ddq
                     column += 1
                 for term in range(layout[drive, 3]):
                     code = codes[layout[drive, 2] + term]
-                    if code == PRESLIDING and len(bent) > 0:
-                        part = parameters[i, column + term] * bent[k, bristle]
-                        bristle += n
+                    if code >= FIRST_STATE and len(states) > 0:
+                        part = parameters[i, column + term] * states[k, own]
+                        own += n
                     else:
                         part = parameters[i, column + term] * friction_term(
                             code, dq, smoothing[drive, 0], smoothing[drive, 1])

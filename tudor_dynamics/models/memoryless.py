@@ -24,7 +24,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.models.base import block_of, Blocks, Live, Model, Range, SLIDING, TrainingBlock
-from tudor_dynamics.models.friction import Bristles, Trail
+from tudor_dynamics.models.friction import FrictionStates, LiveFriction
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
@@ -71,7 +71,7 @@ class MemorylessModel(Model):
     """
 
     has_memory = False
-    bristles: Bristles | None = None  # what follows such friction
+    states: FrictionStates | None = None  # of friction that has some
 
     @classmethod
     @abstractmethod
@@ -112,11 +112,11 @@ class MemorylessModel(Model):
 
     def inputs(self, stretch: Stretch) -> FloatArray:
         """Give the motion, and what friction makes of the past; see ``Model``."""
-        return stretch.motion if self.bristles is None else self.bristles.follow(stretch)
+        return stretch.motion if self.states is None else self.states.follow(stretch)
 
-    def trail(self) -> Trail | None:
+    def trail(self) -> LiveFriction | None:
         """Follow what friction makes of the past; see ``Model``."""
-        return None if self.bristles is None else Trail(self.bristles)
+        return None if self.states is None else LiveFriction(self.states)
 
     def follow(self, stretch: Stretch) -> FloatArray:
         """Predict each sample of a stretch by itself; see ``Model``."""

@@ -69,7 +69,7 @@ class PayloadRegressor:
         self.plain = plain
         self.body = body
         self.loaded = False
-        self.bristles = plain.bristles
+        self.states = plain.states
         self.channels = plain.channels
         self.groups = plain.groups
         self.unknown = plain.unknown

@@ -25,7 +25,8 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.models.friction import (
-    Bristles, Coupling, friction_columns, friction_names, JointTerms)
+    Coupling, friction_columns, friction_names, FrictionStates, JointTerms, term_names, term_of,
+    TERMS)
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS, RigidBodies
 from tudor_dynamics.typing import FloatArray
 
@@ -54,8 +55,8 @@ class Regressor(Protocol):
     """Columns whose parameters carry that constant."""
     loaded: bool
     """Whether rows depend on parameters, through friction that grows with the load."""
-    bristles: Bristles | None
-    """What follows friction that gives way, for inputs behind the motion; None without any."""
+    states: FrictionStates | None
+    """What follows the states of friction, for inputs after the motion; None without any."""
 
     def assume(self, parameters: FloatArray | None) -> None:
         """
@@ -76,8 +77,8 @@ class Regressor(Protocol):
         ----------
         motion : ndarray of shape (n_samples, 3 n_joints)
             ``[q, dq, ddq]`` of the active joints, in columns [rad, rad/s, rad/s^2 or m, m/s,
-            m/s^2]; behind it what friction that gives way has done, as of joints that slide where
-            that is left out (`Bristles`).
+            m/s^2]; after it the states of friction, as of joints that slide where these are left
+            out (`FrictionStates`).
         out : ndarray of shape (n_samples, n_channels, n_columns), optional
             Array to be filled, in place of a new one.
 
@@ -139,9 +140,10 @@ class EffortRegressor:
         for i, part in enumerate(self._local):
             if np.count_nonzero(self._coupling.reach[:, i]) > 1:
                 self.scaled[part] = True  # several efforts feel it, each in its own unit
-        self.loaded = any('load' in joint.friction for joint in arm.joints)
-        self.bristles: Bristles | None = (
-            Bristles(arm) if any(joint.bristles for joint in arm.joints) else None)
+        self.loaded = any(term_names(joint, loaded=True) for joint in arm.joints)
+        self.states: FrictionStates | None = (
+            FrictionStates(arm) if any(term_names(joint, state=True) for joint in arm.joints)
+            else None)
         self._assumed: FloatArray | None = None
         self._bodies = RigidBodies(arm.model, arm.velocity_index, arm.velocity_index)
         self._terms = JointTerms(arm.joints, [part.start for part in self._local], self._scale,
@@ -162,7 +164,7 @@ class EffortRegressor:
     def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
         """Evaluate rows, in effort units per parameter; see ``Regressor``."""
         n = len(self.channels)
-        motion, bent = self._parted(motion)
+        motion, states = self._parted(motion)
         dq = motion[:, n:2 * n] @ self._coupling.speeds.T
         ddq = motion[:, 2 * n:] @ self._coupling.speeds.T
         rows = np.zeros((len(motion), n, len(self.columns))) if out is None else out
@@ -171,11 +173,11 @@ class EffortRegressor:
         bodies = rows[:, :, :self._n_bodies]
         for i, joint in enumerate(self._joints):
             load = None
-            if 'load' in joint.friction:
+            if term_names(joint, loaded=True):
                 load = (bodies[:, i].sum(axis=1) if self._assumed is None else
                         bodies[:, i] @ self._assumed[i, :self._n_bodies])
             columns = friction_columns(joint, dq[:, i], load,
-                                       None if bent is None else bent[:, i::n])
+                                       None if states is None else states[:, i::n])
             if joint.rotor_inertia:
                 columns = np.column_stack([ddq[:, i], columns])
             for channel in np.flatnonzero(self._coupling.reach[:, i]):
@@ -186,20 +188,20 @@ class EffortRegressor:
 
     def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
         """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
-        motion, bent = self._parted(motion)
+        motion, states = self._parted(motion)
         out = self._coupling.body_efforts(self._bodies, motion, parameters)
-        self._terms.add(motion, parameters, out, bent)
+        self._terms.add(motion, parameters, out, states)
         return out
 
     def _parted(self, motion: FloatArray) -> tuple[FloatArray, FloatArray | None]:
-        """Give the motion of the joints, and how far bristles are bent where that is known."""
+        """Give the motion of the joints, and the states of friction where they are known."""
         wide = 3 * len(self.channels)
         if motion.shape[1] == wide:
             return self._coupling.of_joints(motion), None
         # contiguous, as the compiled functions know it
-        parts = (np.ascontiguousarray(part) for part in np.split(motion, [wide], axis=1))
-        states, bent = parts
-        return self._coupling.of_joints(states), bent
+        joints, states = (np.ascontiguousarray(part)
+                          for part in np.split(motion, [wide], axis=1))
+        return self._coupling.of_joints(joints), states
 
 
 class StrainRegressor:
@@ -242,7 +244,7 @@ class StrainRegressor:
         self.unknown: tuple[int, ...] = ()
         self.scaled = np.zeros(len(self.columns), dtype=np.bool_)
         self.loaded = False
-        self.bristles: Bristles | None = None
+        self.states: FrictionStates | None = None
         self._bodies = RigidBodies(model, *(np.array([
             model.joints[model.getJointId(name)].idx_v for name in group])
             for group in (arm.active_joints, outputs)))
@@ -322,14 +324,14 @@ def random_inputs(
     """
     Draw random inputs of a regressor: motion, and what it takes beyond that.
 
-    Returns (samples, 3 joints + bristles + extra_inputs).
+    Returns (samples, 3 joints + states + extra_inputs).
     """
     motion = random_motion(n_joints, n_samples, seed)
     extra = int(getattr(regressor, 'extra_inputs', 0))
-    if regressor.bristles is not None:
-        bent = np.random.default_rng([seed, 2]).uniform(
-            -1.0, 1.0, (n_samples, regressor.bristles.count))
-        motion = np.hstack([motion, bent])
+    if regressor.states is not None:
+        states = np.random.default_rng([seed, 2]).uniform(
+            -1.0, 1.0, (n_samples, regressor.states.count))
+        motion = np.hstack([motion, states])
     if not extra:
         return motion
     more = np.random.default_rng([seed, 1]).uniform(0.0, 1.0, (n_samples, extra))
@@ -413,9 +415,6 @@ def base_sets(regressor: Regressor, n_joints: int, *, seed: int = 0) -> tuple[Ba
 # -- Units of outputs and of parameters, for tables and model files
 
 _BODY = {'m': 'kg', 'mx': 'kg m', 'my': 'kg m', 'mz': 'kg m', 'Ia': 'kg m^2'}
-_FRICTION = {'viscous': '{f} s/{x}', 'coulomb': '{f}', 'offset': '{f}', 'stribeck': '{f}',
-             'cube_root': '{f} (s/{x})^(1/3)', 'square': '{f} (s/{x})^2', 'load': '1',
-             'presliding': '{f}'}
 
 
 def output_units(arm: Arm, output: str) -> dict[str, str]:
@@ -427,10 +426,10 @@ def output_units(arm: Arm, output: str) -> dict[str, str]:
 
 def parameter_unit(column: str, unit: str, *, scaled: bool, prismatic: bool) -> str:
     """Give the unit of a parameter."""
-    kind = _kind(column)
+    kind = term_of(column)
     force, length = ('N', 'm') if prismatic else ('N m', 'rad')
-    if kind in _FRICTION:
-        return _FRICTION[kind].format(f=unit, x=length)
+    if kind in TERMS:
+        return TERMS[kind].unit.format(f=unit, x=length)
     if kind == 'Ia' and prismatic:
         body = 'kg'
     else:
@@ -451,15 +450,10 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
     efforts = {joint.name: joint.effort for joint in arm.joints}
     effort, prismatic = efforts[name], arm.is_prismatic(name)
     absolute = effort.torque_constant is not None or (
-        _kind(column) not in _FRICTION and any(
+        term_of(column) not in TERMS and any(
             efforts[other].unit != 'A' or efforts[other].torque_constant is not None
             for other in channels))
     if absolute:
         return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
                               prismatic=prismatic)
     return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)
-
-
-def _kind(column: str) -> str:
-    """Give what a parameter is, without its joint, direction or displacement."""
-    return column.partition('(')[0].partition('@')[0].rstrip('+-')

@@ -30,12 +30,13 @@ from pydantic import ValidationError
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import (
-    ArmSpec, InertiaPart, MotorSpec, SensorSpec, validation_message)
+    ArmSpec, InertiaPart, MotorSpec, SensorSpec, STATE_KEYS, validation_message)
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.comparison import FullParameters
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, FittedElastic
 from tudor_dynamics.models.elastic.parameters import in_words, physical_unit
+from tudor_dynamics.models.friction import DAMPING, FRICTION
 from tudor_dynamics.models.regressor import column_unit
 from tudor_dynamics.show.urdf import both_ways, Simple, simple_friction, simple_frictions
 import yaml
@@ -237,14 +238,14 @@ class _Writer:
     def drive(self, joint: str, drive: ElasticDrive) -> None:
         """Write rotor, friction and torque constant of a joint, and say what has no place."""
         terms, motor = drive.terms, self._motor(joint)
-        ways = {name: both_ways(terms, name) for name in ('viscous', 'coulomb')}
-        used = {'Ia', 'viscous', 'viscous+', 'viscous-'}
+        ways = {name: both_ways(terms, name) for name in (DAMPING, FRICTION)}
+        used = {'Ia', DAMPING, f'{DAMPING}+', f'{DAMPING}-'}
         rotor = max(terms.get('Ia', 0.0), 0.0)
-        viscous = [max(value, 0.0) for value in ways['viscous']]
+        viscous = [max(value, 0.0) for value in ways[DAMPING]]
         if motor is None:
             self._link(joint).update(hub_inertia=rotor, viscous_friction=sum(viscous) / 2.0)
         else:
-            used |= {'coulomb', 'coulomb+', 'coulomb-'}
+            used |= {FRICTION, f'{FRICTION}+', f'{FRICTION}-'}
             unit = self._entry('joints', 'name', joint)
             if unit is not None and unit.get('effort', {}).get('unit') == 'A':
                 motor['torque_constant'] = drive.constant / (
@@ -254,7 +255,7 @@ class _Writer:
             by_ampere = MotorSpec.model_validate(motor).joint_torque_constant
             motor['rotor_inertia'] = rotor / motor['gear_ratio']**2
             motor['viscous'] = [value / by_ampere for value in viscous]
-            motor['coulomb'] = [max(value, 0.0) / by_ampere for value in ways['coulomb']]
+            motor['coulomb'] = [max(value, 0.0) / by_ampere for value in ways[FRICTION]]
         negative = [name for name, value in (('Ia', terms.get('Ia', 0.0)), *(
             (name, min(ways[name])) for name in ways)) if value < 0.0]
         self.left_out += [f'{name} of {joint}, which is below zero' for name in negative]
@@ -304,7 +305,7 @@ def yaml_of(full: FullParameters) -> str:
             'viscous_friction': simple.damping, 'coulomb_friction': simple.friction,
             'friction_terms': friction, 'friction_velocity': spec.friction_velocity,
             'stribeck_velocity': spec.stribeck_velocity,
-            'presliding_distances': list(spec.presliding_distances)}
+            **{key: list(getattr(spec, key)) for key in STATE_KEYS.values()}}
     feed = {name: {'ff_velocity_scale': simple.damping} for name, simple in frictions.items()}
     head = (f'# Drives of {full.arm.name}, as identified by tudor_dynamics {__version__}.\n'
             '# viscous_friction [N m s/rad] and coulomb_friction [N m] are what URDF and MJCF\n'

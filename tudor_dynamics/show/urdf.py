@@ -28,10 +28,11 @@ from scipy import optimize
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import joint_axis
-from tudor_dynamics.arm.schema import JointSpec
+from tudor_dynamics.arm.schema import FRICTION_TERMS, JointSpec
 from tudor_dynamics.models.comparison import FullParameters
 from tudor_dynamics.models.consistent import pseudo_inertia
-from tudor_dynamics.models.friction import friction_columns, friction_names
+from tudor_dynamics.models.friction import (
+    DAMPING, FRICTION, friction_columns, friction_names, term_of, TERMS)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -46,8 +47,6 @@ def row(values: FloatArray) -> str:
 
 SPEEDS = 20
 """Evenly over those of a joint, at which friction is compared, in each direction."""
-WITHOUT = {'offset': 'offset', 'load': 'load, but for its mean'}
-"""Terms that two numbers have no place for, and what is said of them."""
 CLOSE = 0.01
 """Part of friction by which two numbers may miss it without a word."""
 
@@ -75,15 +74,17 @@ def simple_friction(
     forward = np.linspace(0.0, speed, SPEEDS + 1)[1:]
     speeds = np.concatenate([-forward, forward])
     names = [name.partition('(')[0] for name in friction_names(joint)]
-    own = np.array([0.0 if name == 'offset' else terms.get(name, 0.0) for name in names])
+    own = np.array([0.0 if TERMS[term_of(name)].constant else terms.get(name, 0.0)
+                    for name in names])
     wanted = friction_columns(joint, speeds, np.full(len(speeds), load)) @ own
-    pair = joint.model_copy(update={'friction': ('viscous', 'coulomb'), 'asymmetric': False})
+    pair = joint.model_copy(update={'friction': (DAMPING, FRICTION), 'asymmetric': False})
     columns = friction_columns(pair, speeds)
     (damping, friction), _ = optimize.nnls(columns, wanted)
     size = float(np.linalg.norm(wanted))
     missed = float(np.linalg.norm(columns @ (damping, friction) - wanted))
     return Simple(float(damping), float(friction), (
-        *(words for name, words in WITHOUT.items() if terms.get(name)),
+        *(TERMS[name].exported for name in FRICTION_TERMS if terms.get(name)
+          and TERMS[name].exported),
         *((f'{missed / size:.0%} of the rest',) if missed > CLOSE * size else ())))
 
 
@@ -99,8 +100,7 @@ def both_ways(terms: dict[str, float], term: str) -> tuple[float, float]:
     """Give a coefficient of friction for each direction, positive where it takes energy."""
     if f'{term}+' not in terms:
         return terms.get(term, 0.0), terms.get(term, 0.0)
-    # the Coulomb coefficient of the backward direction is that of a constant, not of its size
-    return terms[f'{term}+'], terms[f'{term}-'] * (-1.0 if term == 'coulomb' else 1.0)
+    return terms[f'{term}+'], terms[f'{term}-'] * TERMS[term].backward_sign
 
 
 # -- From bodies that move as one to the links of a URDF.

@@ -30,7 +30,8 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_parts import ElasticPart, read
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
-from tudor_dynamics.models.friction import friction_columns, friction_names, JointTerms
+from tudor_dynamics.models.friction import (
+    friction_columns, friction_names, has_constant, JointTerms)
 from tudor_dynamics.models.payload import check_payload
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.signals.preprocessing import Stretch
@@ -39,16 +40,11 @@ from tudor_dynamics.typing import FloatArray
 
 # -- What makes up the effort of an elastic arm's motor: torque of its gear, its rotor, friction
 
-def _has_offset(names: tuple[str, ...]) -> bool:
-    """Say whether friction terms make a constant: an offset, or a Coulomb term each way."""
-    return any(name.startswith(('offset(', 'coulomb+(')) for name in names)
-
-
 def effort_columns(arm: Arm) -> tuple[tuple[str, ...], ...]:
     """Name what makes up the effort of each joint."""
     return tuple(
         ('torque', f'Ia({joint.name})', *friction_names(joint),
-         *(() if _has_offset(friction_names(joint)) else ('offset',)))
+         *(() if has_constant(joint) else ('offset',)))
         for joint in arm.joints)
 
 
@@ -64,7 +60,7 @@ def effort_rows(arm: Arm, response: Response, motion: FloatArray) -> list[FloatA
     for i, joint in enumerate(arm.joints):
         dq, ddq = motion[:, n + i], motion[:, 2 * n + i]
         columns = [response.torque[:, i], ddq, *friction_columns(joint, dq).T]
-        if not _has_offset(friction_names(joint)):
+        if not has_constant(joint):
             columns.append(np.ones(len(motion)))
         rows.append(np.column_stack(columns))
     return rows
