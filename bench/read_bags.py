@@ -33,11 +33,10 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.alignment import load_joint_states
-from tudor_dynamics.bags.messages import JointStateSeries
+from tudor_dynamics.bags.messages import load_topics
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.writer import JointStateSeries, write_bag
 
 TOPIC = '/joint_states'
 
@@ -82,7 +81,7 @@ def raw_only(path: Path) -> None:
 
 def as_arrays(path: Path) -> None:
     """Read with this package: open to arrays of stamps, positions, velocities and efforts."""
-    for states in load_joint_states(open_bag(path), [TOPIC]).values():
+    for states in load_topics(open_bag(path), [TOPIC]).values():
         for block in states.blocks:
             for field in ('position', 'velocity', 'effort'):
                 block.values(field)

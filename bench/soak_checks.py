@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.bags.writer import read_track
+from tudor_dynamics.bags.storage import read_track
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.nodes.common.messages import JointStateDecoder
 from tudor_dynamics.typing import FloatArray

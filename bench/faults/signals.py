@@ -22,7 +22,7 @@ from itertools import combinations
 from faults.injected import Fault
 import numpy as np
 
-from tudor_dynamics.bags.alignment import increasing, set_backs, split_at_gaps
+from tudor_dynamics.bags.reader import increasing, set_backs, split_at_gaps
 from tudor_dynamics.bags.recording import Oddities, plan_from_arm, SetBack, without_zero_velocities
 from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.signals.preprocessing import retimed
@@ -149,7 +149,7 @@ def _set_back(bag, rng):
     for seconds in (0.3, 2.0):
         at = float(rng.uniform(0.3, 0.6)) * float(r.t[-1])
         stamp = r.stamp - np.where(r.t > at, round(seconds * 1e9), 0)
-        keep = increasing(stamp).keep
+        keep, _, _ = increasing(stamp)
         (newest, size, lost), = set_backs(stamp)
         kept = stamp[keep]
         cut = int(np.searchsorted(kept, newest, side='right'))

@@ -26,12 +26,12 @@ import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.alignment import decode_joint_states
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import (
-    array_layout, decode, dynamic_layout, JOINT_STATE, JointStateSeries, WrenchSeries)
+    array_layout, decode, decode_topic, dynamic_layout, JOINT_STATE)
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.writer import JointStateSeries, WrenchSeries
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_io import dump_yaml
 import yaml
@@ -252,7 +252,7 @@ class Bags:
         if raw.msgtype != JOINT_STATE:
             return None
         try:
-            states = decode_joint_states(raw, 'fuzz')
+            states = decode_topic(raw, 'fuzz')
         except BagError:
             return None
         for block in states.blocks:

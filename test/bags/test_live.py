@@ -30,8 +30,8 @@ import pytest
 from rosbags.rosbag2 import Reader
 
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.storage import abandoned, HOT_JOURNAL, open_bag
-from tudor_dynamics.bags.writer import LiveWriter, read_track, WholeFile
+from tudor_dynamics.bags.storage import abandoned, HOT_JOURNAL, open_bag, read_track
+from tudor_dynamics.bags.writer import LiveWriter, WholeFile
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, TudorWarning
 

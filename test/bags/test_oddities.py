@@ -22,8 +22,7 @@ from bag_making import joint_states, JOINTS, make_bag, motion, plain_arm, times,
 import numpy as np
 import pytest
 
-from tudor_dynamics.bags.alignment import set_backs
-from tudor_dynamics.bags.reader import read_recording
+from tudor_dynamics.bags.reader import read_recording, set_backs
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.doctor.examine import examine
 

@@ -28,7 +28,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.mcap import scan_mcap
+from tudor_dynamics.bags.mcap import McapFile
 from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
@@ -119,8 +119,9 @@ def test_compressed_messages_without_metadata(tmp_path, plugin):
 def test_zstd_chunks_are_scanned(tmp_path):
     """The scan unpacks chunks itself."""
     write_packed(tmp_path / 'b', StoragePlugin.MCAP, CompressionMode.STORAGE, joint_states())
-    found = scan_mcap(storage_file(tmp_path / 'b'), ['/joint_states'])['/joint_states']
-    assert found.data == joint_states().encode()
+    file = McapFile(storage_file(tmp_path / 'b'))
+    _, data = file.read(['/joint_states'], with_data=True)['/joint_states']
+    assert data == joint_states().encode()
 
 
 def test_checksums_of_chunks_are_checked(tmp_path):
@@ -136,11 +137,12 @@ def test_checksums_of_chunks_are_checked(tmp_path):
         file.write_bytes(content)
         if error:
             with pytest.raises(Damaged, match='checksum'):
-                scan_mcap(file, ['/joint_states'])
+                McapFile(file).read(['/joint_states'], with_data=True)
             with pytest.raises(BagError, match='checksum'):
                 read_recording(file, plain_arm())
         else:
-            assert len(scan_mcap(file, ['/joint_states'])['/joint_states'].data) == 300
+            _, data = McapFile(file).read(['/joint_states'], with_data=True)['/joint_states']
+            assert len(data) == 300
 
 
 @pytest.mark.parametrize('storage', STORAGES)

@@ -19,8 +19,7 @@ import json
 import numpy as np
 import pytest
 
-from tudor_dynamics.bags.messages import JointStateSeries
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.writer import JointStateSeries, write_bag
 from tudor_dynamics.cli.main import main
 
 ARM = """

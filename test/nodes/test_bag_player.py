@@ -25,7 +25,7 @@ import pytest
 from rclpy.serialization import deserialize_message
 from ros_world import node_class, World
 from sensor_msgs.msg import JointState
-from tudor_dynamics.bags.writer import read_track
+from tudor_dynamics.bags.storage import read_track
 
 BAG = 'bags/two_blade_test'
 

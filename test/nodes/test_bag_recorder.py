@@ -30,8 +30,8 @@ import pytest
 from ros_world import joint_message, node_class, World
 from sensor_msgs.msg import JointState
 from tudor_dynamics.bags.info import describe
-from tudor_dynamics.bags.storage import abandoned
-from tudor_dynamics.bags.writer import read_track, WholeFile
+from tudor_dynamics.bags.storage import abandoned, read_track
+from tudor_dynamics.bags.writer import WholeFile
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError
 

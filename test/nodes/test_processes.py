@@ -148,7 +148,7 @@ def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> Non
 
 def test_play_and_record(world: World, root: Path, tmp_path: Path) -> None:
     """A bag that is played and recorded comes out with the same messages, byte for byte."""
-    from tudor_dynamics.bags.writer import read_track
+    from tudor_dynamics.bags.storage import read_track
     recorder = world.add(node_class('bag_recorder'), bag=str(tmp_path / 'copy'),
                          topics=['joint_states', 'link_strains'])
     player = world.add(node_class('bag_player'), bag=str(root / 'bags/two_blade_test'), rate=2.0,

@@ -25,13 +25,52 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.bags.alignment import (
-    DecodedTopic, gap_limit, increasing, LAYOUTS, load_joint_states, split_at_gaps)
-from tudor_dynamics.bags.messages import JOINT_STATE
-from tudor_dynamics.bags.reader import assemble, guess_plan, planned_topics, stated_payload
-from tudor_dynamics.bags.recording import plan_from_arm, Recording, resolve, Sources
-from tudor_dynamics.bags.storage import Bag, Notes, open_bag
+from tudor_dynamics.bags.messages import DecodedTopic, JOINT_STATE, LAYOUTS, load_topics
+from tudor_dynamics.bags.reader import assemble, gap_limit, increasing, split_at_gaps
+from tudor_dynamics.bags.recording import (
+    ChannelSource, MANY_TURNS, plan_from_arm, Recording, Sources)
+from tudor_dynamics.bags.storage import Bag, open_bag
 from tudor_dynamics.errors import BagError
+
+
+STRAIN_WORDS = ('strain', 'gauge')
+"""A topic of JointState whose name has one of these carries strains, where no arm is given."""
+
+
+def guess_plan(topics: Mapping[str, DecodedTopic]) -> Sources | None:
+    """
+    Guess what an arm description would say, from the topics alone.
+
+    Returns None where no topic has positions.
+    """
+    def with_field(what: str) -> dict[str, list[str]]:
+        found = {}
+        for name, states in topics.items():
+            blocks = [block for block in states.blocks if block.layout.size(what)]
+            if blocks:
+                largest = max(blocks, key=lambda block: len(block.index))
+                found[name] = list(largest.layout.names)
+        return found
+
+    def is_strain(name: str) -> bool:
+        return any(word in name.lower() for word in STRAIN_WORDS)
+
+    topics = {name: states for name, states in topics.items() if states.msgtype == JOINT_STATE}
+    positions, efforts = with_field('position'), with_field('effort')
+    candidates = [name for name in positions if not is_strain(name)]
+    if not candidates:
+        return None
+    topic = max(candidates, key=lambda name: (name.endswith('joint_states'),
+                                              len(topics[name].stamp)))
+    joints = tuple(dict.fromkeys(positions[topic]))
+    sources = [name for name in (topic, *sorted(efforts))
+               if set(joints) <= set(efforts.get(name, ()))]
+    strains = {gauge: ChannelSource(name, gauge, 'position') for name, gauges in positions.items()
+               if is_strain(name) for gauge in gauges}
+    source = sources[0] if sources else topic
+    return Sources(topic, joints, (False,) * len(joints), (MANY_TURNS,) * len(joints),
+                   tuple(ChannelSource(source, joint, 'effort') for joint in joints),
+                   tuple(strains), tuple(strains.values()))
 
 
 @dataclass(frozen=True)
@@ -107,10 +146,10 @@ class BagReport:
 def _times(stamp: NDArray[np.int64], clock: str) -> dict[str, Any]:
     if len(stamp) < 2:
         return {'clock': clock}
-    order = increasing(stamp)
-    kept = stamp[order.keep]
+    keep, duplicate, backward = increasing(stamp)
+    kept = stamp[keep]
     result: dict[str, Any] = {
-        'clock': clock, 'duplicates': order.duplicate, 'backward': order.backward,
+        'clock': clock, 'duplicates': duplicate, 'backward': backward,
         'duration': float(kept[-1] - kept[0]) * 1e-9}
     if len(kept) > 1:
         steps = np.diff(kept)
@@ -164,15 +203,16 @@ def _topic_report(name: str, msgtype: str, states: DecodedTopic) -> TopicReport:
 
 
 def _verdict(
-    bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None, notes: Notes,
+    bag: Bag, topics: Mapping[str, DecodedTopic], plan: Sources | None,
 ) -> dict[str, Any]:
     nothing = {'effort_model': False, 'strain_model': False}
     if plan is None:
         return nothing | {'verdict': 'nothing: no joint positions in it'}
     try:
-        found = assemble(
-            bag, {name: topics[name] for name in planned_topics(bag, plan) if name in topics},
-            plan, notes, need_output=True, need_motion=True, checksum=False)
+        names = bag.find(plan.topics)
+        present = {name for name in names.values() if name is not None} & topics.keys()
+        found = assemble(bag, {name: topics[name] for name in sorted(present)}, plan, names,
+                         need_output=True, need_motion=True, checksum=False)
     except BagError as err:
         return nothing | {'verdict': f'nothing: {err.advice}'}
     models = [name for name, values in (('effort', found.effort), ('strain', found.strain))
@@ -186,25 +226,24 @@ def _verdict(
 
 def recorded_names(path: str | Path, topics: Collection[str]) -> frozenset[str]:
     """List whom the joint-state messages of some topics speak of."""
-    bag = open_bag(path, Notes(str(path), quiet=True))
-    there = {resolve(topic, bag.topics, str(path), JOINT_STATE) for topic in topics}
-    states = load_joint_states(bag, sorted(topic for topic in there if topic is not None))
+    bag = open_bag(path, quiet=True)
+    there = set(bag.find(dict.fromkeys(topics, JOINT_STATE)).values())
+    states = load_topics(bag, sorted(topic for topic in there if topic is not None))
     return frozenset(name for item in states.values() for block in item.blocks
                      for name in block.layout.names)
 
 
 def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
     """Describe a bag; arm: guessed from the topics by default."""
-    notes = Notes(str(path), quiet=True)
-    bag = open_bag(path, notes)
-    topics = load_joint_states(bag, [name for name, info in bag.topics.items()
-                                     if info.msgtype == JOINT_STATE])
+    bag = open_bag(path, quiet=True)
+    topics = load_topics(bag, [name for name, info in bag.topics.items()
+                               if info.msgtype == JOINT_STATE])
     for name, info in bag.topics.items():
         if info.msgtype in LAYOUTS and name not in topics:
             try:
-                topics |= load_joint_states(bag, [name])
+                topics |= load_topics(bag, [name])
             except BagError as err:  # it may have nothing to do with the arm
-                notes.add(err.cause)
+                bag.notes.add(err.cause)
     others = bag.read([name for name in bag.topics if name not in topics], with_data=False)
     reports, edges = [], []
     for name, info in sorted(bag.topics.items()):
@@ -216,7 +255,7 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
             reports.append(TopicReport(name, info.msgtype, len(log_time),
                                        **_times(log_time, 'log')))
         if info.count != len(log_time):
-            notes.add(f'{name}: {info.count} messages announced, {len(log_time)} found')
+            bag.notes.add(f'{name}: {info.count} messages announced, {len(log_time)} found')
         if len(log_time):
             edges += [int(log_time[0]), int(log_time[-1])]
     plan = guess_plan(topics) if arm is None else plan_from_arm(arm)
@@ -224,5 +263,5 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
         str(path), bag.storage, [file.name for file in bag.files],
         sum(file.stat().st_size for file in bag.files), bag.checksum(),
         min(edges) * 1e-9 if edges else None, (max(edges) - min(edges)) * 1e-9 if edges else 0.0,
-        reports, **_verdict(bag, topics, plan, notes), odd=notes.texts,
-        payload=stated_payload(bag, notes), plan=plan)
+        reports, **_verdict(bag, topics, plan), odd=bag.notes.texts,
+        payload=bag.payload(), plan=plan)

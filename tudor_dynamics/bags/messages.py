@@ -12,32 +12,37 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Messages as bytes: bulk decoding and encoding of CDR, checked against their definitions."""
+"""
+Messages as arrays: bulk decoding of CDR, checked against the definitions that a bag carries.
+
+The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment counts from the end
+of the encapsulation header of four bytes. Messages of one topic nearly always share one layout:
+the same names, the same fields, the same frame, hence every number at the same place. The layout
+is parsed once, all messages that agree with it in every structural byte are laid over each other,
+and their numbers are read as columns of a structured array. A bag with several layouts is decoded
+group by group.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field as dataclass_field
 import re
 import struct
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.bags.storage import Bag, RawMessages
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
-
-
-# -- Where things stand in CDR messages: JointState, WrenchStamped, Imu, JointTrajectory of one
-#    point.
-#
-# The format is plain CDR (XCDR1) as in the OMG DDS-RTPS specification: alignment counts from
-# behind the encapsulation header of four bytes.
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 WRENCH_STAMPED = 'geometry_msgs/msg/WrenchStamped'
 IMU = 'sensor_msgs/msg/Imu'
+FLOAT64_MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
+DYNAMIC_JOINT_STATE = 'control_msgs/msg/DynamicJointState'
 
 HEADER = 4
 """Bytes of the encapsulation header."""
@@ -208,12 +213,55 @@ def motion_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
     return cursor.finish(frame_id, names, fields, spare)
 
 
-# -- Bulk decoding of CDR messages as arrays: JointState, WrenchStamped, arrays and interfaces.
-#
-# Messages of one topic nearly always share one layout: the same names, the same fields, the same
-# frame, hence every number at the same place. The layout is parsed once, all messages that agree
-# with it in every structural byte are laid over each other, and their numbers are read as columns
-# of a structured array. A bag with several layouts is decoded group by group.
+DATA = 'data'
+"""Name of the only field of a Float64MultiArray."""
+
+
+def array_layout(buffer: bytes) -> Layout:
+    """Parse the structure of a Float64MultiArray."""
+    cursor = Cursor(buffer)
+    dimensions = cursor.count()
+    if dimensions > min(len(buffer) // 12, MAX_NAMES):  # label, size and stride take twelve bytes
+        raise CdrError(f'announces {dimensions} dimensions in {len(buffer)} bytes; at most '
+                       f'{MAX_NAMES} are read')
+    for _ in range(dimensions):
+        cursor.text()
+        cursor.count()
+        cursor.count()
+    cursor.count()  # data_offset
+    place = cursor.doubles()
+    if place[1] > MAX_NAMES:
+        raise CdrError(f'has {place[1]} values; at most {MAX_NAMES} are read')
+    return cursor.finish('', tuple(map(str, range(place[1]))), {DATA: place}, stamped=False)
+
+
+def dynamic_layout(buffer: bytes) -> Layout:
+    """Parse the structure of a DynamicJointState."""
+    cursor = Cursor(buffer)
+    frame_id = cursor.header()
+    joints = cursor.names()
+    count = cursor.count()
+    if count != len(joints):
+        raise CdrError(f'has interfaces of {count} joints for {len(joints)} names')
+    parts: dict[str, tuple[int, int]] = {}
+    scattered: dict[str, list[tuple[str, int] | None]] = {}
+    for number, joint in enumerate(joints):
+        interfaces = cursor.names()
+        place = cursor.doubles()
+        if place[1] != len(interfaces):
+            raise CdrError(f'{joint!r} has {place[1]} values for {len(interfaces)} interfaces')
+        key = f'joint {number}'
+        parts[key] = place
+        for column, interface in enumerate(interfaces):
+            where = scattered.setdefault(interface, [None] * len(joints))
+            if where[number] is not None:
+                raise CdrError(f'{joint!r} has the interface {interface!r} twice')
+            where[number] = (key, column)
+        if len(scattered) > MAX_NAMES:
+            raise CdrError(f'has more than {MAX_NAMES} interfaces')
+    return cursor.finish(frame_id, joints, parts,
+                         scattered={name: tuple(of) for name, of in scattered.items()})
+
 
 MAX_LAYOUTS = 256
 """Layouts in one topic; more are no recording of one arm, but would take for ever."""
@@ -291,226 +339,9 @@ def decode(
     return sorted(blocks, key=lambda block: int(block.index[0]))
 
 
-# -- Bulk encoding of JointState, WrenchStamped and Imu: the inverse of ``cdr``.
-#
-# All messages of a series have one layout. One template is put together by hand, its numbers are
-# found by the parser that also reads bags, and the columns are written over copies of it.
-
-LITTLE_ENDIAN = b'\x00\x01\x00\x00'
-
-
-@dataclass(frozen=True, eq=False)
-class JointStateSeries:
-    """Messages of one JointState topic."""
-
-    # Full name, e.g. `/joint_states`.
-    topic: str
-    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
-    names: Sequence[str]  # joints, or gauges
-    # (n, names): values; a field that is None stays empty.
-    position: FloatArray | None = None
-    velocity: FloatArray | None = None
-    effort: FloatArray | None = None
-    frame_id: str = ''  # of the header
-    msgtype: str = JOINT_STATE  # type of the messages
-
-    def encode(self) -> list[bytes]:
-        """Encode the messages."""
-        buffer = _header(self.frame_id)
-        _put(buffer, 4, struct.pack('<I', len(self.names)))
-        for name in self.names:
-            _put_text(buffer, name)
-        columns: dict[str, FloatArray] = {}
-        for field in FIELDS:
-            values = getattr(self, field)
-            size = 0 if values is None else len(self.names)
-            _put(buffer, 4, struct.pack('<I', size))
-            if size:
-                _put(buffer, 8, bytes(8 * size))
-                columns[field] = values
-        layout = joint_state_layout(bytes(buffer))
-        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
-
-
-@dataclass(frozen=True, eq=False)
-class WrenchSeries:
-    """Messages of one WrenchStamped topic."""
-
-    # Full name, e.g. `/applied_wrench`.
-    topic: str
-    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
-    # Components in the frame, (n, 3) [N, N m].
-    force: FloatArray
-    torque: FloatArray
-    frame_id: str | Sequence[str] = ''  # frame, of all messages or of each
-    msgtype: str = WRENCH_STAMPED  # type of the messages
-
-    def encode(self) -> list[bytes]:
-        """Encode the messages."""
-        if isinstance(self.frame_id, str):
-            return self._encode(self.frame_id, slice(None))
-        frames = np.asarray(self.frame_id)
-        result = [b''] * len(self.stamp)
-        for frame in np.unique(frames):
-            rows = np.flatnonzero(frames == frame)
-            for row, message in zip(rows, self._encode(str(frame), rows), strict=True):
-                result[row] = message
-        return result
-
-    def _encode(self, frame: str, rows: slice | NDArray[np.intp]) -> list[bytes]:
-        buffer = _header(frame)
-        _put(buffer, 8, bytes(48))
-        layout = wrench_layout(bytes(buffer))
-        columns = {'wrench': np.hstack([self.force[rows], self.torque[rows]])}
-        return _fill(bytes(buffer), layout, self.topic, self.stamp[rows], columns)
-
-
-@dataclass(frozen=True, eq=False)
-class ImuSeries:
-    """Messages of one Imu topic, their covariances unknown (zero)."""
-
-    # Full name, e.g. `/imu/tip`.
-    topic: str
-    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
-    orientation: FloatArray  # of the sensor in the base frame, quaternion x, y, z, w, (n, 4)
-    # In the axes of the sensor; at rest the acceleration points upwards, (n, 3) [rad/s, m/s^2].
-    angular_velocity: FloatArray
-    linear_acceleration: FloatArray
-    frame_id: str = ''  # frame of the sensor
-    msgtype: str = IMU  # type of the messages, `sensor_msgs/msg/Imu`
-
-    def encode(self) -> list[bytes]:
-        """Encode the messages."""
-        buffer = _header(self.frame_id)
-        _put(buffer, 8, bytes(8 * (4 + 9 + 3 + 9 + 3 + 9)))
-        layout = imu_layout(bytes(buffer))
-        columns = {field: getattr(self, field) for field in layout.fields}
-        return _fill(bytes(buffer), layout, self.topic, self.stamp, columns)
-
-
-class Series(Protocol):
-    """Messages of one topic: what a bag is written of."""
-
-    @property
-    def topic(self) -> str:
-        """Give its full name."""
-
-    @property
-    def stamp(self) -> NDArray[np.int64]:
-        """Give the stamp of each message [ns]."""
-
-    @property
-    def msgtype(self) -> str:
-        """Give the type of its messages."""
-
-    def encode(self) -> list[bytes]:
-        """Encode them as CDR."""
-
-
-def _put(buffer: bytearray, alignment: int, content: bytes) -> None:
-    buffer.extend(bytes((HEADER - len(buffer)) % alignment))
-    buffer.extend(content)
-
-
-def _put_text(buffer: bytearray, text: str) -> None:
-    raw = text.encode() + b'\x00'
-    _put(buffer, 4, struct.pack('<I', len(raw)) + raw)
-
-
-def _header(frame_id: str) -> bytearray:
-    buffer = bytearray(LITTLE_ENDIAN + bytes(8))
-    _put_text(buffer, frame_id)
-    return buffer
-
-
-def _fill(
-    template: bytes,
-    layout: Layout,
-    topic: str,
-    stamp: NDArray[np.int64],
-    columns: dict[str, FloatArray],
-) -> list[bytes]:
-    stamp = np.asarray(stamp, dtype=np.int64)
-    count, size = len(stamp), len(template)
-    if count and not 0 <= int(stamp.min()) <= int(stamp.max()) < 2**31 * 10**9:
-        msg = f'{topic}: a stamp is negative or beyond the year 2038, which ROS 2 cannot express'
-        raise BagError(msg)
-    rows = np.empty((count, size), dtype=np.uint8)
-    rows[:] = np.frombuffer(template, dtype=np.uint8)
-    records: Any = rows.view(layout.dtype).reshape(count)
-    records['sec'], records['nanosec'] = np.divmod(stamp, 1_000_000_000)
-    for field, values in columns.items():
-        expected = (count, layout.fields[field][1])
-        if np.shape(values) != expected:
-            msg = f'{topic}: {field} has shape {np.shape(values)}, expected {expected}'
-            raise BagError(msg)
-        records[field] = values
-    joined = rows.tobytes()
-    return [joined[start:start + size] for start in range(0, len(joined), size)]
-
-
-# -- Where things stand in Float64MultiArray and DynamicJointState.
-#
-# Neither says what it carries as a JointState does: an array has places, and a joint has
-# interfaces. The arm description names place or interface.
-
-FLOAT64_MULTI_ARRAY = 'std_msgs/msg/Float64MultiArray'
-DYNAMIC_JOINT_STATE = 'control_msgs/msg/DynamicJointState'
-DATA = 'data'
-"""Name of the only field of a Float64MultiArray."""
-
-
-def array_layout(buffer: bytes) -> Layout:
-    """Parse the structure of a Float64MultiArray."""
-    cursor = Cursor(buffer)
-    dimensions = cursor.count()
-    if dimensions > min(len(buffer) // 12, MAX_NAMES):  # label, size and stride take twelve bytes
-        raise CdrError(f'announces {dimensions} dimensions in {len(buffer)} bytes; at most '
-                       f'{MAX_NAMES} are read')
-    for _ in range(dimensions):
-        cursor.text()
-        cursor.count()
-        cursor.count()
-    cursor.count()  # data_offset
-    place = cursor.doubles()
-    if place[1] > MAX_NAMES:
-        raise CdrError(f'has {place[1]} values; at most {MAX_NAMES} are read')
-    return cursor.finish('', tuple(map(str, range(place[1]))), {DATA: place}, stamped=False)
-
-
-def dynamic_layout(buffer: bytes) -> Layout:
-    """Parse the structure of a DynamicJointState."""
-    cursor = Cursor(buffer)
-    frame_id = cursor.header()
-    joints = cursor.names()
-    count = cursor.count()
-    if count != len(joints):
-        raise CdrError(f'has interfaces of {count} joints for {len(joints)} names')
-    parts: dict[str, tuple[int, int]] = {}
-    scattered: dict[str, list[tuple[str, int] | None]] = {}
-    for number, joint in enumerate(joints):
-        interfaces = cursor.names()
-        place = cursor.doubles()
-        if place[1] != len(interfaces):
-            raise CdrError(f'{joint!r} has {place[1]} values for {len(interfaces)} interfaces')
-        key = f'joint {number}'
-        parts[key] = place
-        for column, interface in enumerate(interfaces):
-            where = scattered.setdefault(interface, [None] * len(joints))
-            if where[number] is not None:
-                raise CdrError(f'{joint!r} has the interface {interface!r} twice')
-            where[number] = (key, column)
-        if len(scattered) > MAX_NAMES:
-            raise CdrError(f'has more than {MAX_NAMES} interfaces')
-    return cursor.finish(frame_id, joints, parts,
-                         scattered={name: tuple(of) for name, of in scattered.items()})
-
-
-# -- Is a message what its type says? The definition that the bag carries is compared with ours.
-#
 # Types change between releases under the same name. A bag of MCAP or sqlite3 carries the
-# definition that its messages were written by; where it says otherwise than what the numbers are
-# read by here, nothing is read.
+# definition that its messages were written by; where it differs from what the numbers are read by
+# here, nothing is read.
 
 Fields = tuple[tuple[str, str], ...]
 
@@ -559,3 +390,110 @@ def check_definition(msgtype: str, definition: str, topic: str, path: str) -> No
                    f'expected ({", ".join(" ".join(field) for field in fields)}); record it with '
                    'the messages of ROS 2 Jazzy')
             raise BagError(msg, place=path)
+
+
+LAYOUTS = {JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
+           DYNAMIC_JOINT_STATE: dynamic_layout}
+"""Types of messages with named values; those of an array are named by their places."""
+
+
+@dataclass(frozen=True, eq=False)
+class DecodedTopic:
+    """All messages of a topic of JointState, or of another type with named values."""
+
+    topic: str  # name of the topic
+    # When each was recorded, and its header stamp, zero where it has none, (n,) [ns].
+    log_time: NDArray[np.int64]
+    stamp: NDArray[np.int64]
+    blocks: list[MessageBatch]  # messages by layout
+    msgtype: str  # type of the messages
+    stamped: bool  # whether messages of this type have a stamp
+
+    def having(self, field: str) -> Iterator[MessageBatch]:
+        """Go through the messages that have values of a field."""
+        return (block for block in self.blocks if block.layout.size(field))
+
+    def select(
+        self, names: Sequence[str], field: str, path: str,
+    ) -> tuple[NDArray[np.intp], FloatArray]:
+        """
+        Take the values of names from all messages that have them, in their order.
+
+        Returns places among the messages (n,), and values (n, names) in the units of the topic.
+        """
+        for block in self.blocks:
+            self._check_lengths(block, names, path)
+        chosen = [block for block in self.having(field) if set(names) <= set(block.layout.names)]
+        if not chosen:
+            return np.empty(0, np.intp), np.empty((0, len(names)))
+        index = np.concatenate([block.index for block in chosen])
+        values = np.concatenate([
+            block.values(field)[:, [block.layout.names.index(name) for name in names]]
+            for block in chosen])
+        if len(chosen) > 1:
+            order = np.argsort(index)
+            index, values = index[order], values[order]
+        return index, values
+
+    def _check_lengths(self, block: MessageBatch, names: Sequence[str], path: str) -> None:
+        """Refuse messages whose arrays do not go with their names."""
+        layout = block.layout
+        if not set(names) & set(layout.names):
+            return
+        where = f'topic {self.topic}, message {block.index[0]}'
+        for field, (_, size) in layout.fields.items():
+            if size not in (0, len(layout.names)):
+                msg = (f'{where}: {field} has {size} values for {len(layout.names)} names; a '
+                       'JointState array has the length of name or is empty: repair the '
+                       'publisher and record again')
+                raise BagError(msg, place=path)
+        for name in names:
+            if layout.names.count(name) > 1:
+                msg = (f'{where}: {name!r} stands in name {layout.names.count(name)} times; '
+                       'repair the publisher and record again')
+                raise BagError(msg, place=path)
+
+    def ranges(self, besides: Collection[str]) -> dict[str, float]:
+        """
+        Say how far joints move besides some.
+
+        Returns name to range of its positions, its outermost percents excluded [rad or m].
+        """
+        found: dict[str, float] = {}
+        for block in self.having('position'):
+            values = block.values('position')
+            for i, name in enumerate(block.layout.names[:values.shape[1]]):
+                column = values[:, i][np.isfinite(values[:, i])]
+                if name not in besides and len(column):
+                    low, high = np.percentile(column, [1.0, 99.0])
+                    found[name] = max(found.get(name, 0.0), float(high - low))
+        return found
+
+
+def decode_topic(raw: RawMessages, path: str) -> DecodedTopic:
+    """Decode a topic."""
+    layout = LAYOUTS.get(raw.msgtype)
+    if layout is None:
+        msg = (f'{path}: topic {raw.topic} is of type {raw.msgtype}, expected {JOINT_STATE}; '
+               'name another topic in the arm description')
+        raise BagError(msg)
+    try:
+        blocks = decode(raw.data, layout, raw.topic)
+    except BagError as err:
+        raise err.at(path) from None
+    stamp = np.zeros(len(raw.data), dtype=np.int64)
+    for block in blocks:
+        stamp[block.index] = block.stamp
+    return DecodedTopic(
+        raw.topic, raw.log_time, stamp, blocks, raw.msgtype,
+        raw.msgtype != FLOAT64_MULTI_ARRAY)
+
+
+def load_topics(bag: Bag, topics: Collection[str]) -> dict[str, DecodedTopic]:
+    """Read and decode topics of a bag."""
+    for name in topics:
+        msgtype = bag.topics[name].msgtype if name in bag.topics else ''
+        if msgtype in EXPECTED:
+            for text in bag.definitions(msgtype):
+                check_definition(msgtype, text, name, str(bag.path))
+    return {name: decode_topic(raw, str(bag.path)) for name, raw in bag.read(topics).items()}

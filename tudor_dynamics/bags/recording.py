@@ -12,11 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A recording as aligned arrays, what is looked for in a bag, and whether values are plausible."""
+"""A recording as aligned arrays, what of a bag goes into it, and whether values are plausible."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 import math
 
@@ -24,15 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.schema import LimitSpec, SourceSpec
+from tudor_dynamics.arm.schema import SourceSpec
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
-from tudor_dynamics.bags.storage import Notes, TopicInfo
+from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray
 
-
-# -- What a bag becomes: aligned arrays of one arm's joints, efforts and strains
 
 @dataclass(frozen=True)
 class SetBack:
@@ -129,8 +127,6 @@ class Recording:
         return np.asarray((self.stamp - self.stamp[0]) * 1e-9)
 
 
-# -- What to look for in a bag: topics, names, and what is plausible, from an arm description
-
 MANY_TURNS = 4 * math.pi
 """No revolute joint without limits in its description is taken to go farther than this [rad]."""
 UNLIMITED = 1e6
@@ -148,7 +144,7 @@ class ChannelSource:
 
 
 def channel_of(source: SourceSpec, name: str, field: str) -> ChannelSource:
-    """Give the channel that a description names."""
+    """Give the channel that a description names: as a JointState by default."""
     if source.index is not None:
         return ChannelSource(source.topic, str(source.index), DATA, FLOAT64_MULTI_ARRAY)
     if source.interface is not None:
@@ -170,10 +166,10 @@ class Sources:
     strains: tuple[ChannelSource, ...] = ()  # where each gauge's reading stands
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """All topics as described, each once."""
-        return tuple(dict.fromkeys((self.joint_topic, *(
-            channel.topic for channel in (*self.efforts, *self.strains)))))
+    def topics(self) -> dict[str, str]:
+        """All topics as described, with the types of their messages."""
+        return {self.joint_topic: JOINT_STATE, **{
+            channel.topic: channel.msgtype for channel in (*self.efforts, *self.strains)}}
 
 
 def plan_from_arm(arm: Arm) -> Sources:
@@ -183,11 +179,10 @@ def plan_from_arm(arm: Arm) -> Sources:
     for joint in arm.joints:
         inner = model.joints[model.getJointId(joint.name)]
         slides = inner.shortname().removeprefix('JointModel').startswith('P')
-        given = joint.limits or LimitSpec()
-        lower = (float(model.lowerPositionLimit[inner.idx_q]) if given.lower is None
-                 else given.lower)
-        upper = (float(model.upperPositionLimit[inner.idx_q]) if given.upper is None
-                 else given.upper)
+        lower, upper = (None, None) if joint.limits is None else (
+            joint.limits.lower, joint.limits.upper)
+        lower = float(model.lowerPositionLimit[inner.idx_q]) if lower is None else lower
+        upper = float(model.upperPositionLimit[inner.idx_q]) if upper is None else upper
         bound: float | None = None
         if max(-lower, upper) < UNLIMITED:
             # Twice the limits: a soft limit overrun or a zero set elsewhere is no matter of units.
@@ -202,27 +197,6 @@ def plan_from_arm(arm: Arm) -> Sources:
         arm.gauge_names,
         tuple(channel_of(gauge, gauge.name, 'position') for gauge in arm.gauges))
 
-
-def resolve(
-    name: str, topics: Mapping[str, TopicInfo], path: str, msgtype: str = JOINT_STATE,
-) -> str | None:
-    """Find a topic of the description in a bag."""
-    relative = name.lstrip('/')
-    for candidate in (name, f'/{relative}', relative):
-        if candidate in topics:
-            return candidate
-    if name.startswith('/'):
-        return None
-    found = sorted(topic for topic, info in topics.items()
-                   if topic.endswith(f'/{relative}') and info.msgtype == msgtype)
-    if len(found) > 1:
-        msg = (f'topic {name} is in several namespaces ({", ".join(found)}); write one '
-               'of them in full in the arm description')
-        raise BagError(msg, place=path)
-    return found[0] if found else None
-
-
-# -- Do positions and velocities make sense: units, signs, and whether anything moves
 
 DEGREES = 180 / math.pi
 WINDOW = 0.1
@@ -365,3 +339,34 @@ def moving_joints(recording: Recording, prismatic: Sequence[bool]) -> list[bool]
     low, high = np.percentile(recording.q, [1, 99], axis=0)
     spans: FloatArray = high - low
     return [bool(span > STILL[slides]) for span, slides in zip(spans, prismatic, strict=True)]
+
+
+def check_plausible(
+    recording: Recording, plan: Sources, notes: Notes, *, need_output: bool, need_motion: bool,
+) -> Recording:
+    """Check units and use of a recording; velocities that nobody measures are left out."""
+    recording = without_zero_velocities(recording, plan, notes)
+    check_units(recording, plan, notes)
+    _check_use(recording, plan, notes, need_output, need_motion)
+    return replace(recording, warnings=tuple(notes.texts))
+
+
+def _check_use(
+    recording: Recording, plan: Sources, notes: Notes, need_output: bool, need_motion: bool,
+) -> None:
+    moving = moving_joints(recording, plan.prismatic)
+    if not any(moving):
+        text = f'no joint moves ({", ".join(plan.joints)} keep their positions)'
+        if need_motion:
+            msg = f'{text}; nothing can be learned, record a motion'
+            raise BagError(msg, place=recording.path)
+        notes.add(text)
+    elif not all(moving):
+        still = [name for name, moves in zip(plan.joints, moving, strict=True) if not moves]
+        notes.add(f'{", ".join(still)} does not move')
+    if need_output and recording.effort is None and recording.strain is None:
+        reasons = '; '.join(notes.lacking)
+        msg = (f'neither efforts nor strains ({reasons or "none described"}); nothing can be '
+               'learned: correct effort.topic or gauges[].topic in the arm description, or '
+               'record them')
+        raise BagError(msg, place=recording.path)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A sqlite3 storage file: topics, and raw messages of chosen topics."""
+"""sqlite3 files: their topics, and raw messages of chosen ones."""
 
 from __future__ import annotations
 
@@ -27,8 +27,71 @@ from tudor_dynamics.files import open_regular
 
 FREE_STEPS = 20_000_000
 STEPS_PER_BYTE = 16
-"""Steps of SQLite's machine: a row takes some thirty, and more bytes than two."""
+"""Steps of SQLite's machine that reading may take: a row takes some thirty, and is more than two
+bytes long; source: none known."""
 _SLICE = 100_000
+
+
+class SqliteFile:
+    """A storage file of rosbag2 in sqlite3."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def topics(self) -> list[tuple[str, str, int]]:
+        """Give the topics with their types and numbers of messages."""
+        with _opened(self.path) as connection:
+            counts: dict[object, int] = {}
+            sizes = connection.execute(
+                "SELECT topic_id, iif(typeof(data) = 'blob', length(data), -1) FROM messages")
+            for number, size in sizes:
+                if not 0 <= size <= MAX_PIECE:
+                    what = 'which are no bytes' if size < 0 else f'of {size} bytes'
+                    raise Damaged(f'SQLite: holds a message {what}')
+                counts[number] = counts.get(number, 0) + 1
+            return [(name, msgtype, counts.get(number, 0)) for number, name, msgtype
+                    in connection.execute('SELECT id, name, type FROM topics ORDER BY id')]
+
+    def definitions(self) -> dict[str, str]:
+        """Give the definitions of messages that the file carries; none in older files."""
+        with _opened(self.path) as connection:
+            if not _is_plain(connection, 'message_definitions'):
+                return {}
+            rows = connection.execute(
+                'SELECT topic_type, encoded_message_definition FROM message_definitions '
+                "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?",
+                (MAX_PIECE,))
+            return {str(msgtype): str(text) for msgtype, text in rows}
+
+    def read(
+        self, topics: Collection[str], *, with_data: bool,
+    ) -> dict[str, tuple[list[int], list[bytes]]]:
+        """Read log times [ns] and raw messages of some topics, in the order of their log times."""
+        found: dict[str, tuple[list[int], list[bytes]]] = {name: ([], []) for name in topics}
+        left = self.path.stat().st_size
+        what = 'messages.data' if with_data else 'NULL'
+        with _opened(self.path) as connection:
+            names = {number: name for number, name
+                     in connection.execute('SELECT id, name FROM topics') if name in found}
+            marks = ', '.join('?' * len(names))
+            rows = connection.execute(
+                f'SELECT topics.id, messages.timestamp, {what} FROM messages '  # noqa: S608
+                f'JOIN topics ON messages.topic_id = topics.id WHERE topics.id IN ({marks}) '
+                'ORDER BY timestamp', tuple(names))
+            for number, time, message in rows:
+                if type(time) is not int:  # a column of integers can hold anything
+                    raise Damaged(f'SQLite: a {type(time).__name__} in place of a log time')
+                times, data = found[names[number]]
+                times.append(time)
+                if with_data:
+                    if not isinstance(message, bytes):
+                        raise Damaged(
+                            f'SQLite: a {type(message).__name__} in place of a message')
+                    left -= len(message)
+                    if left < 0:
+                        raise Damaged('SQLite: its messages come to more than the file')
+                    data.append(message)
+        return found
 
 
 @contextmanager
@@ -71,37 +134,6 @@ def _check_tables(connection: sqlite3.Connection) -> None:
         raise Damaged('SQLite: messages or topics compute what they hold')
 
 
-def sqlite_topics(path: Path) -> list[tuple[str, str, int]]:
-    """Give the topics of a storage file."""
-    with _opened(path) as connection:
-        counts: dict[object, int] = {}
-        sizes = connection.execute(
-            "SELECT topic_id, iif(typeof(data) = 'blob', length(data), -1) FROM messages")
-        for number, size in sizes:
-            if not 0 <= size <= MAX_PIECE:
-                what = 'which are no bytes' if size < 0 else f'of {size} bytes'
-                raise Damaged(f'SQLite: holds a message {what}')
-            counts[number] = counts.get(number, 0) + 1
-        return [(name, msgtype, counts.get(number, 0)) for number, name, msgtype
-                in connection.execute('SELECT id, name, type FROM topics ORDER BY id')]
-
-
-def sqlite_definitions(path: Path) -> dict[str, str]:
-    """
-    Give the definitions of messages that a file carries.
-
-    Returns an empty dict where the file is from before there were any.
-    """
-    with _opened(path) as connection:
-        if not _is_plain(connection, 'message_definitions'):
-            return {}
-        rows = connection.execute(
-            'SELECT topic_type, encoded_message_definition FROM message_definitions '
-            "WHERE encoding = 'ros2msg' AND length(encoded_message_definition) <= ?",
-            (MAX_PIECE,))
-        return {str(msgtype): str(text) for msgtype, text in rows}
-
-
 def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
     roots = connection.execute(
         "SELECT rootpage FROM sqlite_master WHERE type = 'table' AND name = ?",
@@ -110,35 +142,3 @@ def _is_plain(connection: sqlite3.Connection, table: str) -> bool:
     return (bool(roots) and all(root for root, in roots) and not any(row[6] for row in columns)
             and {'topic_type', 'encoding', 'encoded_message_definition'} <= {
                 row[1] for row in columns})
-
-
-def scan_sqlite(
-    path: Path, times: dict[str, list[int]], data: dict[str, list[bytes]], *, with_data: bool,
-) -> None:
-    """Read the raw messages of some topics, in the order of their log times: times [ns]."""
-    left = path.stat().st_size
-    with _opened(path) as connection:
-        names = {number: name for number, name
-                 in connection.execute('SELECT id, name FROM topics') if name in times}
-        for number, time, message in _rows(connection, names, with_data):
-            if type(time) is not int:  # a column of integers can hold anything
-                raise Damaged(f'SQLite: a {type(time).__name__} in place of a log time')
-            times[names[number]].append(time)
-            if with_data:
-                if not isinstance(message, bytes):
-                    raise Damaged(f'SQLite: a {type(message).__name__} in place of a message')
-                left -= len(message)
-                if left < 0:
-                    raise Damaged('SQLite: its messages come to more than the file')
-                data[names[number]].append(message)
-
-
-def _rows(
-    connection: sqlite3.Connection, numbers: Collection[int], with_data: bool,
-) -> Iterator[tuple[int, object, object]]:
-    what = 'messages.data' if with_data else 'NULL'
-    marks = ', '.join('?' * len(numbers))
-    return iter(connection.execute(
-        f'SELECT topics.id, messages.timestamp, {what} FROM messages '  # noqa: S608
-        f'JOIN topics ON messages.topic_id = topics.id WHERE topics.id IN ({marks}) '
-        'ORDER BY timestamp', tuple(numbers)))

@@ -22,21 +22,21 @@ from dataclasses import dataclass, field, replace
 import hashlib
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, Protocol
 import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tudor_dynamics.bags.mcap import (
-    BreaksOff, mcap_channels, mcap_definitions, mcap_topics, scan_mcap)
-from tudor_dynamics.bags.sqlite import scan_sqlite, sqlite_definitions, sqlite_topics
-from tudor_dynamics.bags.unpacking import Damaged, unpacked_file, Unpacker, ZSTD_MAGIC
+from tudor_dynamics.bags.mcap import McapFile
+from tudor_dynamics.bags.sqlite import SqliteFile
+from tudor_dynamics.bags.unpacking import (
+    BreaksOff, Damaged, unpacked_file, Unpacker, ZSTD_MAGIC)
 from tudor_dynamics.errors import BagError, TudorWarning
-from tudor_dynamics.files import load_yaml, open_regular, read_bounded, scratch_prefix
+from tudor_dynamics.files import open_regular, read_yaml, scratch_prefix
 
-
-# -- ``metadata.yaml`` of a bag: storage files, compression, numbers of messages, custom data
+# A bag is untrusted. Whatever its bytes are, what leaves this module is data or a BagError on one
+# line that names the file, the cause and the remedy.
 
 METADATA = 'metadata.yaml'
 MAX_METADATA_BYTES = 10_000_000
@@ -59,7 +59,7 @@ class Metadata:
 def read_metadata(directory: Path) -> Metadata:
     """Read the metadata of a bag."""
     try:
-        content = load_yaml(read_bounded(directory / METADATA, MAX_METADATA_BYTES))
+        content = read_yaml(directory / METADATA, MAX_METADATA_BYTES)
         return _checked(directory, content['rosbag2_bagfile_information'])
     except OSError as err:
         cause = f'cannot be read: {err.strerror}'
@@ -112,8 +112,6 @@ def _counts(information: dict[str, Any]) -> dict[str, int]:
     return counts
 
 
-# -- Bags in folders: what is one, what holds some, in which order
-
 SUFFIXES = ('.db3', '.mcap')
 """Of storage files."""
 DEEPEST = 4
@@ -146,19 +144,17 @@ def _is_bag(path: Path) -> bool:
         item.suffix in SUFFIXES and item.is_file() for item in path.iterdir())
 
 
-# -- What is odd about a bag, collected while it is read
-
 class Notes:
-    """Collect oddities and warn of each."""
+    """What is implausible about a bag, collected while it is read; warns of each."""
 
-    def __init__(self, path: str, *, quiet: bool = False) -> None:
+    def __init__(self, path: str = '', *, quiet: bool = False) -> None:
         self.path = path
         self.texts: list[str] = []
         self.lacking: list[str] = []
         self._quiet = quiet
 
     def add(self, text: str, *, lacking: bool = False) -> None:
-        """Note an oddity, once."""
+        """Note something, once; lacking: a reason why efforts or strains cannot be used."""
         if text in self.texts:
             return
         self.texts.append(text)
@@ -167,11 +163,6 @@ class Notes:
         if not self._quiet:
             warnings.warn(f'{self.path}: {text}', TudorWarning, stacklevel=3)
 
-
-# -- Raw messages of a rosbag2 in sqlite3 or MCAP.
-#
-# A bag is untrusted. Whatever its bytes are, what leaves this module is data or a BagError on one
-# line that names the file, the cause and the remedy.
 
 REMEDIES = {
     '.db3': 'copy the file again, or recover what is left with `sqlite3 FILE .recover`',
@@ -200,16 +191,32 @@ class RawMessages:
     data: list[bytes]
 
 
+class StorageFile(Protocol):
+    """One storage file of a bag; ``Damaged`` where it cannot be read."""
+
+    def topics(self) -> list[tuple[str, str, int]]:
+        """Give names of topics, their types, and numbers of messages."""
+
+    def definitions(self) -> dict[str, str]:
+        """Give the definitions of types of messages, where the file carries them."""
+
+    def read(
+        self, topics: Collection[str], *, with_data: bool,
+    ) -> dict[str, tuple[list[int], list[bytes]]]:
+        """Read log times [ns] and, if asked for, raw messages of topics."""
+
+
 @dataclass(frozen=True, eq=False)
 class Bag:
     """A bag that could be opened."""
 
     path: Path  # what the user named
+    notes: Notes  # what is implausible about it
     storage: str  # `sqlite3`, `mcap` or both
     files: tuple[Path, ...]  # storage files in their order
     topics: Mapping[str, TopicInfo]  # what the bag announces
-    # What rosbag2 has compressed, beside chunks; None where no metadata tell, so that each message
-    # has to be looked at.
+    # What rosbag2 has compressed, chunks apart; None without metadata, so that each message has to
+    # be looked at.
     compression: str | None = ''
     # What whoever recorded wrote into `custom_data` of the metadata.
     custom: Mapping[str, str] = field(default_factory=dict)
@@ -227,11 +234,24 @@ class Bag:
                 raise BagError(msg)
         times: dict[str, list[int]] = {name: [] for name in topics}
         data: dict[str, list[bytes]] = {name: [] for name in topics}
-        for file in self.files:
-            with storage_file(file, self.compression) as opened:
-                _read_file(opened, times, data, with_data, self.compression,
-                           unfinished=file in self.unfinished)
+        for path in self.files:
+            with self._opened(path) as (file, unpacker):
+                for name, (found, messages) in file.read(
+                        tuple(topics), with_data=with_data).items():
+                    times[name] += found
+                    data[name] += messages if unpacker is None else [
+                        unpacker.unpack(message, 'zstd')  # no CDR begins like a compressed message
+                        if self.compression == 'message' or message[:4] == ZSTD_MAGIC else message
+                        for message in messages]
         return {name: self._ordered(name, times[name], data[name]) for name in topics}
+
+    @contextmanager
+    def _opened(self, path: Path) -> Iterator[tuple[StorageFile, Unpacker | None]]:
+        """Open a storage file; with what unpacks its messages, where they may be compressed."""
+        with storage_file(path, self.compression) as file:
+            unpacker = Unpacker(file.stat().st_size)
+            yield (_storage(file, unfinished=path in self.unfinished),
+                   unpacker if self.compression in ('message', None) else None)
 
     def _ordered(self, name: str, times: list[int], data: list[bytes]) -> RawMessages:
         msgtype = self.topics[name].msgtype if name in self.topics else ''
@@ -245,13 +265,42 @@ class Bag:
     def definitions(self, msgtype: str) -> list[str]:
         """Give what the bag says that a type of message is made of, file by file."""
         found = []
-        for file in self.files:
-            with storage_file(file, self.compression) as opened:
-                texts = (sqlite_definitions(opened) if opened.suffix == '.db3' else
-                         mcap_definitions(opened, unfinished=file in self.unfinished))
-            if texts.get(msgtype):
-                found.append(texts[msgtype])
+        for path in self.files:
+            with self._opened(path) as (file, _):
+                found += [text for kind, text in file.definitions().items()
+                          if kind == msgtype and text]
         return found
+
+    def find(self, wanted: Mapping[str, str]) -> dict[str, str | None]:
+        """Find topics by their names in a description, with message types; None where missing."""
+        found: dict[str, str | None] = {}
+        for name, msgtype in wanted.items():
+            relative = name.lstrip('/')
+            known = [topic for topic in (name, f'/{relative}', relative) if topic in self.topics]
+            if not known and not name.startswith('/'):
+                known = sorted(topic for topic, info in self.topics.items()
+                               if topic.endswith(f'/{relative}') and info.msgtype == msgtype)
+                if len(known) > 1:
+                    msg = (f'topic {name} is in several namespaces ({", ".join(known)}); write '
+                           'one of them in full in the arm description')
+                    raise BagError(msg, place=str(self.path))
+            found[name] = known[0] if known else None
+        return found
+
+    def payload(self) -> float | None:
+        """Give the mass at the tip as whoever recorded wrote it down [kg]."""
+        text = self.custom.get('payload')
+        if text is None:
+            return None
+        try:
+            mass = float(text)
+        except ValueError:
+            mass = -1.0
+        if not 0.0 <= mass < float('inf'):
+            self.notes.add(f'the metadata give the payload {text[:40]!r}, which is no mass in kg; '
+                           'ignored')
+            return None
+        return mass
 
     def checksum(self) -> str:
         """Give the SHA-256 over the storage files, one after the other."""
@@ -289,35 +338,13 @@ def storage_file(file: Path, compression: str | None = '') -> Iterator[Path]:
         raise BagError(msg) from None
 
 
-def _read_file(
-    file: Path,
-    times: dict[str, list[int]],
-    data: dict[str, list[bytes]],
-    with_data: bool,
-    compression: str | None,
-    *,
-    unfinished: bool,
-) -> None:
-    before = {name: len(messages) for name, messages in data.items()}
+def _storage(file: Path, *, unfinished: bool = False) -> StorageFile:
     if file.suffix == '.mcap':
-        scans = scan_mcap(file, tuple(times), with_data=with_data, unfinished=unfinished,
-                          channels=None if unfinished else mcap_channels(file))
-        for name, found in scans.items():
-            times[name] += found.log_time
-            data[name] += found.data
-    else:
-        scan_sqlite(file, times, data, with_data=with_data)
-    if compression not in ('message', None):
-        return
-    unpacker = Unpacker(file.stat().st_size)
-    for name, messages in data.items():  # no CDR begins like a compressed message
-        messages[before[name]:] = [
-            unpacker.unpack(message, 'zstd')
-            if compression == 'message' or message[:4] == ZSTD_MAGIC else message
-            for message in messages[before[name]:]]
+        return McapFile(file, unfinished=unfinished)
+    if file.suffix == '.db3':
+        return SqliteFile(file)
+    raise Damaged(f'the suffix {file.suffix!r} is neither .mcap nor .db3')
 
-
-# -- Open any rosbag2: directories with and without metadata, bare files, split bags
 
 HOT_JOURNAL = bytes.fromhex('d9d505f920a163d7')
 """Begin of a rollback journal that counts (https://www.sqlite.org/fileformat.html, 3)."""
@@ -329,15 +356,12 @@ MAX_NAME = 255
 def _topics(file: Path, compression: str | None, unfinished: set[Path]) -> list[TopicInfo]:
     """Give the topics of a file, which becomes one of the unfinished if it breaks off."""
     with storage_file(file, compression) as opened:
-        read = {'.mcap': mcap_topics, '.db3': sqlite_topics}.get(opened.suffix)
-        if read is None:
-            raise Damaged(f'the suffix {opened.suffix!r} is neither .mcap nor .db3')
         try:
-            listed = read(opened)
+            listed = _storage(opened).topics()
         except BreaksOff:
             # with metadata it was finished once: it is a bad copy
             bad_copy = (file.parent / METADATA).exists()
-            listed = [] if bad_copy else mcap_topics(opened, unfinished=True)
+            listed = [] if bad_copy else _storage(opened, unfinished=True).topics()
             if not listed:
                 raise
             unfinished.add(file)
@@ -380,15 +404,15 @@ def _open_files(
     for file in sorted(unfinished):
         notes.add(f'{file.name} breaks off: its recorder was killed; what is whole is read')
     if metadata is None:
-        return Bag(path, _storage_name(files), files, topics, compression,
+        return Bag(path, notes, _storage_name(files), files, topics, compression,
                    unfinished=frozenset(unfinished))
     announced = {name: replace(info, count=metadata.counts.get(name, info.count))
                  for name, info in topics.items()}
-    return Bag(path, _storage_name(files), files, announced, compression, metadata.custom)
+    return Bag(path, notes, _storage_name(files), files, announced, compression, metadata.custom)
 
 
 def _check_leftovers(file: Path, notes: Notes) -> None:
-    """Look at what SQLite left beside a file that was not closed."""
+    """Look for journals of SQLite next to a file that was not closed."""
     if file.suffix != '.db3':
         return
     wal, journal = (file.with_name(file.name + end) for end in ('-wal', '-journal'))
@@ -433,10 +457,9 @@ def _open_directory(path: Path, notes: Notes) -> Bag:
     return _open_files(path, metadata.files, notes, metadata)
 
 
-def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
-    """Open a rosbag2."""
-    path = Path(path)
-    notes = Notes(str(path)) if notes is None else notes
+def open_bag(path: str | Path, *, quiet: bool = False) -> Bag:
+    """Open a rosbag2; quiet: its notes are kept, but no warnings."""
+    path, notes = Path(path), Notes(str(path), quiet=quiet)
     try:
         if path.name == METADATA and path.is_file():
             path = path.parent
@@ -465,10 +488,40 @@ def open_bag(path: str | Path, notes: Notes | None = None) -> Bag:
 
 
 def abandoned(path: Path) -> list[Path]:
-    """Give what recorders that were killed left of a bag."""
+    """Give what recorders that were killed have kept of a bag."""
     try:
         return sorted(item / path.name for item in path.parent.iterdir()
                       if item.name.startswith(scratch_prefix(path))
                       and (item / path.name).is_dir())
     except OSError:
         return []
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """All messages of a bag in the order in which they were recorded."""
+
+    topics: dict[str, str]  # topic to message type
+    time: NDArray[np.int64]  # log times, (n,) [ns]
+    topic: list[str]  # topic of each message
+    data: list[bytes]  # messages as CDR buffers
+
+
+def read_track(path: str | Path, topics: Collection[str] = ()) -> Track:
+    """Read a bag for replay; topics: all by default."""
+    bag = open_bag(path)
+    wanted = [name if name.startswith('/') else f'/{name}' for name in topics]
+    missing = [name for name in wanted if name not in bag.topics]
+    if missing:
+        msg = (f'{path}: no topic {", ".join(missing)}; it has {", ".join(sorted(bag.topics))}')
+        raise BagError(msg)
+    found = bag.read(wanted or list(bag.topics))
+    time = np.concatenate([np.empty(0, np.int64), *(raw.log_time for raw in found.values())])
+    if not len(time):
+        msg = f'{path}: no messages; record again with the drivers running'
+        raise BagError(msg)
+    order = np.argsort(time, kind='stable').tolist()
+    names = [name for name, raw in found.items() for _ in raw.data]
+    data = [item for raw in found.values() for item in raw.data]
+    return Track({name: raw.msgtype for name, raw in found.items()}, time[order],
+                 [names[i] for i in order], [data[i] for i in order])

@@ -38,6 +38,10 @@ class Damaged(ValueError):
     """A storage file that contradicts itself, or asks for more than it may."""
 
 
+class BreaksOff(Damaged):
+    """A file without its end: cut short, or its recorder was killed."""
+
+
 class Unpacker:
     """Unpacks the pieces of one file: size [bytes]."""
 

@@ -26,8 +26,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import BOOL, read_flags, read_wrenches
-from tudor_dynamics.bags.recording import Recording, resolve
+from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import read_bounded
@@ -126,7 +127,8 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
 
     """
     name = topic or TOPIC
-    found = resolve(name, (bag := open_bag(path)).topics, path)
+    bag = open_bag(path)
+    found = bag.find({name: JOINT_STATE})[name]
     if found is not None and topic is not None and bag.topics[found].msgtype == BOOL:
         flags = read_flags(path, topic, clock)
         if flags is not None:

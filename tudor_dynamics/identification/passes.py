@@ -33,8 +33,7 @@ import numpy as np
 from tudor_dynamics import parallel
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.reader import stated_payload
-from tudor_dynamics.bags.storage import Notes, open_bag
+from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.errors import BagError, TudorError, TudorWarning
 from tudor_dynamics.files import open_regular, read_bounded, source_digest, write_whole
 from tudor_dynamics.identification.dataset import (
@@ -376,12 +375,11 @@ def survey(
     """
     def see(choice: BagChoice) -> Sight | Unused:
         path = base / choice.path
-        notes = Notes(str(path))
         try:
-            bag = open_bag(path, notes)
+            bag = open_bag(path)
             known = payloads.get(str(path.resolve()))
             return Sight(choice, bag.checksum(),
-                         stated_payload(bag, notes) if known is None else known)
+                         bag.payload() if known is None else known)
         except TudorError as err:
             return _unused(str(choice), err, base)
 

@@ -28,7 +28,7 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 
-from tudor_dynamics.bags.writer import read_track, Track
+from tudor_dynamics.bags.storage import read_track, Track
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.common.base import OK
 from tudor_dynamics.nodes.common.interfaces import CLOCK

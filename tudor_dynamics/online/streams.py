@@ -24,7 +24,7 @@ from statistics import median
 import numpy as np
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.alignment import GAP_FLOOR, GAP_PERIODS
+from tudor_dynamics.bags.reader import GAP_FLOOR, GAP_PERIODS
 from tudor_dynamics.compiled import all_finite
 from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain
 from tudor_dynamics.typing import FloatArray

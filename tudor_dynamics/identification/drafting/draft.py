@@ -31,7 +31,6 @@ from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.reader import read_planned
 from tudor_dynamics.bags.recording import ChannelSource, moving_joints, Recording, Sources
-from tudor_dynamics.bags.storage import Notes
 from tudor_dynamics.errors import ArmError, printable
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.identification.dataset import parse_choice
@@ -140,7 +139,7 @@ class _Writer:
             tuple(entry['name'] for _, _, entry in self._gauges),
             tuple(ChannelSource(carrier.topic, key, carrier.field, carrier.msgtype)
                   for carrier, key, _ in self._gauges))
-        return read_planned(path, plan, Notes(path, quiet=True))
+        return read_planned(path, plan, quiet=True)
 
     def write(self) -> Draft:
         """Write all parts."""

@@ -25,10 +25,9 @@ import pinocchio as pin
 from scipy.signal import savgol_filter
 
 from tudor_dynamics.arm.description import OPEN
-from tudor_dynamics.bags.info import BagReport
+from tudor_dynamics.bags.info import BagReport, STRAIN_WORDS
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
-from tudor_dynamics.bags.reader import STRAIN_WORDS
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.typing import FloatArray, IndexArray
