@@ -34,7 +34,8 @@ import numpy as np
 import pinocchio as pin
 from reference_fits import fit
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import load_bundle

@@ -33,10 +33,11 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.bags.encoding import JointStateSeries
 from tudor_dynamics.bags.messages import load_topics
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.writer import write_bag
 
 TOPIC = '/joint_states'
 

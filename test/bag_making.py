@@ -21,7 +21,8 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 
 START = 1_700_000_000_000_000_000
 JOINTS = ('shoulder', 'elbow')

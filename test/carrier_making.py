@@ -23,7 +23,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from tudor_dynamics.bags.writer import JointStateSeries
+from tudor_dynamics.bags.encoding import JointStateSeries
 
 ARRAY = 'std_msgs/msg/Float64MultiArray'
 DYNAMIC = 'control_msgs/msg/DynamicJointState'

@@ -24,7 +24,8 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import model_from_urdf
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 
 JOINTS = ('shoulder', 'elbow')
 LINK = """<link name="{name}"><inertial><origin xyz="0.2 0 0"/><mass value="{mass}"/>

@@ -26,12 +26,12 @@ import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from tudor_dynamics.arm.description import arm_from_dict
+from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import (
     array_layout, decode, decode_topic, dynamic_layout, JOINT_STATE)
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.writer import JointStateSeries, WrenchSeries
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_io import dump_yaml
 import yaml

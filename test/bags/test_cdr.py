@@ -20,9 +20,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
+from tudor_dynamics.bags.encoding import ImuSeries, WrenchSeries
 from tudor_dynamics.bags.messages import (
     decode, FIELDS, JOINT_STATE, joint_state_layout, wrench_layout, WRENCH_STAMPED)
-from tudor_dynamics.bags.writer import ImuSeries, WrenchSeries
 from tudor_dynamics.errors import BagError
 
 STORE = get_typestore(Stores.ROS2_JAZZY)

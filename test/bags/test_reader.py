@@ -21,8 +21,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
+from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
-from tudor_dynamics.bags.writer import JointStateSeries, recording_series, WrenchSeries, write_bag
+from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import BagError, TudorWarning
 
 

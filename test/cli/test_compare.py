@@ -22,7 +22,8 @@ import numpy as np
 import pytest
 from robot_making import described_arm, efforts_of, fitted, JOINTS, motion_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import save_bundle

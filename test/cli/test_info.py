@@ -19,7 +19,8 @@ import json
 import numpy as np
 import pytest
 
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 
 ARM = """

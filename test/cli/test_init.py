@@ -28,7 +28,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.identification.drafting.draft import draft_of, text_of

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 import pytest
 from sample_arms import recording_of
 
+from tudor_dynamics.bags.encoding import WrenchSeries
 from tudor_dynamics.bags.reader import BOOL
-from tudor_dynamics.bags.writer import WrenchSeries
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.detection import (
     alarms_at, find_truth, FREE, KnownPush, push_of, score, table_of_pushes, Truth, truth_of_table,

@@ -30,7 +30,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.bags.writer import JointStateSeries, write_bag
+from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
 from tudor_dynamics.typing import FloatArray

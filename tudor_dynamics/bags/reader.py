@@ -25,13 +25,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.bags.encoding import WrenchSeries
 from tudor_dynamics.bags.messages import (
     decode, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE, load_topics,
     wrench_layout, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import (
     ChannelSource, check_plausible, Oddities, plan_from_arm, Recording, SetBack, Sources)
 from tudor_dynamics.bags.storage import Bag, Notes, open_bag
-from tudor_dynamics.bags.writer import WrenchSeries
 from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.typing import FloatArray
 

@@ -31,9 +31,10 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.arm.schema import InertiaPart
+from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.bags.writer import JointStateSeries, recording_series, WrenchSeries, write_bag
+from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop

@@ -28,7 +28,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.arm.description import Arm, refuse_interfaces
-from tudor_dynamics.bags.writer import ImuSeries, JointStateSeries, Series, write_bag
+from tudor_dynamics.bags.encoding import ImuSeries, JointStateSeries, Series
+from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_motors
