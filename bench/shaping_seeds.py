@@ -41,7 +41,7 @@ from papers.__main__ import default_arm  # noqa: E402, I100
 from papers.campaign import Campaign, Plan, ResultCache  # noqa: E402
 from papers.outlook import Setting  # noqa: E402
 from papers.shaping import (  # noqa: E402
-    BEFORE, BEHIND, draw_ends, LOUD, MOVES, reference, run)
+    AFTER, BEFORE, draw_ends, LOUD, MOVES, reference, run)
 from papers.tuned import schedule_of, tuned_arm  # noqa: E402
 
 EVERY = 5
@@ -55,7 +55,7 @@ def simulated(
     assert tuned.arm.spec.damper is not None
     dt = EVERY / tuned.arm.spec.damper.rate
     strain = 1e6 * tuned.strains(payload, q[None, ::EVERY], dt)[0, :, 0]
-    t = dt * np.arange(len(strain)) - BEFORE - length - BEHIND
+    t = dt * np.arange(len(strain)) - BEFORE - length - AFTER
     return float(0.5 * np.ptp(strain[(t > 0.0) & (t < period)]))
 
 

@@ -127,7 +127,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 found = RUN[experiment](chosen)
             if args.json:
                 print(json.dumps(finite(found), indent=2, default=str))
-    except td.TudorError as err:
+    except (td.TudorError, OSError) as err:
         print(f'python -m papers: {err}', file=sys.stderr)
         return 2
     return 0

@@ -63,14 +63,14 @@ def section(setting: Setting) -> Section:
     far = _median(motion, 'place_error')
     weak = _median(motion, 'relative_error')
     right = float(np.mean([row['link_right'] for row in motion]))
-    told, felt = (float(np.mean([row[name] for row in motion])) for name in ('told', 'felt'))
+    placed, felt = (float(np.mean([row[name] for row in motion])) for name in ('told', 'felt'))
     return Section(
         ('Each span between gauges has a Kalman filter of its own that looks for a force there; '
          'their likelihoods say which link and span it is. Truth and estimate are the force '
          'across the link, which is what its gauges feel, and its place; a push of which the '
-         'wrong link, or no place, is told counts as one that is off by the whole link.',
-         f'In motion the right link is told of {100.0 * right:.0f} % of the pushes, and a place '
-         f'of {100.0 * told:.0f} %; while it lasts, {100.0 * felt:.0f} % are felt.'),
+         'wrong link, or no place, is found counts as one that is off by the whole link.',
+         f'In motion the right link is found for {100.0 * right:.0f} % of the pushes, and a place '
+         f'for {100.0 * placed:.0f} %; while it lasts, {100.0 * felt:.0f} % are felt.'),
         (Floor('at rest, beyond the second gauge: median error of the place', 'within 10 mm',
                f'{1e3 * place:.1f} mm', place <= CLOSE),
          Floor('the same: of the force', 'within 0.2 N', f'{force:.2f} N', force <= STRONG),
@@ -163,11 +163,11 @@ def _row(
     links = {span.joint: link for span, link in zip(estimator.spans, estimator.links, strict=True)}
     reach = max(span.outer for span in estimator.spans if span.joint == push.joint)
     right = bool(found) and found['link'] == links[push.joint]
-    told = right and found['place'] is not None
+    placed = right and found['place'] is not None
     force = found['force'] if right else 0.0
     return {'link': links[push.joint], 'place': push.distance, 'force': truth,
-            'link_right': right, 'told': told, 'found': found['place'] if told else None,
-            'place_error': abs(found['place'] - push.distance) if told else reach,
+            'link_right': right, 'told': placed, 'found': found['place'] if placed else None,
+            'place_error': abs(found['place'] - push.distance) if placed else reach,
             'force_error': abs(force - truth), 'relative_error': abs(force / truth - 1.0)}
 
 

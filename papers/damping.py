@@ -29,16 +29,15 @@ from papers.outlook import Floor, Section, Setting
 from papers.tuned import DELAY, ENDS, RATE, schedule_of, tuned_arm
 import tudor_dynamics as td
 
-TOLD_WRONG = 0.02
-"""Error of the payload that the damper is told: what an estimate has within a second [kg]."""
+PAYLOAD_ERROR = 0.02
+"""Of the payload that the damper is given: what an estimate has within a second [kg]."""
 ALLOWED = 0.2
 """Part of the damping ratio by which it may be missed."""
 FASTER = 2.0
 QUIET, SLOW = 30.0, 2.0
-"""Behind a pick-up: strain of noise and play [um/m], commands that only bring joints back [deg/s].
-"""
+"""After a pick-up: strain of noise and play [um/m], commands that bring joints back [deg/s]."""
 LATE = 0.8
-"""After which the damper is told what was picked up [s]."""
+"""After which the damper is given what was picked up [s]."""
 POSES, MOVES, PICKED = 8, 12, 8
 TAP, TAP_TIME = 6.0, 0.05
 """Force across the last link, and its time: small enough for the limits of the drives [N, s]."""
@@ -46,7 +45,7 @@ BAND = 10.0
 """A strain within it of its final value has settled [um/m]."""
 NEAR = math.radians(0.2)
 WATCHED = 4.0
-"""Behind the end of a reference [s]."""
+"""After the end of a reference [s]."""
 SMOOTHED = 5
 """Samples that are averaged against noise."""
 NOTHING = 1e-4
@@ -93,7 +92,7 @@ def section(setting: Setting) -> Section:
     text = (
         'Gains of damper and position loop over payload and pose, computed from an elastic model '
         'that was identified from one recording of 0 g and one of 400 g, by tudor tune. The '
-        'damper is told a payload that is wrong by 20 g.',
+        'damper is given a payload that is wrong by 20 g.',
         'Taps across the last link, from both sides: half of the difference of the strains, and '
         'how far it swings back. Moves between random poses at 400 g: joints overshoot by at most '
         f'{over["fixed"]:.1f} deg with fixed gains and {over["scheduled"]:.1f} deg with '
@@ -101,9 +100,9 @@ def section(setting: Setting) -> Section:
         'fixed gains, because the arm is too far from its reference, and '
         f'{int((moves["scheduled"][:, 3] == 0.0).sum())} with scheduled ones. The loop has 4 ms '
         'of delay at 500 Hz, the arm friction, play, noise and limits of its drives.',
-        'What is picked up pulls at the joints until the damper is told of it, '
+        'What is picked up pulls at the joints until the damper is given it, '
         f'{LATE:g} s later: in {int((swings[:, 3] == 0.0).sum())} of {len(swings)} cases so far '
-        'that the reference begins anew where the arm is, as it does behind any interruption.')
+        'that the reference begins again where the arm is, as it does after any interruption.')
     pictures = (
         Picture('damping_schedule', 'Load-adaptive damping', 'The schedule',
                 'Medians over the workspace, bands from the least to the largest value.',
@@ -112,7 +111,7 @@ def section(setting: Setting) -> Section:
                 'One mark a pose, at each payload; hatched what was asked for within 20 %.',
                 lambda: _draw_ratios(content, asked)),
         Picture('damping_moves', 'Load-adaptive damping', 'A move with 400 g, and a pick-up',
-                'Strain of link 2 and joint 2 behind the end of its reference; strain and payload '
+                'Strain of link 2 and joint 2 after the end of its reference; strain and payload '
                 'in use after 400 g were picked up in motion.',
                 lambda: _draw_moves(found.arrays)))
     return Section(text, floors, pictures, content)
@@ -129,7 +128,7 @@ def _trials(setting: Setting, arm: td.Arm, schedule: td.Schedule) -> Cached:
             q = place(arm, random.uniform(0.03, 0.97, len(arm.active_joints)))
             modes = schedule.at(payload, q).modes
             slow, fast = modes[0].frequency, modes[-1].frequency
-            row.append([tapped(arm, used, q, payload, TOLD_WRONG, (slow, fast), pose)[0]
+            row.append([tapped(arm, used, q, payload, PAYLOAD_ERROR, (slow, fast), pose)[0]
                         for used in (schedule, None)])
         ratios.append(row)
         setting.progress(f'taps at {1e3 * payload:.0f} g', 0.5 * len(ratios) / len(payloads))
@@ -137,10 +136,10 @@ def _trials(setting: Setting, arm: td.Arm, schedule: td.Schedule) -> Cached:
     arrays: dict[str, FloatArray] = {}
     for number in range(count):
         ends = _ends(arm, random)
-        told = heavy + TOLD_WRONG * (1 if number % 2 else -1)
+        given = heavy + PAYLOAD_ERROR * (1 if number % 2 else -1)
         row_of = {}
         for kind, used in (('fixed', None), ('scheduled', schedule)):
-            one = moved(arm, used, ends, heavy, told, number)
+            one = moved(arm, used, ends, heavy, given, number)
             row_of[kind] = [one.settled, one.back, one.overshoot, float(one.followed)]
             if number == 0:
                 arrays |= {f'{kind}_t': one.t, f'{kind}_strain': one.strain,
@@ -222,14 +221,14 @@ def resting_at(arm: td.Arm, q: FloatArray) -> td.Arm:
 
 
 def rig_of(
-    arm: td.Arm, schedule: td.Schedule | None, q: FloatArray, payload: float, told: float,
+    arm: td.Arm, schedule: td.Schedule | None, q: FloatArray, payload: float, given: float,
     seed: int,
 ) -> td.Rig:
     """Let an arm rest at a pose, its gains following a schedule."""
     rig = td.Rig(resting_at(arm, q), rate=RATE, payload=payload, delay=DELAY - 1.0 / RATE,
                  seed=seed)
     if schedule is not None:
-        rig.follow(schedule, max(told, 0.0))
+        rig.follow(schedule, max(given, 0.0))
     rig.run(1.5)
     return rig
 
@@ -254,8 +253,8 @@ def tapped(
     window = max(round(RATE / second), 1)  # over a period of the second mode
     smooth = np.convolve(strain, np.full(window, 1.0 / window), 'same')
     top = int(np.argmax(np.abs(smooth[:int(0.6 * RATE / first)])))
-    behind = smooth[top:top + int(1.2 * RATE / first)] * np.sign(smooth[top])
-    decrement = math.log(float(behind[0]) / max(float(-behind.min()), 1e-3))
+    later = smooth[top:top + int(1.2 * RATE / first)] * np.sign(smooth[top])
+    decrement = math.log(float(later[0]) / max(float(-later.min()), 1e-3))
     return decrement / math.hypot(math.pi, decrement), strain
 
 
@@ -268,11 +267,11 @@ def _gauge(rig: td.Rig) -> int:
 class Moved:
     """What a move came to."""
 
-    # behind the end of the reference, until the strain is within 10 um/m of its final value, and
+    # after the end of the reference, until the strain is within 10 um/m of its final value, and
     # until the joints are within 0.2 deg of the target [s]
     settled: float
     back: float
-    overshoot: float  # largest distance of a joint from its target behind that end [deg]
+    overshoot: float  # largest distance of a joint from its target after that end [deg]
     followed: bool  # whether the arm was with its reference all the time
     t: FloatArray  # since that end [s]; strain [um/m]; first joint less its reference [deg]
     strain: FloatArray
@@ -281,10 +280,10 @@ class Moved:
 
 def moved(
     arm: td.Arm, schedule: td.Schedule | None, ends: tuple[FloatArray, FloatArray], payload: float,
-    told: float, seed: int,
+    given: float, seed: int,
 ) -> Moved:
     """Move from pose to pose."""
-    rig = rig_of(arm, schedule, ends[0], payload, told, seed)
+    rig = rig_of(arm, schedule, ends[0], payload, given, seed)
     assert rig.source is not None
     rig.source.go(ends[1])
     rig.step()
@@ -295,16 +294,16 @@ def moved(
     t = np.array(rig.trace.t) - over
     strain = rig.trace.array('strain')[:, _gauge(rig)]
     strain = np.convolve(strain, np.full(SMOOTHED, 1.0 / SMOOTHED), 'same')
-    behind = (t > 0.0) & (t < t[-1] - 2.0 * SMOOTHED / RATE)
-    final = strain[behind][-round(0.5 * RATE):].mean()
+    after = (t > 0.0) & (t < t[-1] - 2.0 * SMOOTHED / RATE)
+    final = strain[after][-round(0.5 * RATE):].mean()
     q, q_ref = rig.trace.array('q'), rig.trace.array('q_ref')
     away = np.abs(q - ends[1]).max(axis=1)
 
     def last(outside: FloatArray) -> float:
-        times = t[behind & outside]
+        times = t[after & outside]
         return float(times[-1]) if times.size else 0.0
     return Moved(last(np.abs(strain - final) > BAND), last(away > NEAR),
-                 float(np.degrees(away[behind].max())), rig.source.note == '', t, strain,
+                 float(np.degrees(away[after].max())), rig.source.note == '', t, strain,
                  np.degrees(q - q_ref)[:, 0])
 
 
@@ -312,7 +311,7 @@ def moved(
 class PickedUp:
     """What picking up in motion came to."""
 
-    swing: float  # from 4 to 5 s behind it: range of the strain [um/m] and largest command [deg/s]
+    swing: float  # from 4 to 5 s after it: range of the strain [um/m] and largest command [deg/s]
     command: float
     # whether the damper was not switched off for a swing; whether the arm was with its reference
     # all the time

@@ -32,7 +32,7 @@ STIFFNESS = (100.0, 500.0, 2000.0, 20000.0)
 """Of the floors [N/m]."""
 SEEDS = 3
 FIRST, SECOND = 2.0, 4.0
-"""Forces before and behind the step [N]."""
+"""Forces before and after the step [N]."""
 BAND = 0.05
 """Part of the step within which the force has settled."""
 SECONDS = 3.0
@@ -54,14 +54,14 @@ def section(setting: Setting) -> Section:
     kept = min(row['least'] for row in soft)
     calm = max(row['ripple'] for row in hard)
     return Section(
-        ('The tip presses on an elastic floor whose height and stiffness nobody has told. The '
+        ('The tip presses on an elastic floor whose height and stiffness nobody knows. The '
          'force comes from all gauges together, less what the weight of the arm does there; the '
          'tip moves by what is missing. Arm and floor are springs in series, so the same gains '
          'hold on all floors.',),
         (Floor('step of 2 N on 500 N/m: settled to 5 %', 'within 1 s', f'{settled:.2f} s',
                settled <= 1.0),
          Floor('the same: overshoot', 'below 20 %', f'{100.0 * over:.0f} %', over < 0.2),
-         Floor('the same: least force behind the step', 'contact is kept', f'{kept:.2f} N',
+         Floor('the same: least force after the step', 'contact is kept', f'{kept:.2f} N',
                kept > 0.0),
          Floor('same gains on 20 000 N/m: ripple of the held force', 'stable',
                f'{calm:.3f} N', calm < 0.1 and all(row['held'] for row in hard))),

@@ -30,14 +30,14 @@ from papers.outlook import Floor, Section, Setting
 import tudor_dynamics as td
 
 CLOSE, CLOSE_SOON, CLOSE_LATER = 0.005, 0.020, 0.010
-"""Errors of a mass that are asked for: of a recording, a second behind a change, later [kg]."""
+"""Errors of a mass that are asked for: of a recording, a second after a change, later [kg]."""
 ENDS = (0.0, 0.4)
 """Payloads that the model is fitted to [kg]."""
 BETWEEN = (0.1, 0.2, 0.3)
 EARLY = 0.2
 """Time before a load for which it is announced [s]."""
 SOON, LATER = 1.0, 5.0
-"""Times behind a change at which the mass is judged [s]."""
+"""Times after a change at which the mass is judged [s]."""
 LOADED, PUSHED = 5000, 6000
 """Seeds of the recordings: others than those that windows and limits were chosen on."""
 
@@ -69,10 +69,11 @@ def section(setting: Setting) -> Section:
         Floor('the same: 5 s later', 'within 10 g',
               f'median {1000 * np.median(later):.0f} g, {np.mean(later < CLOSE_LATER):.0%} within '
               '10 g', bool((later < CLOSE_LATER).all())),
-        Floor(f'{changes} unannounced: told as payload within 1 s', '96 %',
+        Floor(f'{changes} unannounced: reported as payload within 1 s', '96 %',
               f'{sudden["told"]} (and {sudden["corrections"]} corrections later)',
               bool(sudden['told'] >= 0.96 * changes)),
-        Floor(f'{followed["pushes"]} pushes, half of them held: told as payload', 'at most 2 %',
+        Floor(f'{followed["pushes"]} pushes, half of them held: reported as payload',
+              'at most 2 %',
               f'{followed["told"]}', bool(followed['told'] <= 0.02 * followed['pushes'])),
         Floor('the same: found, median latency', 'as without the estimator',
               f'{_pushes(followed)}; without {_pushes(free)}',
@@ -81,8 +82,8 @@ def section(setting: Setting) -> Section:
         ('A model of two payloads knows what each further kilogram does to every output. Offline '
          'the mass is what explains, by least squares, what the model without payload leaves '
          'over; online a Kalman filter does so sample by sample, by where links are that bend, '
-         'which their strain tells. The instant at which a load comes is sought, and it is told '
-         'from a touch by how little it leaves unexplained.',), floors,
+         'which their strain shows. The instant at which a load comes is sought, and a load '
+         'differs from a touch by how little it leaves unexplained.',), floors,
         (Picture('payload_offline', 'Payload', 'Masses of recordings',
                  'Each recording by itself, with two standard deviations; the model has seen 0 '
                  'and 400 g.', lambda: _draw_offline(true, mass, std)),
@@ -193,7 +194,7 @@ def picked_up(setting: Setting, models: td.ModelBundle, *, announced: bool) -> d
     paths = _recorded(setting, 'bags_payload_loads', [
         td.StimulusSpec(0.0, size.seconds, 100.0, 1.0, 'aprbs', *seed, loads=loads)
         for seed, loads in zip(seeds, changes, strict=True)])
-    errors, told, events, corrections = [], 0, 0, 0
+    errors, reported, events, corrections = [], 0, 0, 0
     for path, loads in zip(paths, changes, strict=True):
         seen = td.follow_load(models, td.read_recording(path, models.arm), 0.0, announced=[
             change.time - EARLY for change in loads] if announced else ())
@@ -201,12 +202,12 @@ def picked_up(setting: Setting, models: td.ModelBundle, *, announced: bool) -> d
             at = np.searchsorted(seen.t, [change.time + SOON, change.time + LATER])
             errors.append([float(seen.mass[min(i, len(seen.mass) - 1)] - change.mass)
                            for i in at])
-            told += any(change.time <= t <= change.time + SOON for t in seen.times)
+            reported += any(change.time <= t <= change.time + SOON for t in seen.times)
             events += any(change.time - EARLY <= t <= change.time + SOON for t in seen.events)
         corrections += sum(not any(c.time <= t <= c.time + SOON for c in loads)
                            for t in seen.times)
     masses = np.array([0.0, *(change.mass for change in loads)])
-    return {'errors': errors, 'told': told, 'events': events, 'corrections': corrections,
+    return {'errors': errors, 'told': reported, 'events': events, 'corrections': corrections,
             't': seen.t[::10].tolist(), 'mass': seen.mass[::10].tolist(),
             'true': masses[np.searchsorted([change.time for change in loads], seen.t[::10],
                                            'right')].tolist()}
@@ -223,7 +224,7 @@ def pushed(setting: Setting, models: td.ModelBundle, *, estimate: bool) -> dict[
     paths = _recorded(setting, 'bags_payload_pushes', [
         td.StimulusSpec(mass, size.seconds, 100.0, 1.0, 'aprbs', *seed, size.each, held=True)
         for mass, seed in zip(known, seeds, strict=True)])
-    total = found = told = 0
+    total = found = reported = 0
     latency = []
     for path, mass, seed in zip(paths, known, seeds, strict=True):
         pushes = td.random_pushes(arm, mechanism, size.each, size.seconds, seed[2], held=True)
@@ -235,6 +236,6 @@ def pushed(setting: Setting, models: td.ModelBundle, *, estimate: bool) -> dict[
             hits = [t - push.time for t in seen.events if push.time <= t <= end + 0.5]
             found += bool(hits)
             latency += hits[:1]
-            told += any(push.time <= t <= end + 0.7 for t in seen.times)
-    return {'pushes': total, 'found': found, 'told': told,
+            reported += any(push.time <= t <= end + 0.7 for t in seen.times)
+    return {'pushes': total, 'found': found, 'told': reported,
             'latency': float(np.median(latency)) if latency else None}

@@ -32,8 +32,8 @@ import tudor_dynamics as td
 
 KINDS = {'none': 'not shaped', 'fixed': 'ZV, one frequency', 'zv': 'ZV by payload',
          'zvd': 'ZVD by payload', 'elastic': 'elastic', 'refined': 'elastic, refined'}
-BEFORE, BEHIND = 0.3, 0.02
-"""Rest before a move, and how long behind its end swings count first [s]."""
+BEFORE, AFTER = 0.3, 0.02
+"""Rest before a move, and how long after its end swings count first [s]."""
 SMOOTHED = 0.01
 """Time that readings are averaged over against noise [s]."""
 LOUD = 20.0
@@ -75,7 +75,7 @@ def section(setting: Setting) -> Section:
               across['elastic_tight'] <= 1.0 - WANTED))
     text = (
         'Moves of the arm without damper, with all its imperfections; what is left is half the '
-        'range of the strain of link 2 over the first period behind the move, added up over the '
+        'range of the strain of link 2 over the first period after the move, added up over the '
         'moves. The payload is known, the modes are those of an elastic model that was identified '
         'from one recording of 0 g and one of 400 g.',
         'Where the load of a gear changes its sign on the way, the link falls through the play of '
@@ -83,7 +83,7 @@ def section(setting: Setting) -> Section:
         'counted for themselves, refined by the simulated model with its play, and once more '
         'without play.')
     return Section(text, floors, (
-        Picture('shaping_left', 'Shaped references', 'What is left behind a move',
+        Picture('shaping_left', 'Shaped references', 'What is left after a move',
                 'One mark a move: residual strain without shaping and with it. Left: loads keep '
                 'their sign. Right: moves anywhere.', lambda: _draw_left(content)),
         Picture('shaping_move', 'Shaped references', 'One move with 400 g',
@@ -164,14 +164,14 @@ def draw_ends(
 def reference(
     arm: td.Arm, shaping: td.Shaping, ends: tuple[FloatArray, FloatArray], period: float,
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Give a shaped move with rest before and behind it, and its length [s]."""
+    """Give a shaped move with rest before and after it, and its length [s]."""
     assert arm.spec.damper is not None
     dt = 1.0 / arm.spec.damper.rate
     planner = td.ShapedPlanner(td.motion_limits(arm), ends[0], shaping)
     planner.go(ends[1])
     length = planner.remaining
     begin = round(BEFORE / dt)
-    steps = begin + math.ceil((length + BEHIND + 1.2 * period) / dt)
+    steps = begin + math.ceil((length + AFTER + 1.2 * period) / dt)
     q, dq = np.tile(ends[0], (steps, 1)), np.zeros((steps, len(ends[0])))
     for k in range(begin, steps):
         planner.step(dt)
@@ -189,8 +189,8 @@ def run(
     seen = loop.run(q, dq)
     t, window = seen.t - BEFORE, round(SMOOTHED / loop.dt)
     strain = np.convolve(seen.strain[:, 0], np.full(window, 1.0 / window), 'same')
-    behind = (t > length + BEHIND) & (t < length + BEHIND + period)
-    return t, strain, float(0.5 * np.ptp(strain[behind]))
+    after = (t > length + AFTER) & (t < length + AFTER + period)
+    return t, strain, float(0.5 * np.ptp(strain[after]))
 
 
 def _draw_left(content: dict[str, Any]) -> Figure:

@@ -159,7 +159,7 @@ class Shared:
 class Table1:
     """The whole table."""
 
-    split: str  # how training and test were told apart
+    split: str  # how training and test were split
     blocks: tuple[TableBlock, ...]  # strain, then current
     shared: tuple[Shared, ...]  # one model for all payloads beside separate ones
     trained_at: tuple[float, float]  # payloads that the one model was fitted to [kg]
@@ -266,7 +266,7 @@ class Grid:
         return EMPTY
 
     def pieces(self, width: int, gap: int = 2) -> list[list[int]]:
-        """Share the groups behind the first one out on tables that are not too wide."""
+        """Share the groups after the first one out on tables that are not too wide."""
         def taken(columns: Iterable[int]) -> int:
             return sum(gap + max(map(len, (
                 self.over(column), self.heads[column], *(row[column] for row in self.rows))))
@@ -303,7 +303,7 @@ def _cells(cell: Cell, digits: int, *, with_paper: bool) -> tuple[str, ...]:
 
 
 def block_grid(block: TableBlock) -> Grid:
-    """Lay one output out: a row for payload and part, the paper's columns behind ours."""
+    """Lay one output out: a row for payload and part, the paper's columns after ours."""
     digits = 1 if block.output == 'strain' else 3
     groups: list[tuple[str, int]] = [(EMPTY, 2)]
     heads = ['', 'payload']
