@@ -48,7 +48,7 @@ import numpy as np  # noqa: E402
 from tudor_dynamics.cli.console import add_running  # noqa: E402
 from tudor_dynamics.errors import TudorWarning  # noqa: E402
 from tudor_dynamics.identification.doctor.between import examine_bags  # noqa: E402
-from tudor_dynamics.identification.doctor.findings import KINDS  # noqa: E402
+from tudor_dynamics.identification.doctor.findings import CHECKS  # noqa: E402
 from tudor_dynamics.parallel import in_processes, on_cluster  # noqa: E402
 
 NOTHING = 'nothing'
@@ -201,7 +201,7 @@ def summary(found):
     content = {}
     for name, parts in (('developed on', [False]), ('proof', [True]), ('all', [False, True])):
         rows = {}
-        for kind in KINDS:
+        for kind in CHECKS:
             some = [found.rows[part][kind] for part in parts if kind in found.rows[part]]
             if some:
                 row = sum(some[1:], some[0])
@@ -216,7 +216,7 @@ def summary(found):
                for what in ('named', 'placed', 'sized')},
             'clean': clean['bags'], 'clean_with_findings': clean['with findings'],
             'false': false,
-            'false_rate': len(false) / max(1, clean['bags'] * len(KINDS))}
+            'false_rate': len(false) / max(1, clean['bags'] * len(CHECKS))}
     content['seconds_a_bag'] = {'median': float(np.median(found.seconds)),
                                 'largest': float(np.max(found.seconds))}
     return content
@@ -254,7 +254,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('--own', action='store_true', help='bags of the repository only')
     parser.add_argument('--bags', nargs='+', metavar='NAME', help='these bags only')
-    parser.add_argument('--only', choices=tuple(KINDS), help='one row of the table')
+    parser.add_argument('--only', choices=tuple(CHECKS), help='one row of the table')
     parser.add_argument('--seed', type=int, default=0)
     parser.add_argument('--missed', action='store_true', help='say what was missed')
     parser.add_argument('--json', action='store_true')

@@ -24,7 +24,7 @@ import sys
 
 import pytest
 
-from tudor_dynamics.identification.doctor.findings import KINDS
+from tudor_dynamics.identification.doctor.findings import CHECKS
 
 
 def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -47,7 +47,7 @@ def test_injected_faults(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for found in tables:
         assert found[1] == rule
         kinds = [line.split('`')[1] for line in found[2:]]
-        assert kinds == [kind for kind in KINDS if kind in kinds]
+        assert kinds == [kind for kind in CHECKS if kind in kinds]
         assert {line.split('`')[1] for line in lines} <= set(kinds)
         for line in found[2:]:
             put_in, named, placed, sized = (int(cell) for cell in line.split('|')[2:6])

@@ -26,7 +26,7 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut
-from tudor_dynamics.identification.doctor.structure import with_couplings
+from tudor_dynamics.identification.doctor.alternatives import with_couplings
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = Path(os.environ.get('TUDOR_SHARED_DATA', ROOT.parent / 'shared' / 'data'))

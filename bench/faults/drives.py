@@ -21,8 +21,8 @@ from faults.signals import moving, put
 import numpy as np
 
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
+from tudor_dynamics.identification.doctor.alternatives import with_couplings
 from tudor_dynamics.identification.doctor.examine import examine
-from tudor_dynamics.identification.doctor.structure import with_couplings
 from tudor_dynamics.signals.filters import zero_phase
 
 

@@ -27,8 +27,8 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.doctor.alternatives import with_couplings
 from tudor_dynamics.identification.doctor.examine import examine
-from tudor_dynamics.identification.doctor.structure import with_couplings
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -25,9 +25,10 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification.dataset import BagData, model_for
+from tudor_dynamics.identification.doctor import settings
 from tudor_dynamics.identification.doctor.case import Case
-from tudor_dynamics.identification.doctor.examine import examine, Examined, EXPLAINED, load_of
-from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.examine import examine, Examined, load_of
+from tudor_dynamics.identification.doctor.findings import CHECKS, Finding, found
 from tudor_dynamics.identification.loads import payload_of
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.load.rows import LoadRows
@@ -35,22 +36,11 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Bags beside each other: units, signs and loads in which one differs from the others
-
-ALIKE = 0.5
-"""Share of an output that a model of another bag has to explain before the two are compared."""
-OTHER_UNIT = 3.0
-"""Factors beyond are those of units."""
-THOUSAND = 100.0
-"""Factors beyond are those between a unit and its thousandth."""
-LEAST_PAYLOAD = 0.02
-"""Payloads that differ by less are not told apart [kg]."""
-OFF = 0.3
-"""Part of the largest payload by which a stated one may be off."""
+SLOPE = 'slope of the measured over the expected output'
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class KnownBag:
     """A bag for the comparison."""
 
     name: str  # name of the bag
@@ -73,7 +63,7 @@ class Pair:
     error: float  # relative error of the prediction
 
 
-def compare(bags: Sequence[Seen]) -> list[Finding]:
+def compare(bags: Sequence[KnownBag]) -> list[Finding]:
     """Find the bag that differs from the others."""
     findings: list[Finding] = []
     if len(bags) < 2:
@@ -108,7 +98,7 @@ def pair(one: Case, other: Case, output: str) -> Pair:
                                                        parameters[i]))
         for i in range(measured.shape[1])])
     whole = _slope(measured - measured.mean(axis=0), with_friction - with_friction.mean(axis=0))
-    slope, share = (np.where(share > ALIKE, few, all_of_it)
+    slope, share = (np.where(share > settings.COMPARABLE, few, all_of_it)
                     for few, all_of_it in zip((slope, share), whole, strict=True))
     total = np.sum(free ** 2, axis=0)
     left = free - expected
@@ -136,16 +126,16 @@ def _slope(measured: FloatArray, expected: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _scales(
-    bags: Sequence[Seen], pairs: dict[tuple[int, int], Pair], output: str,
+    bags: Sequence[KnownBag], pairs: dict[tuple[int, int], Pair], output: str,
 ) -> list[Finding]:
     """Find channels of one bag that are scaled or turned against all others."""
     n = len(bags)
     names = bags[0].case.bodies[output].channels
-    found: dict[tuple[int, str], list[tuple[str, float]]] = {}
+    scaled: dict[tuple[int, str], list[tuple[str, float]]] = {}
     for channel, name in enumerate(names):
         slopes = np.full((n, n), np.nan)
         for (i, j), item in pairs.items():
-            if item.share[channel] > ALIKE:
+            if item.share[channel] > settings.COMPARABLE:
                 slopes[i, j] = item.slope[channel]
         for j in range(n):
             others = slopes[[i for i in range(n) if i != j], j]
@@ -161,60 +151,61 @@ def _scales(
             if n == 2 and not _is_the_odd_one(ratio, j):
                 continue
             size = abs(ratio)
-            kind = 'unit' if not 1.0 / OTHER_UNIT < size < OTHER_UNIT else 'sign'
+            kind = 'unit' if not 1.0 / settings.OTHER_UNIT < size < settings.OTHER_UNIT else 'sign'
             rounded = next((exact for exact in (1e3, 1e-3) if 0.5 < size / exact < 2.0), 0.0)
-            found.setdefault((j, kind), []).append((name, rounded or ratio))
-    return [_scale_told(bags, j, kind, float(np.median([size for _, size in channels])),
-                        tuple(name for name, _ in channels), output)
-            for (j, kind), channels in found.items()]
+            scaled.setdefault((j, kind), []).append((name, rounded or ratio))
+    return [_other_scale(bags, j, kind, float(np.median([size for _, size in channels])),
+                         tuple(name for name, _ in channels), output)
+            for (j, kind), channels in scaled.items()]
 
 
 def _odd(slope: float) -> bool:
-    return slope < 0.0 or not 1.0 / OTHER_UNIT < slope < OTHER_UNIT
+    return slope < 0.0 or not 1.0 / settings.OTHER_UNIT < slope < settings.OTHER_UNIT
 
 
 def _is_the_odd_one(ratio: float, j: int) -> bool:
     """Say which of two bags is taken for the odd one; nobody knows for a sign."""
     size = abs(ratio)
-    if size > THOUSAND:
+    if size > settings.THOUSANDTH_OF_BAGS:
         return True  # thousandths of a unit are large numbers
-    if size < 1.0 / THOUSAND:
+    if size < 1.0 / settings.THOUSANDTH_OF_BAGS:
         return False
-    if size > OTHER_UNIT:
+    if size > settings.OTHER_UNIT:
         return False
-    if size < 1.0 / OTHER_UNIT:
+    if size < 1.0 / settings.OTHER_UNIT:
         return True  # currents are smaller than torques
     return j == 1
 
 
-def _scale_told(
-    bags: Sequence[Seen], j: int, kind: str, size: float, channels: tuple[str, ...], output: str,
+def _other_scale(
+    bags: Sequence[KnownBag], j: int, kind: str, size: float, channels: tuple[str, ...],
+    output: str,
 ) -> Finding:
     other = bags[0 if j else 1].name
-    what = 'effort of' if output == 'effort' else 'gauge'
+    what = f'{"effort of" if output == "effort" else "gauge"} {", ".join(channels)}'
     if kind == 'sign':
-        return Finding(
-            'effort_sign' if output == 'effort' else 'gauge_sign',
-            f'{what} {", ".join(channels)} has the opposite sign of that in {other}',
-            'find out which of them is right, and turn the other', bags[j].name, channels, None,
-            -1.0, '', 'slope of the measured over the expected output', -1.0, 1.0)
-    return Finding(
-        'effort_unit', f'{what} {", ".join(channels)} is {size:.3g} times that in {other}: '
-        'another unit', 'bring the bags to one unit, that of the description', bags[j].name,
-        channels, None, size, '', 'slope of the measured over the expected output', size, 1.0)
+        return found(
+            f'{"effort" if output == "effort" else "gauge"}_sign',
+            f'{what} has the opposite sign of that in {other}', bags[j].name, channels, size=-1.0,
+            now=-1.0, otherwise=1.0, measure=SLOPE, remedy=CHECKS['gauge_sign'].remedy)
+    return found(
+        'effort_unit', f'{what} is {size:.3g} times that in {other}: another unit', bags[j].name,
+        channels, size=size, now=size, otherwise=1.0, measure=SLOPE,
+        remedy='bring the bags to one unit, that of the description')
 
 
-def _loads(bags: Sequence[Seen], pairs: dict[tuple[int, int], Pair]) -> list[Finding]:
+def _loads(bags: Sequence[KnownBag], pairs: dict[tuple[int, int], Pair]) -> list[Finding]:
     """Find the bag whose load is not that which it states."""
     n = len(bags)
-    differ = {key: item.carried < EXPLAINED and item.error > 0.15 for key, item in pairs.items()}
+    differ = {key: item.carried < settings.LOAD_SHARE and item.error > settings.DIFFERENT
+              for key, item in pairs.items()}
     best = max(pairs, key=lambda key: pairs[key].error)
     channel = int(np.argmax(np.abs(pairs[best].load) * np.sqrt(pairs[best].share)))
     change = {key: float(item.load[channel]) if differ[key] else 0.0
               for key, item in pairs.items()}
     stated = [bag.payload for bag in bags]
     if any(payload is None for payload in stated):
-        return _unlike(bags, differ, change)
+        return _heavier(bags, differ, change)
     masses = np.array(stated, dtype=float)
     suspects = []
     for j in range(n):
@@ -222,103 +213,92 @@ def _loads(bags: Sequence[Seen], pairs: dict[tuple[int, int], Pair]) -> list[Fin
         steps = np.array([masses[b] - masses[a] for a, b in rest])
         seen = np.array([change[key] for key in rest])
         own = [(a, j) for a in range(n) if a != j]
-        if len(rest) and np.ptp(steps) > LEAST_PAYLOAD:
+        if len(rest) and np.ptp(steps) > settings.LEAST_PAYLOAD:
             unit = float(steps @ seen) / float(steps @ steps)
             if unit == 0.0:
                 continue
             error = float(np.max(np.abs(seen / unit - steps)))
-            told = float(np.median([masses[a] + change[a, j] / unit for a, _ in own]))
-            if error < OFF * float(np.ptp(steps)) / 2.0:
-                suspects.append((abs(told - masses[j]), j, told))
+            mass = float(np.median([masses[a] + change[a, j] / unit for a, _ in own]))
+            if error < settings.PAYLOAD_OFF * float(np.ptp(steps)) / 2.0:
+                suspects.append((abs(mass - masses[j]), j, mass))
         elif (n > 2 and not any(differ[key] for key in rest)
                 and all(differ[key] for key in own)
-                and all(abs(masses[a] - masses[j]) < LEAST_PAYLOAD for a, _ in own)):
+                and all(abs(masses[a] - masses[j]) < settings.LEAST_PAYLOAD for a, _ in own)):
             suspects.append((np.inf, j, np.nan))
     if not suspects:
-        return _unlike(bags, differ, change) if n == 2 and (
-            abs(masses[0] - masses[1]) < LEAST_PAYLOAD) else []
+        return _heavier(bags, differ, change) if n == 2 and (
+            abs(masses[0] - masses[1]) < settings.LEAST_PAYLOAD) else []
     most = max(off for off, *_ in suspects)
     chosen = [item for item in suspects if item[0] > 0.8 * most or item[0] == most]
     j = chosen[0][1]
-    scale = max(float(np.ptp(np.delete(masses, j))), LEAST_PAYLOAD)
-    if most < OFF * scale:
+    scale = max(float(np.ptp(np.delete(masses, j))), settings.LEAST_PAYLOAD)
+    if most < settings.PAYLOAD_OFF * scale:
         return []
-    return [_payload_told(bags, masses, chosen)]
+    return [_wrong_payload(bags, masses, chosen)]
 
 
-def _payload_told(
-    bags: Sequence[Seen], masses: FloatArray, chosen: Sequence[tuple[float, int, float]],
+def _wrong_payload(
+    bags: Sequence[KnownBag], masses: FloatArray, chosen: Sequence[tuple[float, int, float]],
 ) -> Finding:
-    remedy = 'correct it with --payload-of BAG=KG, or in the metadata of the bag'
-    _, j, told = chosen[0]
+    _, j, mass = chosen[0]
     if len(chosen) > 1:
         names = ', '.join(bags[k].name for _, k, _ in chosen)
         shown = ' and '.join(f'{masses[k]:g}' for _, k, _ in chosen)
-        return Finding(
-            'payload_wrong', f'the payloads of {shown} kg do not go together: one of them is '
-            'wrong', remedy, names)
-    if not np.isfinite(told):
-        return Finding(
-            'payload_wrong', f'the payload of {masses[j]:g} kg is not what the others show: it '
-            'carries another load', remedy, bags[j].name)
-    return Finding(
-        'payload_wrong', f'the payload of {masses[j]:g} kg is not what the others show: it '
-        f'carries about {max(told, 0.0):.2g} kg', remedy, bags[j].name, (), None,
-        max(told, 0.0), 'kg', 'payload [kg]', float(masses[j]), max(told, 0.0))
+        return found('payload_wrong', f'the payloads of {shown} kg do not go together: one of '
+                     'them is wrong', names)
+    what = f'the payload of {masses[j]:g} kg is not what the others show: it carries'
+    if not np.isfinite(mass):
+        return found('payload_wrong', f'{what} another load', bags[j].name)
+    mass = max(mass, 0.0)
+    return found('payload_wrong', f'{what} about {mass:.2g} kg', bags[j].name, size=mass,
+                 now=float(masses[j]), otherwise=mass)
 
 
-def _unlike(
-    bags: Sequence[Seen], differ: dict[tuple[int, int], bool],
+def _heavier(
+    bags: Sequence[KnownBag], differ: dict[tuple[int, int], bool],
     change: dict[tuple[int, int], float],
 ) -> list[Finding]:
-    for (i, j), unlike in differ.items():
-        if unlike and differ[j, i]:
+    for (i, j), differs in differ.items():
+        if differs and differ[j, i]:
             heavy, light = (j, i) if change[i, j] > 0.0 else (i, j)
-            return [Finding(
+            return [found(
                 'load_unknown', f'{bags[heavy].name} carries more than {bags[light].name}',
-                'say how much with --payload-of BAG=KG, or fit them apart', bags[heavy].name)]
+                bags[heavy].name,
+                remedy='say how much with --payload-of BAG=KG, or fit them apart')]
     return []
-
-
-# -- The doctor looks at all bags of a fit, each alone and then beside the others
-
-OF_ONE_BAG = ('standstill', 'outlier', 'held', 'dying', 'saturated', 'drift', 'clock_set_back')
-"""What happened while one bag was recorded, and is not told of several at once."""
-SAME_SHARE = 0.9
-"""Part of the samples that two recordings have in common where they are one."""
 
 
 def examine_bags(arm: Arm, bags: Sequence[BagData]) -> tuple[Finding, ...]:
     """Look at the bags of a fit or of an evaluation."""
-    found = [examine_bag(arm, bag) for bag in bags]
-    known = merged([item.findings for item in found])
+    examined = [examine_bag(arm, bag) for bag in bags]
+    known = merged([item.findings for item in examined])
     # bags that are known to be wrong are no measure for the others
-    sound = [Seen(str(bag.choice), item.case, bag.payload)
-             for bag, item in zip(bags, found, strict=True)
+    sound = [KnownBag(str(bag.choice), item.case, bag.payload)
+             for bag, item in zip(bags, examined, strict=True)
              if item.case is not None and (item.chosen is None or not item.chosen.kind)]
-    told = {(item.kind, item.bag) for item in known}
-    more = [item for item in compare(sound) if (item.kind, item.bag) not in told]
+    reported = {(item.kind, item.bag) for item in known}
+    more = [item for item in compare(sound) if (item.kind, item.bag) not in reported]
     return tuple(more + known + copies(bags))
 
 
 def examine_bag(arm: Arm, bag: BagData) -> Examined:
     """Look at one bag, under the name by which it was chosen."""
-    found = examine(arm, bag.recording, bag.timing)
+    examined = examine(arm, bag.recording, bag.timing)
     named = tuple(replace(item, bag=str(bag.choice)) if item.bag else item
-                  for item in found.findings)
-    return replace(found, findings=named)
+                  for item in examined.findings)
+    return replace(examined, findings=named)
 
 
 def merged(findings: Sequence[Sequence[Finding]]) -> list[Finding]:
-    """Tell once what several bags show alike."""
+    """Report once what several bags show alike."""
     groups: dict[tuple[str, tuple[str, ...], str], list[Finding]] = {}
     for i, of_bag in enumerate(findings):
         for item in of_bag:
-            alone = f'{i}' if item.kind in OF_ONE_BAG else ''
+            alone = f'{i}' if CHECKS[item.kind].one_bag else ''
             groups.setdefault((item.kind, item.channels, alone), []).append(item)
-    told = [replace(group[0], bag=', '.join(dict.fromkeys(item.bag for item in group)))
+    once = [replace(group[0], bag=', '.join(dict.fromkeys(item.bag for item in group)))
             for group in groups.values()]
-    return sorted(told, key=lambda item: -len(item.bag.split(', ')))
+    return sorted(once, key=lambda item: -len(item.bag.split(', ')))
 
 
 def copies(bags: Sequence[BagData]) -> list[Finding]:
@@ -327,11 +307,10 @@ def copies(bags: Sequence[BagData]) -> list[Finding]:
     for i, one in enumerate(bags):
         for other in bags[i + 1:]:
             share = _in_common(one, other)
-            if share > SAME_SHARE:
-                findings.append(Finding(
+            if share > settings.SAME_SHARE:
+                findings.append(found(
                     'same_recording', f'{one.choice} and {other.choice} hold the same samples',
-                    'give another recording: a copy is no test of what was learned from it',
-                    str(other.choice), (), None, share, '', 'share of samples in common', share))
+                    str(other.choice), size=share, now=share))
     return findings
 
 
@@ -345,8 +324,6 @@ def _in_common(one: BagData, other: BagData) -> float:
     known = {row.tobytes() for row in np.ascontiguousarray(b)}
     return float(np.mean([row.tobytes() in known for row in np.ascontiguousarray(rows)]))
 
-
-# -- The doctor looks at bags beside a model: does it know all that the arm carries
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
@@ -373,16 +350,16 @@ def examine_evaluation(bundle: ModelBundle, data: Sequence[BagData]) -> Evaluate
                     known[output] = model_for(model, bag)
                 except TudorError:
                     continue  # its payload is not known, which is said elsewhere
-        found = load_of(examined.case, {output: model.predict(examined.case.motion)
-                                        for output, model in known.items()}, str(bag.choice))
-        if found is not None:
-            told = loads[str(bag.choice)] = payload_of(bundle, [bag], 'analytical')
-            findings[-1].insert(0, _measured(found, told))
+        finding = load_of(examined.case, {output: model.predict(examined.case.motion)
+                                          for output, model in known.items()}, str(bag.choice))
+        if finding is not None:
+            load = loads[str(bag.choice)] = payload_of(bundle, [bag], 'analytical')
+            findings[-1].insert(0, _measured(finding, load))
     return Evaluated(tuple(merged(findings)), loads)
 
 
-def _measured(finding: Finding, told: PayloadEstimate) -> Finding:
+def _measured(finding: Finding, load: PayloadEstimate) -> Finding:
     """Say of a load what is known of it: how much, and as surely as that is known."""
-    size = None if math.isnan(told.mass) else told.mass - told.known
-    return replace(finding, what=f'{finding.what}; {told.sentence}', size=size,
+    size = None if math.isnan(load.mass) else load.mass - load.known
+    return replace(finding, what=f'{finding.what}; {load.sentence}', size=size,
                    unit='' if size is None else 'kg')

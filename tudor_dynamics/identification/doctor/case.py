@@ -26,24 +26,12 @@ import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.doctor import settings
+from tudor_dynamics.identification.doctor.settings import FLOOR
 from tudor_dynamics.models.friction import Coupling
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.filters import zero_phase
 from tudor_dynamics.typing import FloatArray, IndexArray
-
-
-# -- A recording thinned for the doctor: smooth, the same for motion and outputs, few samples
-
-CUTOFF = 8.0
-"""Both sides pass a zero-phase Butterworth filter of this corner frequency [Hz]."""
-LEAST_SECONDS = 3.0
-"""Shorter stretches tell nothing [s]."""
-MARGIN = 0.25
-"""Left out at both ends of each stretch: edges of the filter, and room for lags [s]."""
-MOST = 600
-"""Samples kept of a bag."""
-STEP = 0.03
-"""No two samples kept are nearer [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +45,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Thinned:
+class Decimated:
     """What the doctor compares: motion and outputs of the same bandwidth."""
 
     t: FloatArray  # time since the start of the recording, (n,) [s]
@@ -88,17 +76,17 @@ class Thinned:
         return np.vstack(found)
 
 
-def thin(recording: Recording) -> Thinned | None:
-    """Thin a recording; returns None where no stretch is long enough."""
+def decimate(recording: Recording) -> Decimated | None:
+    """Decimate a recording after smoothing; returns None where no stretch is long enough."""
     t_all = recording.t
     chosen = [part for part in recording.segments
-              if t_all[part.stop - 1] - t_all[part.start] >= LEAST_SECONDS
+              if t_all[part.stop - 1] - t_all[part.start] >= settings.LEAST_SECONDS
               and part.stop - part.start >= 64]
     if not chosen:
         return None
     seconds = sum(float(t_all[part.stop - 1] - t_all[part.start]) for part in chosen)
-    wanted = max(STEP, seconds / MOST)
-    cutoff = min(CUTOFF, 0.2 / recording.dt)
+    wanted = max(settings.LEAST_STEP, seconds / settings.MOST_SAMPLES)
+    cutoff = min(settings.CUTOFF, 0.2 / recording.dt)
     n_joints = recording.q.shape[1]
     parts, motions, times = [], [], []
     for part in chosen:
@@ -110,7 +98,7 @@ def thin(recording: Recording) -> Thinned | None:
                 columns[name] = values[part]
         states = zero_phase(t, np.hstack(list(columns.values())), cutoff)
         factor = max(1, int(wanted / ((t[-1] - t[0]) / (len(t) - 1))))
-        begin, end = np.searchsorted(t, [t[0] + MARGIN, t[-1] - MARGIN])
+        begin, end = np.searchsorted(t, [t[0] + settings.MARGIN, t[-1] - settings.MARGIN])
         keep = np.arange(int(begin), int(end), factor)
         motions.append(np.hstack([x[keep, :n_joints] for x in (states.q, states.dq, states.ddq)]))
         times.append(t[keep])
@@ -119,10 +107,8 @@ def thin(recording: Recording) -> Thinned | None:
             outputs[name] = states.q[:, first:first + values.shape[1]]
             first += values.shape[1]
         parts.append(Part(t, keep, outputs))
-    return Thinned(np.concatenate(times), np.vstack(motions), tuple(parts))
+    return Decimated(np.concatenate(times), np.vstack(motions), tuple(parts))
 
-
-# -- Rows of the rigid bodies for any gravity, and what each channel has to itself
 
 class BodyRows:
     """Rows of an output, linear in the parameters of the bodies and in gravity."""
@@ -196,17 +182,6 @@ class BodyRows:
             terms[k] for k in np.flatnonzero(reach[i]) if k != i)]) for i in range(n)]
 
 
-# -- How much of the outputs some rows explain: least squares from small products
-
-SMALLEST = 1e-9
-"""Directions of the scaled Gram matrix below this part of the largest are left out."""
-FORETELLING = 1e-5
-"""The same where samples are foretold that were not learned from."""
-FLOOR = 1e-6
-"""No output is taken to be explained better than to this part of its variance."""
-PASSES = 2
-
-
 class Explained:
     """
     Rows, freed of what each channel has to itself, ready for many candidates of the outputs.
@@ -232,7 +207,7 @@ class Explained:
         return np.asarray(values - basis @ (basis.T @ values))
 
     def residuals(self, outputs: FloatArray) -> FloatArray:
-        """Give what is left of each channel: outputs (n, channels); returns (n, channels)."""
+        """Give the residual of each channel: outputs (n, channels); returns (n, channels)."""
         return np.column_stack([
             self.freed(i, outputs[:, i]) - self._rows[i] @ x
             for i, x in enumerate(self.parameters(outputs))])
@@ -247,24 +222,24 @@ class Explained:
         for group in self.groups:
             free = [self.freed(i, outputs[:, i]) for i in group]
             sizes = np.array([float(np.std(outputs[:, i])) for i in group])
-            told = sizes > 0.0  # what never changes has no say
-            safe = np.where(told, sizes, 1.0)
-            weights = told / safe
-            for _ in range(PASSES if len(group) > 1 else 1):
+            varies = sizes > 0.0  # what never changes has no say
+            safe = np.where(varies, sizes, 1.0)
+            weights = varies / safe
+            for _ in range(settings.PASSES if len(group) > 1 else 1):
                 gram = sum(w ** 2 * self._grams[i] for w, i in zip(weights, group, strict=True))
                 right = sum(w ** 2 * (self._rows[i].T @ y)
                             for w, i, y in zip(weights, group, free, strict=True))
                 parameters = _solve(np.asarray(gram), np.asarray(right))
-                left = [y - self._rows[i] @ parameters
-                        for i, y in zip(group, free, strict=True)]
-                spread = np.array([np.sqrt(np.mean(x ** 2)) for x in left])
-                weights = told / np.maximum(spread, 0.03 * safe)
+                residual = [y - self._rows[i] @ parameters
+                            for i, y in zip(group, free, strict=True)]
+                spread = np.array([np.sqrt(np.mean(x ** 2)) for x in residual])
+                weights = varies / np.maximum(spread, 0.03 * safe)
             found[list(group)] = parameters
         return found
 
     def shares(self, outputs: FloatArray) -> FloatArray:
         """
-        Give the part of each channel's variance that is left.
+        Give the share of each channel's variance that remains.
 
         outputs (n, channels); returns (channels,).
         """
@@ -272,14 +247,14 @@ class Explained:
 
     def alone(self, channel: int, candidates: FloatArray) -> FloatArray:
         """
-        Give the part of each candidate's variance that one channel's rows leave.
+        Give the share of each candidate's variance that remains after one channel's rows.
 
         candidates (n, candidates); returns (candidates,).
         """
         basis, rows = self._own[channel], self._rows[channel]
         free = candidates - basis @ (basis.T @ candidates)
-        left = free - rows @ _solve(self._grams[channel], rows.T @ free)
-        return share_of(left, candidates)
+        residual = free - rows @ _solve(self._grams[channel], rows.T @ free)
+        return share_of(residual, candidates)
 
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
         """Free values of all that one channel's rows can explain: values (n,); returns (n,)."""
@@ -292,8 +267,8 @@ class Explained:
 
         values (n,), parameters (columns,); returns (own,).
         """
-        own, left = self._plain[channel], values - self._bodies[channel] @ parameters
-        return _solve(own.T @ own, own.T @ left)
+        own, residual = self._plain[channel], values - self._bodies[channel] @ parameters
+        return _solve(own.T @ own, own.T @ residual)
 
     def whole(self, channel: int, parameters: FloatArray, own: FloatArray) -> FloatArray:
         """
@@ -303,17 +278,18 @@ class Explained:
         """
         return np.asarray(self._bodies[channel] @ parameters + self._plain[channel] @ own)
 
-    def foretold(
+    def predicted(
         self, channel: int, values: FloatArray, known: NDArray[np.bool_],
     ) -> FloatArray:
         """
-        Learn one channel from some samples, and foretell all of them.
+        Learn one channel from some samples, and predict all of them.
 
         values, known (n,); returns (n,).
         """
         columns = np.column_stack([self._bodies[channel], self._plain[channel]])
         some = columns[known]
-        return np.asarray(columns @ _solve(some.T @ some, some.T @ values[known], FORETELLING))
+        return np.asarray(columns @ _solve(some.T @ some, some.T @ values[known],
+                                           settings.PREDICTING))
 
     def extended(self, columns: FloatArray) -> Explained:
         """Give each channel more columns to itself: columns (n, more)."""
@@ -330,20 +306,20 @@ class Explained:
         both, few = np.column_stack([rows, own]), np.column_stack([
             rows, np.delete(own, (1, 2), axis=1)])
         values = _solve(both.T @ both, both.T @ output)
-        left = output - both @ values
+        residual = output - both @ values
         without = output - few @ _solve(few.T @ few, few.T @ output)
         friction, speed = own[:, 1:3] @ values[-own.shape[1]:][1:3], own[:, 1]
         size = float(np.sqrt(np.mean(friction ** 2) * np.mean(speed ** 2)))
         power = float(np.mean(friction * speed)) / size if size > 0.0 else 0.0
-        rest = max(float(np.sum(left ** 2)), FLOOR * float(np.sum((output - output.mean()) ** 2)),
-                   1e-300)
+        least = FLOOR * float(np.sum((output - output.mean()) ** 2))
+        rest = max(float(np.sum(residual ** 2)), least, 1e-300)
         return power, float(np.sum(without ** 2)) / rest
 
 
-def share_of(left: FloatArray, outputs: FloatArray) -> FloatArray:
-    """Give the part of the variance of outputs that is left, never below `FLOOR`."""
+def share_of(residual: FloatArray, outputs: FloatArray) -> FloatArray:
+    """Give the share of the variance of outputs that remains, never below `FLOOR`."""
     total = np.sum((outputs - outputs.mean(axis=0)) ** 2, axis=0)
-    rest = np.sum(left ** 2, axis=0)
+    rest = np.sum(residual ** 2, axis=0)
     # what never changes has nothing to be explained
     return np.where(total > 0.0, np.clip(rest / np.where(total > 0.0, total, 1.0), FLOOR, None),
                     1.0)
@@ -355,7 +331,7 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(used / np.linalg.norm(used, axis=0))[0])
 
 
-def _solve(gram: FloatArray, right: FloatArray, smallest: float = SMALLEST) -> FloatArray:
+def _solve(gram: FloatArray, right: FloatArray, smallest: float = settings.SMALLEST) -> FloatArray:
     """Solve the scaled normal equations, without the directions that are not there."""
     scale = np.sqrt(np.diag(gram))
     seen = scale > 1e-10 * max(float(scale.max(initial=0.0)), 1e-300)
@@ -370,13 +346,7 @@ def _solve(gram: FloatArray, right: FloatArray, smallest: float = SMALLEST) -> F
                       * seen.reshape(shape))
 
 
-# -- A bag and its arm, ready to be compared with alternatives
-
 OUTPUTS = ('effort', 'strain')
-ENOUGH = 20.0
-"""Shorter recordings have to show more before something is told of them [s]."""
-STILL = 0.02
-"""A joint that goes no farther does not move [rad or m]."""
 
 
 class Case:
@@ -387,17 +357,17 @@ class Case:
     """
 
     def __init__(
-        self, arm: Arm, recording: Recording, thinned: Thinned,
+        self, arm: Arm, recording: Recording, decimated: Decimated,
         broken: Collection[str] = frozenset(),
     ) -> None:
-        self.arm, self.recording, self.thinned = arm, recording, thinned
+        self.arm, self.recording, self.decimated = arm, recording, decimated
         self.broken = frozenset(broken)
-        self.motion = thinned.motion
-        self.bodies = {name: BodyRows(arm, name) for name in OUTPUTS if thinned.has(name)}
+        self.motion = decimated.motion
+        self.bodies = {name: BodyRows(arm, name) for name in OUTPUTS if decimated.has(name)}
         self.sound = {name: np.array([one not in broken for one in bodies.channels])
                       for name, bodies in self.bodies.items()}
         # what never changes leaves the same whatever is changed
-        self.outputs = {name: np.where(self.sound[name], thinned.output(name), 0.0)
+        self.outputs = {name: np.where(self.sound[name], decimated.output(name), 0.0)
                         for name in self.bodies}
         self.names = tuple((name, channel) for name, bodies in self.bodies.items()
                            for channel in bodies.channels)
@@ -429,22 +399,24 @@ class Case:
     @property
     def brevity(self) -> float:
         """Say how much shorter the recording is than one that tells enough; 1 or more."""
-        return max(1.0, ENOUGH / float(self.thinned.t[-1] - self.thinned.t[0]))
+        seconds = float(self.decimated.t[-1] - self.decimated.t[0])
+        return max(1.0, settings.ENOUGH_SECONDS / seconds)
 
     def surely(self, least: float) -> float:
         """
         Give the gain that says something, not less than one that is asked for anyway.
 
-        What is left of a channel is known as well as its independent samples are many, which
-        behind one filter go with time; the log ratios of all channels add up.
+        The residual of a channel is known as well as its independent samples are many, which
+        after one filter go with time; the log ratios of all channels add up.
         """
-        return max(least, 1.5 * float(np.sqrt(len(self.names) * self.brevity / ENOUGH)))
+        short = len(self.names) * self.brevity / settings.ENOUGH_SECONDS
+        return max(least, 1.5 * float(np.sqrt(short)))
 
     @cached_property
     def moves(self) -> NDArray[np.bool_]:
         """Say which joints move."""
         n = len(self.arm.active_joints)
-        return np.asarray(np.ptp(self.motion[:, :n], axis=0) > STILL)
+        return np.asarray(np.ptp(self.motion[:, :n], axis=0) > settings.MOVING_SPAN)
 
     @cached_property
     def usual(self) -> dict[str, Explained]:
@@ -453,14 +425,14 @@ class Case:
 
     @cached_property
     def now(self) -> FloatArray:
-        """Give what is left of each channel, as things are."""
+        """Give the share that remains of each channel, as things are."""
         return self.shares(self.usual)
 
     def shares(
         self, explained: Mapping[str, Explained], outputs: Mapping[str, FloatArray] | None = None,
     ) -> FloatArray:
         """
-        Give the part of the variance of each channel that is left.
+        Give the share of the variance of each channel that remains.
 
         Returns (channels of all outputs,).
         """
@@ -470,7 +442,7 @@ class Case:
 
 def gain(now: FloatArray, other: FloatArray) -> float:
     """
-    Say how much better an alternative is: the sum of log ratios of what is left.
+    Say how much better an alternative is: the sum of log ratios of the shares that remain.
 
     Up to a factor, twice the logarithm of the likelihood ratio of channels with unknown noise.
 

@@ -17,42 +17,94 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-KINDS = {
-    'gravity_axis': 'gravity of the description along another axis',
-    'axes_parallel_to_gravity': 'no axis can feel gravity, but the outputs follow the pose',
-    'dh_in_millimetres': 'lengths of the kinematics in millimetres',
-    'dh_in_degrees': 'angles of the kinematics in degrees',
-    'gauge_in_millimetres': 'distance of a gauge in millimetres',
-    'gauge_beyond_link': 'gauge beyond its link',
-    'joint_not_listed': 'a joint moves that the description does not list',
-    'effort_unit': 'effort in another unit than described',
-    'effort_sign': 'effort with its sign turned',
-    'joint_sign': 'joint counted in the other direction',
-    'gauge_sign': 'gauge with its sign turned',
-    'efforts_exchanged': 'efforts of two joints exchanged',
-    'joints_exchanged': 'two joints exchanged',
-    'coupling_missing': 'a motor turns with another joint, and the description does not say so',
-    'coupling_wrong': 'coupled drives of the description that the outputs do not show',
-    'gauges_exchanged': 'two gauges exchanged',
-    'clock_set_back': 'the clock was set back while recording',
-    'velocity_zeros': 'velocities are all zero',
-    'velocity_late': 'velocities late',
-    'effort_late': 'efforts late',
-    'strain_late': 'strains late',
-    'jitter': 'stamps jitter on an even sampling',
-    'outlier': 'single samples far off',
-    'saturated': 'channel saturated',
-    'held': 'channel held for a while',
-    'dying': 'channel dies',
-    'drift': 'channel drifts',
-    'constant': 'channel that never changes',
-    'same_recording': 'the same recording twice',
-    'standstill': 'the arm stands still at the ends',
-    'payload_wrong': 'payload stated wrong',
-    'load_unknown': 'the arm carries what the model does not know'}
-"""Stable keys of what can be found, with titles for people."""
+
+class Check(NamedTuple):
+    """What can be found."""
+
+    title: str
+    # What to do; empty where it depends on the finding.
+    remedy: str = ''
+    unit: str = ''  # unit of the size; empty for a factor
+    measure: str = ''  # what the evidence is
+    one_bag: bool = False  # it happened while one bag was recorded: never of several at once
+
+
+RESIDUAL = 'relative residual'
+WIRING = 'check sensor and wiring; '
+NAMES = 'correct the names in the driver or in the description'
+UNIT = 'correct joints[].effort.unit, or scale the efforts in the driver'
+PLACE = 'give gauges[].distance in metres, from the axis of the joint along its link'
+CHECKS = {
+    'gravity_axis': Check('gravity of the description along another axis', '', 'deg', RESIDUAL),
+    'axes_parallel_to_gravity': Check(
+        'no axis can feel gravity, but the outputs follow the pose', '', 'deg', RESIDUAL),
+    'dh_in_millimetres': Check('lengths of the kinematics in millimetres',
+                               'give a and d in metres', 'm'),
+    'dh_in_degrees': Check('angles of the kinematics in degrees',
+                           'give alpha and theta in radians', 'rad'),
+    'gauge_in_millimetres': Check('distance of a gauge in millimetres', PLACE, 'm'),
+    'gauge_beyond_link': Check('gauge beyond its link', PLACE, 'm'),
+    'joint_not_listed': Check(
+        'a joint moves that the description does not list',
+        'list them under joints, and under active_joints where that is given'),
+    'effort_unit': Check('effort in another unit than described', UNIT, '', RESIDUAL),
+    'effort_sign': Check('effort with its sign turned',
+                         'turn the sign of the effort in the driver', '', RESIDUAL),
+    'joint_sign': Check(
+        'joint counted in the other direction', 'turn the sign of the position in the driver, or '
+        'the axis of the joint in the kinematics', '', RESIDUAL),
+    'gauge_sign': Check('gauge with its sign turned',
+                        'find out which of them is right, and turn the other'),
+    'efforts_exchanged': Check('efforts of two joints exchanged', NAMES, '', RESIDUAL),
+    'joints_exchanged': Check('two joints exchanged', NAMES, '', RESIDUAL),
+    'coupling_missing': Check(
+        'a motor turns with another joint, and the description does not say so', '', '', RESIDUAL),
+    'coupling_wrong': Check(
+        'coupled drives of the description that the outputs do not show', 'leave couplings out of '
+        'the description, or correct pairs, positions and efforts there', '', RESIDUAL),
+    'gauges_exchanged': Check('two gauges exchanged', NAMES, '', RESIDUAL),
+    'clock_set_back': Check(
+        'the clock was set back while recording', 'let the clock settle before recording; steer '
+        'clocks slowly (chrony without steps)', 's', one_bag=True),
+    'velocity_zeros': Check('velocities are all zero',
+                            'let the driver publish velocities, or none'),
+    'velocity_late': Check(
+        'velocities late', 'leave them out with preprocessing.measured_velocity: false, or mend '
+        "the driver's filter", 's', RESIDUAL),
+    'effort_late': Check(
+        'efforts late', 'let the driver stamp efforts when they are measured, or take the efforts '
+        'of the joint states', 's', RESIDUAL),
+    'strain_late': Check(
+        'strains late', 'let the amplifier stamp strains when they are measured, not when they '
+        'arrive', 's', RESIDUAL),
+    'jitter': Check('stamps jitter on an even sampling',
+                    'stamp in the driver when the sample is taken', 's',
+                    'roughness of the positions'),
+    'outlier': Check(
+        'single samples far off', 'repair the driver or the wiring, or leave this part out with '
+        'BAG@BEGIN-END%', one_bag=True),
+    'saturated': Check('channel saturated', 'widen the range of amplifier or driver, or move more '
+                       'slowly', one_bag=True),
+    'held': Check('channel held for a while', 'check sensor, wiring and driver; leave this part '
+                  'out with BAG@BEGIN-END%', 's', one_bag=True),
+    'dying': Check('channel dies', '', 's', one_bag=True),
+    'drift': Check('channel drifts', 'let the sensor warm up, or mend its zero; shorter parts '
+                   'BAG@BEGIN-END% drift less', '', RESIDUAL, one_bag=True),
+    'constant': Check('channel that never changes',
+                      'check sensor and driver; the channel cannot be learned'),
+    'same_recording': Check(
+        'the same recording twice',
+        'give another recording: a copy is no test of what was learned from it', '',
+        'share of samples in common'),
+    'standstill': Check('the arm stands still at the ends', '', 's', one_bag=True),
+    'payload_wrong': Check('payload stated wrong', 'correct it with --payload-of BAG=KG, or in '
+                           'the metadata of the bag', 'kg', 'payload [kg]'),
+    'load_unknown': Check(
+        'the arm carries what the model does not know', 'fit a model to bags with this load; bags '
+        'of two loads and --payload-of BAG=KG give one of all loads', 'kg', 'relative error')}
+"""All that can be found, by its stable key."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +114,7 @@ class Finding:
     kind: str
     what: str  # the same in a sentence, with place and size
     remedy: str  # what to do
-    bag: str = ''  # bag it was found in; empty where the description alone tells
+    bag: str = ''  # bag it was found in; empty where the description alone shows it
     # Joints or gauges concerned; empty for all, or none in particular.
     channels: tuple[str, ...] = ()
     time: float | None = None  # where it begins, since the start of the bag [s]
@@ -73,14 +125,10 @@ class Finding:
     now: float | None = None
     otherwise: float | None = None
 
-    def __post_init__(self) -> None:
-        """Keep to the kinds that there are."""
-        assert self.kind in KINDS, self.kind
-
     @property
     def title(self) -> str:
         """Say what it is, for people."""
-        return KINDS[self.kind]
+        return CHECKS[self.kind].title
 
     @property
     def evidence(self) -> str:
@@ -98,4 +146,17 @@ class Finding:
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values without what is not there."""
         content = asdict(self) | {'channels': list(self.channels)}
-        return {key: value for key, value in content.items() if value not in (None, '', [])}
+        return {key: value for key, value in content.items()
+                if value is not None and (value or not isinstance(value, str | list))}
+
+
+def found(
+    kind: str, what: str, bag: str = '', channels: tuple[str, ...] = (), *,
+    time: float | None = None, size: float | None = None, now: float | None = None,
+    otherwise: float | None = None, remedy: str = '', measure: str = '',
+) -> Finding:
+    """Make a finding; remedy, measure and unit are those of its check where none are given."""
+    check = CHECKS[kind]
+    return Finding(kind, what, remedy or check.remedy, bag, channels, time, size,
+                   '' if size is None else check.unit,
+                   '' if now is None else measure or check.measure, now, otherwise)

@@ -18,47 +18,28 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.identification.doctor import settings
 from tudor_dynamics.identification.doctor.case import Case, Explained
-from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.load.rows import BELIEVED, Described, described_masses
 from tudor_dynamics.typing import FloatArray
-
-
-# -- Outputs that change in the course of a recording: they drift, or follow the arm no more
-
-DRIFT_GAIN = 0.6
-"""Log ratio by which a straight line in time has to lessen what is left."""
-DRIFT_SIZE = 0.15
-"""Part of the channel's standard deviation that it has to drift over the recording."""
-WINDOWS = 20
-SHORTEST = 8.0
-"""Recordings that are shorter tell nothing of the end of a channel [s]."""
-QUIET = 0.3
-"""A channel that is dead moves by less than this part of what it did, and of what is expected."""
-EXPECTED = 0.3
-"""What is expected of a channel has to move by this part of what it did, to be missed."""
-LIVES = 0.5
-"""Relative residual of a channel while it lives."""
-DEAD_GAIN = 1.0
-"""Log ratio by which a dead end has to lessen what is left."""
-FOLLOWS = 0.7
-"""Slope of the measured over the expected output in a window in which a channel lives."""
 
 
 def trends(
     case: Case, name: str, explained: Explained, output: FloatArray,
 ) -> list[Finding]:
     """
-    Look for drift and for channels that die, in what the model of the bag leaves over.
+    Look for drift and for channels that die, in the residuals of the bag's own model.
 
     output (n, channels).
     """
-    t = case.thinned.t
+    t = case.decimated.t
     line = (t - t.mean())[:, None]
     straight = explained.extended(line)
     findings = []
@@ -68,28 +49,31 @@ def trends(
         y = output[:, i]
         dead = _dies(explained, i, t, y)
         if dead is not None:
-            findings.append(Finding(
+            findings.append(found(
                 'dying', f'{_words(name)} {channel} follows the arm no more from {dead:.2f} s on',
-                f'check sensor and wiring; use BAG@0-{100 * dead / case.recording.t[-1]:.0f}% '
-                'until then', case.recording.path, (channel,), dead, float(t[-1]) - dead, 's'))
+                case.recording.path, (channel,), time=dead, size=float(t[-1]) - dead,
+                remedy=_until(case.recording, dead)))
             continue
         both = straight.alone(i, y[:, None])[0]
         now = explained.alone(i, y[:, None])[0]
         # the slope by Frisch and Waugh: both sides freed of all other columns
         x, z = explained.rest(i, line[:, 0]), explained.rest(i, y)
         rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-        if (np.log(now / both) > DRIFT_GAIN * case.brevity
-                and abs(rise) > DRIFT_SIZE * float(np.std(y))):
-            findings.append(Finding(
+        if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
+                and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))):
+            findings.append(found(
                 'drift', f'{_words(name)} {channel} drifts by {rise:.4g} in '
-                f'{t[-1] - t[0]:.4g} s', 'let the sensor warm up, or mend its zero; shorter '
-                'parts BAG@BEGIN-END% drift less', case.recording.path, (channel,), 0.0, rise,
-                '', 'relative residual', float(np.sqrt(now)), float(np.sqrt(both))))
+                f'{t[-1] - t[0]:.4g} s', case.recording.path, (channel,), time=0.0, size=rise,
+                now=float(np.sqrt(now)), otherwise=float(np.sqrt(both))))
     return findings
 
 
 def _words(name: str) -> str:
-    return 'gauge' if name == 'strain' else 'effort of'
+    return {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}[name]
+
+
+def _until(recording: Recording, time: float) -> str:
+    return f'check sensor and wiring; use BAG@0-{100 * time / recording.t[-1]:.0f}% until then'
 
 
 def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> float | None:
@@ -99,24 +83,24 @@ def _dies(explained: Explained, channel: int, t: FloatArray, y: FloatArray) -> f
     What is expected of it comes from what it measured before: what is dead would teach to expect
     little.
     """
-    if t[-1] - t[0] < SHORTEST:
-        return None  # in less than half a second each, windows tell nothing
-    edges = np.linspace(t[0], t[-1], WINDOWS + 1)
-    for k in range(WINDOWS // 4, WINDOWS - 1):
+    if t[-1] - t[0] < settings.SHORTEST:
+        return None  # windows of less than half a second are too short to judge
+    edges = np.linspace(t[0], t[-1], settings.WINDOWS + 1)
+    for k in range(settings.WINDOWS // 4, settings.WINDOWS - 1):
         before = t < edges[k]
         lived, after = float(np.std(y[before])), y[~before]
-        if float(np.std(after)) > QUIET * lived:
+        if float(np.std(after)) > settings.QUIET * lived:
             continue
-        expected = explained.foretold(channel, y, before)
-        left, spread = float(np.std((y - expected)[before])), float(np.std(expected[~before]))
-        if left > LIVES * lived or spread < EXPECTED * lived:
+        expected = explained.predicted(channel, y, before)
+        error, spread = float(np.std((y - expected)[before])), float(np.std(expected[~before]))
+        if error > settings.ALIVE * lived or spread < settings.EXPECTED * lived:
             continue  # nobody knows what it did, or it may well be quiet
-        if float(np.std(after)) > QUIET * spread:
+        if float(np.std(after)) > settings.QUIET * spread:
             continue
-        # what was foretold may be wrong: both parts together must not be explained as well
+        # what was predicted may be wrong: both parts together must not be explained as well
         apart = float(np.sum((y - expected)[before] ** 2)) + len(after) * float(np.var(after))
-        together = y - explained.foretold(channel, y, np.ones(len(y), dtype=bool))
-        if np.log(float(together @ together) / max(apart, 1e-300)) > DEAD_GAIN:
+        together = y - explained.predicted(channel, y, np.ones(len(y), dtype=bool))
+        if np.log(float(together @ together) / max(apart, 1e-300)) > settings.DEAD_GAIN:
             return _last_alive(edges[:k + 1], t, y, expected)
     return None
 
@@ -126,22 +110,9 @@ def _last_alive(edges: FloatArray, t: FloatArray, y: FloatArray, expected: Float
         inside = (t >= begin) & (t <= end)
         x, z = expected[inside], y[inside]
         x, z = x - x.mean(), z - z.mean()
-        if float(x @ z) > FOLLOWS * float(x @ x):
+        if float(x @ z) > settings.FOLLOWS * float(x @ x):
             return float(end)
     return float(edges[0])
-
-
-# -- Efforts in another unit than described: by their size, and by the masses of the URDF
-
-LARGEST = {'A': 150.0, 'N m': 3000.0, 'N': 20000.0}
-"""No joint of an arm has more, in any of the units of efforts."""
-BEYOND = 10.0
-"""As many times the effort limit of the URDF is another unit."""
-UNLIMITED = 1e6
-FEW_TIMES = 3.3
-"""Masses of a URDF are wrong by less."""
-THOUSAND = 30.0
-"""Factors beyond are those between a unit and its thousandth."""
 
 
 def sizes(case: Case) -> list[Finding]:
@@ -151,10 +122,10 @@ def sizes(case: Case) -> list[Finding]:
     largest = np.abs(effort).max(axis=0)
     limits = np.array([float(case.arm.model.effortLimit[case.arm.velocity_index[i]])
                        for i in range(len(units))])
-    bounds = np.array([LARGEST[unit] for unit in units])
+    bounds = np.array([settings.LARGEST_EFFORT[unit] for unit in units])
     for i, unit in enumerate(units):
-        if unit != 'A' and 0.0 < limits[i] < UNLIMITED:
-            bounds[i] = min(bounds[i], BEYOND * limits[i])
+        if unit != 'A' and 0.0 < limits[i] < settings.UNLIMITED:
+            bounds[i] = min(bounds[i], settings.BEYOND_LIMIT * limits[i])
     over = [i for i in range(len(units)) if largest[i] > bounds[i]]
     known = described_masses(case.arm, case.motion, effort)
     if not over:
@@ -163,14 +134,16 @@ def sizes(case: Case) -> list[Finding]:
         # what is a thousandth of the largest is in the same unit as that
         all_of_them = len(over) > len(units) / 2
     else:
-        all_of_them = len(known.believed) > 1 and float(np.median(known.believed)) > THOUSAND
+        all_of_them = (len(known.believed) > 1
+                       and float(np.median(known.believed)) > settings.THOUSANDTH)
     names = case.arm.active_joints
     chosen = tuple(names) if all_of_them else tuple(names[i] for i in over)
     most = max(over, key=lambda i: largest[i] / bounds[i])
     what = (f'effort of {", ".join(chosen)} reaches {largest[most]:.4g} where the description '
             f'says {units[most]}: it looks like m{units[most]}')
-    return [_finding(case, chosen, what, 1000.0, 'largest effort', float(largest[most]),
-                     float(largest[most]) / 1000.0)]
+    now = float(largest[most])
+    return [found('effort_unit', what, case.recording.path, chosen, size=1000.0, now=now,
+                  otherwise=now / 1000.0, measure='largest effort')]
 
 
 def _by_masses(case: Case, known: Described) -> list[Finding]:
@@ -180,45 +153,17 @@ def _by_masses(case: Case, known: Described) -> list[Finding]:
     if len(described) < 2:
         return []
     ratio = float(np.median(np.abs(known.ratio[described])))
-    if 1.0 / FEW_TIMES < ratio < FEW_TIMES:
+    if 1.0 / settings.FEW_TIMES < ratio < settings.FEW_TIMES:
         return []
-    thousand = not 1.0 / THOUSAND < ratio < THOUSAND
-    size = 1000.0 if ratio > THOUSAND else 0.001 if thousand else ratio
+    thousand = not 1.0 / settings.THOUSANDTH < ratio < settings.THOUSANDTH
+    size = 1000.0 if ratio > settings.THOUSANDTH else 0.001 if thousand else ratio
     unit = joints[described[0]].effort.unit
     other = f'm{unit}' if size == 1000.0 else f'k{unit}' if size == 0.001 else 'currents in A'
     what = (f'all efforts are {ratio:.3g} times what the masses of the URDF need: they look like '
             f'{other}, not {unit}')
-    return [_finding(case, case.arm.active_joints, what, size,
-                     'measured effort over that of the masses', ratio, ratio / size)]
-
-
-def _finding(
-    case: Case, channels: tuple[str, ...], what: str, size: float, measure: str, now: float,
-    otherwise: float,
-) -> Finding:
-    return Finding('effort_unit', what, 'correct joints[].effort.unit, or scale the efforts in '
-                   'the driver', case.recording.path, channels, None, size, '', measure, now,
-                   otherwise)
-
-
-# -- What single channels show: outliers, saturation, values that are held, or never change
-
-FAR = 20.0
-"""An outlier is as many times farther off than 99.5 % of the samples are."""
-LARGE = 0.3
-"""... and by this part of the channel's range or more."""
-SINGLE = 3
-"""More samples in a row are no outliers."""
-HELD_SECONDS = 0.4
-"""A channel that keeps one value for longer while the arm moves is held [s]."""
-LIVELY = 10
-"""As many times its longest other run of one value is a hold by itself."""
-FLAT = 4
-"""Samples in a row at the end of the range that make a saturation."""
-FLAT_SHARE = 0.004
-"""... and the share of all samples there."""
-STANDSTILL = 3.0
-"""Ends without motion that are longer are told of [s]."""
+    return [found('effort_unit', what, case.recording.path, case.arm.active_joints, size=size,
+                  now=ratio, otherwise=ratio / size,
+                  measure='measured effort over that of the masses')]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +178,7 @@ class Channel:
     @property
     def words(self) -> str:
         """Name it in a sentence."""
-        return {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}[
-            self.field] + f' {self.name}'
+        return f'{_words(self.field)} {self.name}'
 
 
 def channels(
@@ -252,7 +196,7 @@ def outliers(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
 ) -> tuple[Recording, list[Finding]]:
     """Find single samples that are far off, and give the recording without them."""
-    changed: dict[str, FloatArray] = {}
+    changed: dict[str, Any] = {}
     findings = []
     for item in channels(recording, joints, gauges):
         where, size = _far_off(item.values, recording.segments)
@@ -263,19 +207,14 @@ def outliers(
         values[where, item.column] = np.interp(where, good, item.values[good])
         at = float(recording.t[where[0]])
         many = f'{len(where)} samples' if len(where) > 1 else 'one sample'
-        findings.append(Finding(
+        findings.append(found(
             'outlier', f'{item.words}: {many} far off by up to {size:.4g}, the first at '
-            f'{at:.3f} s', 'repair the driver or the wiring, or leave this part out with '
-            'BAG@BEGIN-END%', recording.path, (item.name,), at, size))
-    if not changed:
-        return recording, findings
-    return replace(recording, q=changed.get('q', recording.q),
-                   effort=changed.get('effort', recording.effort),
-                   strain=changed.get('strain', recording.strain)), findings
+            f'{at:.3f} s', recording.path, (item.name,), time=at, size=size))
+    return (replace(recording, **changed) if changed else recording), findings
 
 
 def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[NDArray[np.intp], float]:
-    found: list[int] = []
+    places: list[int] = []
     largest = 0.0
     if not len(x):
         return np.zeros(0, dtype=np.intp), 0.0
@@ -284,20 +223,20 @@ def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[NDArray[np.int
     if not jumps:
         return np.zeros(0, dtype=np.intp), 0.0
     usual = float(np.percentile(np.concatenate(jumps), 99.5))
-    limit = max(FAR * usual, LARGE * float(high - low), 1e-300)
+    limit = max(settings.FAR * usual, settings.FAR_RANGE * float(high - low), 1e-300)
     for part in segments:
         values = x[part]
         steps = np.diff(values)
         for first in np.flatnonzero(np.abs(steps) > limit):
-            for width in range(1, SINGLE + 1):
+            for width in range(1, settings.SINGLE + 1):
                 last = first + width
                 if last >= len(values) - 1 or abs(steps[last]) <= limit:
                     continue
-                if abs(values[last + 1] - values[first]) < 0.3 * abs(steps[first]):
-                    found += range(part.start + first + 1, part.start + last + 1)
+                if abs(values[last + 1] - values[first]) < settings.RETURNED * abs(steps[first]):
+                    places += range(part.start + first + 1, part.start + last + 1)
                     largest = max(largest, abs(float(steps[first])))
                     break
-    return np.unique(np.array(found, dtype=np.intp)), largest
+    return np.unique(np.array(places, dtype=np.intp)), largest
 
 
 def runs(x: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -317,14 +256,13 @@ def flat(
         if item.field == 'q' or not moves.any():
             continue
         if np.ptp(item.values) == 0.0:
-            findings.append(Finding(
+            findings.append(found(
                 'constant', f'{item.words} never changes (always {item.values[0]:.4g})',
-                'check sensor and driver; the channel cannot be learned', recording.path,
-                (item.name,), 0.0, float(item.values[0])))
+                recording.path, (item.name,), time=0.0, size=float(item.values[0])))
             continue
-        found = _held(recording, item, moves) or _saturated(recording, item)
-        if found is not None:
-            findings.append(found)
+        finding = _held(recording, item, moves) or _saturated(recording, item)
+        if finding is not None:
+            findings.append(finding)
     return findings
 
 
@@ -335,7 +273,7 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
     Returns (n,), True where a joint is within a tenth of a second of a motion.
     """
     width = max(1, round(0.1 / recording.dt))
-    found = np.zeros(len(recording.stamp), dtype=bool)
+    result = np.zeros(len(recording.stamp), dtype=bool)
     spans = np.subtract(*np.percentile(recording.q, [99.0, 1.0], axis=0))
     least = np.maximum(2e-3 * spans, 2e-4)
     for part in recording.segments:
@@ -343,10 +281,10 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
         if len(q) <= width:
             continue
         gone = np.any(np.abs(q[width:] - q[:-width]) > least, axis=1)
-        here = found[part]
+        here = result[part]
         here[:-width] |= gone
         here[width:] |= gone
-    return found
+    return result
 
 
 def _held(
@@ -362,29 +300,27 @@ def _held(
     # before a filter has begun it gives zeros
     others = length[order[1:]][first[order[1:]] > 0]
     usual = int(others[0]) if len(others) else 1
-    if seconds < HELD_SECONDS or length[longest] < 4 * usual:
+    if seconds < settings.HELD_SECONDS or length[longest] < 4 * usual:
         return None
     still = ~moves
     still[begin:end] = still[:int(length[0])] = False
     # where it never keeps a value long, not even while the arm stands, less motion is enough
-    lively = begin > 0 and length[longest] > LIVELY * usual and (
-        float(moves[begin:end].sum()) * recording.dt > HELD_SECONDS
+    lively = begin > 0 and length[longest] > settings.LIVELY * usual and (
+        float(moves[begin:end].sum()) * recording.dt > settings.HELD_SECONDS
         or still.sum() > 0.5 * length[longest])
     if not lively and np.mean(moves[begin:end]) < 0.7:
         return None
     at = float(t[begin])
     value = float(item.values[begin])
     if end >= len(t) - 1:
-        return Finding(
+        return found(
             'dying', f'{item.words} dies at {at:.2f} s: {value:.4g} from there to the end',
-            f'check sensor and wiring; use BAG@0-{100 * at / t[-1]:.0f}% until then',
-            recording.path, (item.name,), at, seconds, 's')
+            recording.path, (item.name,), time=at, size=seconds, remedy=_until(recording, at))
     if ends and len(others) > 2 and int(others[2]) * 6 > length[longest]:
         return None  # several visits to the end of the range are a saturation
-    return Finding(
+    return found(
         'held', f'{item.words} keeps {value:.4g} for {seconds:.3g} s from {at:.2f} s on, while '
-        'the arm moves', 'check sensor, wiring and driver; leave this part out with '
-        'BAG@BEGIN-END%', recording.path, (item.name,), at, seconds, 's')
+        'the arm moves', recording.path, (item.name,), time=at, size=seconds)
 
 
 def _saturated(recording: Recording, item: Channel) -> Finding | None:
@@ -396,28 +332,28 @@ def _saturated(recording: Recording, item: Channel) -> Finding | None:
         share = float(flats.sum()) / len(item.values)
         # a sensor with few digits has flat runs everywhere: those at the end must stand out
         elsewhere = float(np.percentile(length[~inside], 99.0)) if np.any(~inside) else 1.0
-        if flats.max() >= max(FLAT, 3.0 * elsewhere) and share > FLAT_SHARE:
+        if flats.max() >= max(settings.FLAT, 3.0 * elsewhere) and share > settings.FLAT_SHARE:
             when = float(recording.t[first[inside][np.argmax(flats)]])
-            begin = float(recording.t[first[inside][flats >= FLAT][0]])
-            return Finding(
+            begin = float(recording.t[first[inside][flats >= settings.FLAT][0]])
+            return found(
                 'saturated', f'{item.words} is saturated at {bound:.4g}: {100 * share:.2g} % of '
                 f'the samples, the first at {begin:.2f} s, the longest at {when:.2f} s',
-                'widen the range of amplifier or driver, or move more slowly', recording.path,
-                (item.name,), begin, bound)
+                recording.path, (item.name,), time=begin, size=bound)
     return None
 
 
 def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
-    """Tell of standstill before and after the motion: moves (n,)."""
+    """Report standstill before and after the motion: moves (n,)."""
     if not moves.any():
         return []
     t = recording.t
     places = np.flatnonzero(moves)
     before, after = float(t[places[0]]), float(t[-1] - t[places[-1]])
-    if max(before, after) < STANDSTILL:
+    if max(before, after) < settings.STANDSTILL:
         return []
     begin, end = 100.0 * before / t[-1], 100.0 * (1.0 - after / t[-1])
-    return [Finding(
+    return [found(
         'standstill', f'the arm stands still for {before:.3g} s before and {after:.3g} s after '
-        'the motion', f'use BAG@{np.floor(begin):.0f}-{np.ceil(end):.0f}%', recording.path, (),
-        0.0 if before >= STANDSTILL else float(t[-1]) - after, before + after, 's')]
+        'the motion', recording.path, size=before + after,
+        time=0.0 if before >= settings.STANDSTILL else float(t[-1]) - after,
+        remedy=f'use BAG@{np.floor(begin):.0f}-{np.ceil(end):.0f}%')]
