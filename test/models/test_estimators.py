@@ -23,7 +23,7 @@ from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import (
-    huber_weights, LARGEST_GRAM_CONDITION, Products, solve, squared_residuals)
+    ESTIMATORS, huber_weights, LARGEST_GRAM_CONDITION, Products, solve, squared_residuals)
 from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
@@ -161,6 +161,18 @@ def test_huber_resists_outliers() -> None:
     assert robust < 0.02
 
 
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+def test_every_estimator_finds_the_truth(estimator: str) -> None:
+    """In noise, each finds parameters within a few of the standard errors that it reports."""
+    generator = np.random.default_rng(1)
+    motion = generator.normal(0, 1, (2000, 3))
+    y = (motion @ TRUTH)[:, None] + generator.normal(0, 0.05, (2000, 1))
+    group, = _linear(estimator=estimator).fit(motion, y).groups_
+    errors = group.estimate.standard_errors
+    assert np.all(np.abs(group.estimate.parameters - TRUTH) < 4.0 * errors)
+    assert np.allclose(errors, 0.05 / np.sqrt(2000), rtol=0.2)
+
+
 def test_huber_on_decimated_blocks() -> None:
     """Weights meet the samples they belong to where blocks are decimated, filtered or not."""
     generator = np.random.default_rng(0)
@@ -202,7 +214,7 @@ def test_huber_weights() -> None:
 
 def test_huber_that_does_not_settle_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whoever gets an unfinished estimate is told so."""
-    monkeypatch.setattr('tudor_dynamics.models.analytical.HUBER_PASSES', 1)
+    monkeypatch.setattr('tudor_dynamics.models.analytical.WEIGHT_PASSES', 1)
     generator = np.random.default_rng(0)
     motion = generator.normal(0, 1, (100, 3))
     y = motion[:, :1] + generator.standard_t(1, (100, 1))

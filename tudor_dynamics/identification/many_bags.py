@@ -40,7 +40,7 @@ from tudor_dynamics.identification.validation import (
     judge_model, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import TrainingBlock
-from tudor_dynamics.models.estimation import Products, summed
+from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.typing import Progress
 
@@ -277,8 +277,9 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
         what = '--random-split' if not others else ' and '.join(others)
         raise UsageError(f'{said}, and {what} needs all of them at once',
                          remedy=f'leave it out, or name fewer than {FROM} bags')
-    if settings.estimator == 'huber':
-        raise UsageError(f"{said}, and the weights of Huber's estimator depend on all of them",
+    estimator = ESTIMATORS.get(settings.estimator)
+    if estimator is not None and estimator.sample_weights is not None:
+        raise UsageError(f'{said}, and the weights of {estimator.words} depend on all of them',
                          remedy=f'use wls or ols, or name fewer than {FROM} bags')
     if bags < 2:
         raise UsageError('a single bag is not gone through bag by bag',

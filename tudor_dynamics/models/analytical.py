@@ -35,7 +35,7 @@ from tudor_dynamics.models.base import Blocks, check_block, check_motion, Condit
 from tudor_dynamics.models.bundle_parts import (
     AnalyticalPart, Group, groups_of, groups_to_list, on_all_columns, read)
 from tudor_dynamics.models.estimation import (
-    ESTIMATORS, find_constants, huber_weights, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
+    ESTIMATORS, find_constants, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
     summed)
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.regressor import (
@@ -47,7 +47,7 @@ ROWS_AT_A_TIME = 1024
 """Samples for which rows are held in memory at once: 5.6 MB at 7 joints and 98 columns."""
 WHOLE = 'all'
 """Name of data that are one part."""
-HUBER_PASSES = 20
+WEIGHT_PASSES = 20  # source: none known; a fit that needs more of them warns
 LOAD_PASSES, LOAD_CHANGE = 10, 1e-3
 """Turns of loads and parameters, and the relative change at which they have settled."""
 
@@ -109,15 +109,16 @@ class AnalyticalModel(MemorylessModel):
             change = np.linalg.norm(self.coefficients() - before, axis=1)
             if np.all(change < LOAD_CHANGE * np.linalg.norm(before, axis=1)):
                 break
-        if self.estimator == 'huber':
-            self._fit_huber(blocks, triangular=triangular)
+        if ESTIMATORS[self.estimator].sample_weights is not None:
+            self._fit_weighted(blocks, triangular=triangular)
         return self
 
     def fit_parts(
         self: Analytical, parts: Mapping[str, Blocks], known: dict[tuple[str, bool], Any],
     ) -> Analytical:
         """Estimate from the sums of what parts come to; see ``MemorylessModel``."""
-        if self.estimator == 'huber' or self.regressor.loaded:  # rows depend on all parts
+        if (ESTIMATORS[self.estimator].sample_weights is not None
+                or self.regressor.loaded):  # rows depend on all parts
             return super().fit_parts(parts, known)
         self._begin()
         self._least_squares(parts, known)
@@ -125,7 +126,7 @@ class AnalyticalModel(MemorylessModel):
 
     def _begin(self) -> None:
         if self.estimator not in ESTIMATORS:
-            msg = f'estimator {self.estimator!r}; expected one of {ESTIMATORS}'
+            msg = f'estimator {self.estimator!r}; expected one of {tuple(ESTIMATORS)}'
             raise FitError(msg)
         self.regressor.assume(np.zeros((len(self.channels), len(self.regressor.columns))))
 
@@ -187,7 +188,8 @@ class AnalyticalModel(MemorylessModel):
             constants = find_constants(products, scaled, unknown)
             products = [rescaled(product, scaled, value) for product, value in
                         zip(products, constants.values, strict=True)]
-        return Group(base, solve(products, weighted=self.estimator != 'ols'), constants)
+        weighted = ESTIMATORS[self.estimator].weighted
+        return Group(base, solve(products, weighted=weighted), constants)
 
     def predict(self, motion: FloatArray) -> FloatArray:
         """Predict the outputs; see ``Model``."""
@@ -270,13 +272,16 @@ class AnalyticalModel(MemorylessModel):
         full[:, :, used] = found
         return full
 
-    def _fit_huber(self, blocks: Blocks, *, triangular: bool) -> None:
+    def _fit_weighted(self, blocks: Blocks, *, triangular: bool) -> None:
+        estimator = ESTIMATORS[self.estimator]
+        assert estimator.sample_weights is not None
         before = self.coefficients()
-        for _ in range(HUBER_PASSES):
+        for _ in range(WEIGHT_PASSES):
             residuals = np.vstack([
                 output - np.einsum('kcp,cp->kc', rows, before)
                 for rows, output in self._rows(blocks)])
-            weights = np.column_stack([huber_weights(column) for column in residuals.T])
+            weights = np.column_stack([estimator.sample_weights(column)
+                                       for column in residuals.T])
             self.fit_data({WHOLE: self.products(blocks, triangular=triangular,
                                                 weights=weights)})
             after = self.coefficients()
@@ -285,6 +290,6 @@ class AnalyticalModel(MemorylessModel):
             before = after
             if change < 1e-6:
                 return
-        msg = (f"Huber's estimator has not settled after {HUBER_PASSES} passes "
+        msg = (f'{estimator.words} has not settled after {WEIGHT_PASSES} passes '
                f'(last change {change:.1e}); its result is used as it is')
         warnings.warn(msg, TudorWarning, stacklevel=3)

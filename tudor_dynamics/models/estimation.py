@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,7 +130,16 @@ def squared_residuals(product: Products, parameters: FloatArray) -> float:
 
 # -- Least squares from accumulated products: plain, weighted by channel, Huber's weights
 
-ESTIMATORS = ('ols', 'wls', 'huber')
+@dataclass(frozen=True)
+class Estimator:
+    """A way to estimate parameters, and all that depends on which one it is."""
+
+    words: str  # its name in texts
+    weighted: bool = True  # whether channels are weighted by the inverse of their variance
+    # Weights of the samples of a channel by its residuals, for iterated least squares.
+    sample_weights: Callable[[FloatArray], FloatArray] | None = None
+
+
 HUBER_CONSTANT = 1.345  # 95 % efficiency at the normal distribution (Huber, Robust Statistics)
 LARGEST_GRAM_CONDITION = 1e6
 """Condition number of the scaled columns above which triangular factors take over."""
@@ -287,6 +296,13 @@ def huber_weights(residuals: FloatArray) -> FloatArray:
     if sigma == 0.0:
         return np.ones_like(residuals)
     return np.minimum(1.0, HUBER_CONSTANT * sigma / np.maximum(np.abs(residuals), 1e-300))
+
+
+ESTIMATORS = {
+    'ols': Estimator('plain least squares', weighted=False),
+    'wls': Estimator('weighted least squares'),
+    'huber': Estimator("Huber's estimator", sample_weights=huber_weights)}
+"""Name of each estimator to what it is; a new one is an entry, and words in docs/theory.md."""
 
 
 # -- Unknown torque constants, found together with one set of inertial parameters.
