@@ -32,8 +32,8 @@ from tudor_dynamics.load.bending import (
 from tudor_dynamics.load.observer import BentSense
 from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate
 from tudor_dynamics.load.rows import LoadWorth
-from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.regressor import StrainRegressor
+from tudor_dynamics.models.analytical import PayloadModel
+from tudor_dynamics.models.regressor import payload_regressor, StrainRegressor
 from tudor_dynamics.signals.preprocessing import prepare, Stretch
 
 DT, BENDING = 0.01, np.array([[-2e-4, 0.0], [-3e-4, -5e-4]])

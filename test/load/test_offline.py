@@ -27,9 +27,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.load.offline import estimate_payload, Verdict
 from tudor_dynamics.load.rows import Source
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.payload import PayloadModel
 from tudor_dynamics.signals.filters import FilteredStates
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray

@@ -25,8 +25,7 @@ from tudor_dynamics.errors import FitError
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import (
     DAMPING, FIRST_STATE, FRICTION, friction_columns, friction_names, has_constant, TERMS)
-from tudor_dynamics.models.payload import payload_regressor
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
 from tudor_dynamics.typing import FloatArray
 
 ALL = ('viscous', 'coulomb', 'offset', 'stribeck', 'cube_root', 'square')

@@ -23,11 +23,11 @@ from sample_arms import random_states
 
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError, TudorWarning
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.payload import payload_regressor, PayloadELM, PayloadModel
-from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.models.elm import PayloadELM
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor, StrainRegressor
 
 ARM = two_gauge_arm()
 RANGE = (0.0, 0.4)

@@ -29,8 +29,7 @@ from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, train
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.friction import (
     friction_columns, friction_names, FrictionStates, LiveFriction)
-from tudor_dynamics.models.payload import payload_regressor
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.signals.preprocessing import prepare, Stretch
 from tudor_dynamics.typing import FloatArray

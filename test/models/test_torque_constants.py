@@ -26,11 +26,10 @@ from sample_arms import arm_of, planar_arm, random_states, SIX_ROWS
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
-from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.regressor import column_unit, EffortRegressor
+from tudor_dynamics.models.regressor import column_unit, EffortRegressor, payload_regressor
 from tudor_dynamics.typing import FloatArray
 
 CONSTANTS = np.array([9.0, 11.0, 8.0, 6.0])

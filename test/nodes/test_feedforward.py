@@ -29,11 +29,11 @@ from sample_arms import random_states
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
+from tudor_dynamics.models.analytical import PayloadModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.feedforward import FeedforwardNode
 from tudor_dynamics.online.feedforward import Feedforward

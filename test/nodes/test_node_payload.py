@@ -23,11 +23,10 @@ from rclpy.parameter import Parameter
 from ros_world import World
 from sample_arms import random_states
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import save_bundle
-from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
 from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 

@@ -26,11 +26,10 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import ModelError, SignalError
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.base import SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.models.payload import payload_regressor, PayloadModel
-from tudor_dynamics.models.regressor import EffortRegressor
+from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
 from tudor_dynamics.online.feedforward import Feedforward, kept_speeds
 from tudor_dynamics.signals.motion_profile import states
 

@@ -35,8 +35,7 @@ from tudor_dynamics.models.estimation import (
 from tudor_dynamics.models.friction import (
     BY_LOAD, Coupling, friction_columns, friction_names, states_along, term_of, TERMS)
 from tudor_dynamics.models.kinds import KINDS
-from tudor_dynamics.models.payload import payload_regressor
-from tudor_dynamics.models.regressor import base_sets, plain_regressor
+from tudor_dynamics.models.regressor import base_sets, payload_regressor, plain_regressor
 from tudor_dynamics.typing import FloatArray, Progress
 
 

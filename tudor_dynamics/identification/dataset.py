@@ -32,8 +32,7 @@ from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
 from tudor_dynamics.errors import check_type, FitError, UsageError
-from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, TrainingBlock
-from tudor_dynamics.models.payload import SAME
+from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME, TrainingBlock
 from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing
 from tudor_dynamics.typing import FloatArray
 

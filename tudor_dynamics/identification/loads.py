@@ -33,10 +33,9 @@ from tudor_dynamics.load.bending import (
     bent_links, BentLinks, CUTOFF, FACT, find_bending, KIND, relearned, Watched)
 from tudor_dynamics.load.offline import estimate_payload, PayloadEstimate, Verdict
 from tudor_dynamics.load.rows import LoadWorth, Source
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import CausalModels, ModelBundle
-from tudor_dynamics.models.payload import PayloadModel
 from tudor_dynamics.signals.filters import SmoothStates
 
 

@@ -26,11 +26,11 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.consistent import parameters_from, pseudo_inertia
-from tudor_dynamics.models.payload import last_body, PayloadModel
-from tudor_dynamics.models.regressor import EffortRegressor, plain_regressor, random_inputs
+from tudor_dynamics.models.regressor import (
+    EffortRegressor, last_body, plain_regressor, random_inputs)
 from tudor_dynamics.models.rigid_bodies import BODY_PARAMETERS
 from tudor_dynamics.typing import FloatArray
 

@@ -31,15 +31,17 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, NotFittedError, TudorWarning
-from tudor_dynamics.models.base import Blocks, check_block, check_motion, Conditioning
+from tudor_dynamics.models.base import (
+    Blocks, check_block, check_motion, check_payload, Conditioning, Range)
 from tudor_dynamics.models.bundle_parts import (
-    AnalyticalPart, Group, groups_of, groups_to_list, on_all_columns, read)
+    AnalyticalPart, Group, groups_of, groups_to_list, on_all_columns, PayloadPart, read)
 from tudor_dynamics.models.estimation import (
-    ESTIMATORS, find_constants, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
+    Estimate, ESTIMATORS, find_constants, LARGEST_GRAM_CONDITION, Products, rescaled, solve,
     summed)
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.models.regressor import (
-    base_sets, BaseSet, output_units, plain_regressor, random_inputs, Regressor)
+    base_sets, BaseSet, output_units, payload_regressor, PayloadRegressor, plain_regressor,
+    random_inputs, Regressor)
 from tudor_dynamics.signals.preprocessing import Decimation
 from tudor_dynamics.typing import FloatArray
 
@@ -293,3 +295,78 @@ class AnalyticalModel(MemorylessModel):
         msg = (f'{estimator.words} has not settled after {WEIGHT_PASSES} passes '
                f'(last change {change:.1e}); its result is used as it is')
         warnings.warn(msg, TudorWarning, stacklevel=3)
+
+
+class PayloadModel(AnalyticalModel):
+    """
+    Analytical model of all payloads; its input is ``[q, dq, ddq, payload]``.
+
+    payload_range [kg].
+    """
+
+    def __init__(
+        self,
+        regressor: PayloadRegressor,
+        n_joints: int,
+        payload_range: Range,
+        *,
+        estimator: str = 'wls',
+        base: tuple[BaseSet, ...] | None = None,
+    ) -> None:
+        super().__init__(regressor, n_joints, estimator=estimator, base=base)
+        self.payload_range: Range = payload_range
+        self._plain: Regressor = regressor.plain
+        self._carried = regressor.carried
+
+    def like(self) -> PayloadModel:
+        """Give one of the same rows, base parameters and payloads that is not fitted yet."""
+        regressor = self.regressor
+        assert isinstance(regressor, PayloadRegressor)
+        return PayloadModel(regressor, self.n_joints, self.payload_range,
+                            estimator=self.estimator, base=self.base_)
+
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadModel:
+        """Build one for the payloads of the fit; see ``MemorylessModel``."""
+        assert settings.payloads is not None
+        plain = plain_regressor(arm, output, settings.strain_form, shared=bool(settings.shared))
+        return cls(payload_regressor(plain, arm), len(arm.active_joints), settings.payloads,
+                   estimator=settings.estimator)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadModel:
+        """Build it from its coefficients; see ``Model``."""
+        part = read(PayloadPart, content)
+        regressor = payload_regressor(
+            plain_regressor(arm, output, str(part.form), shared=part.shared), arm)
+        groups = groups_of(part.groups, regressor, arm, output)
+        model = cls(regressor, len(arm.active_joints), part.payload_range,
+                    estimator=part.estimator,
+                    base=tuple(group.base for group in groups))
+        model.groups_ = groups
+        return model
+
+    def at(self, payload: float) -> AnalyticalModel:
+        """Put a payload in; see ``Model``."""
+        full = self.coefficients()
+        check_payload(payload, self.payload_range)
+        n = len(self._plain.columns)
+        merged = full[:, :n].copy()
+        merged[:, self._carried] += payload * full[:, n:]
+        groups = []
+        for group in self.groups_:
+            channels = group.base.channels
+            shared = merged[channels[0]].copy()
+            if group.constants is not None:
+                shared[self._plain.scaled] *= group.constants.values[0]
+            kept = np.flatnonzero(shared)
+            values = shared[kept]
+            # what two parameters' errors come to together is in no single number
+            unknown = np.full(len(kept), np.nan)
+            base = BaseSet(channels, kept, tuple(self._plain.columns[i] for i in kept))
+            groups.append(Group(base, Estimate(values, unknown, group.estimate.condition, (),
+                                               group.estimate.variances), group.constants))
+        model = AnalyticalModel(self._plain, self.n_joints, estimator=self.estimator,
+                                base=tuple(group.base for group in groups))
+        model.groups_ = tuple(groups)
+        return model

@@ -20,14 +20,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
+import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.errors import FitError
+from tudor_dynamics.errors import FitError, TudorWarning
 from tudor_dynamics.models.friction import LiveFriction
 from tudor_dynamics.signals.preprocessing import Decimation, Stretch
 from tudor_dynamics.typing import FloatArray
+
+SAME = 1e-6
+"""Payloads that differ by less are the same [kg]."""
 
 
 # -- What models learn from: blocks of motion with their outputs, checked
@@ -420,3 +424,15 @@ class Model(ABC):
             If it does not belong to the arm, or a number is not finite.
 
         """
+
+
+def check_payload(payload: float, known: Range) -> None:
+    """Refuse what is no mass, and warn beyond the payloads that a model was fitted to."""
+    if not 0.0 <= payload < float('inf'):
+        msg = f'a payload of {payload} kg is impossible; give 0 or more'
+        raise FitError(msg)
+    low, high = known
+    if not low - 1e-9 <= payload <= high + 1e-9:
+        msg = (f'the payload {payload:g} kg is outside the {low:g} to {high:g} kg that the model '
+               'was fitted to: it extrapolates')
+        warnings.warn(msg, TudorWarning, stacklevel=3)

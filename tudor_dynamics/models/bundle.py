@@ -22,8 +22,7 @@ from typing import Any
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.base import Model
-from tudor_dynamics.models.payload import SAME
+from tudor_dynamics.models.base import Model, SAME
 
 
 @dataclass(frozen=True, eq=False)

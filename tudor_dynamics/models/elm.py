@@ -30,8 +30,9 @@ from scipy import linalg
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import FitError, ModelError, NotFittedError
-from tudor_dynamics.models.base import Blocks, check_block, check_motion, TrainingBlock
-from tudor_dynamics.models.bundle_parts import ElmPart, MAX_COEFFICIENT, read
+from tudor_dynamics.models.base import (
+    Blocks, check_block, check_motion, check_payload, Range, TrainingBlock)
+from tudor_dynamics.models.bundle_parts import ElmPart, MAX_COEFFICIENT, PayloadElmPart, read
 from tudor_dynamics.models.memoryless import MemorylessModel, ModelSettings
 from tudor_dynamics.typing import FloatArray
 
@@ -230,3 +231,49 @@ def _normalise(x: FloatArray, limits: FloatArray) -> FloatArray:
     low, high = limits
     width = np.where(high > low, high - low, 1.0)
     return np.where(high > low, 2.0 * (x - low) / width - 1.0, 0.0)
+
+
+class PayloadELM(ExtremeLearningMachine):
+    """
+    ELM of all payloads: the payload is one more input, ``[q, dq, ddq, payload]``.
+
+    payload_range [kg].
+    """
+
+    def __init__(
+        self, channels: tuple[str, ...], payload_range: Range, *, hidden: int = 100,
+        ridge: float = 1e-6, seed: int = 0, clip: bool = True,
+    ) -> None:
+        super().__init__(channels, hidden=hidden, ridge=ridge, seed=seed, clip=clip)
+        self.payload_range: Range = payload_range
+
+    @classmethod
+    def new(cls, arm: Arm, output: str, settings: ModelSettings) -> PayloadELM:
+        """Build one for the payloads of the fit; see ``MemorylessModel``."""
+        assert settings.payloads is not None
+        return cls(channels_of(arm, output), settings.payloads, hidden=settings.elm_hidden,
+                   ridge=settings.elm_ridge, seed=settings.elm_seed)
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any], arm: Arm, output: str) -> PayloadELM:
+        """Build it from settings and arrays; see ``Model``."""
+        payloads = read(PayloadElmPart, content).payload_range
+        return restored(lambda channels, more: cls(channels, payloads, **more),
+                        content, arm, output, extra=1)
+
+    def at(self, payload: float) -> ExtremeLearningMachine:
+        """Put a payload in; see ``Model``."""
+        if self.output_weights_ is None:
+            self.predict(np.zeros((1, 0)))  # says what is missing
+        check_payload(payload, self.payload_range)
+        plain = ExtremeLearningMachine(self.channels, hidden=self.hidden, ridge=self.ridge,
+                                       seed=self.seed, clip=self.clip)
+        low, high = self.input_range_[:, -1]
+        normal = 2.0 * (payload - low) / (high - low) - 1.0 if high > low else 0.0
+        if self.clip:
+            normal = min(max(normal, -1.0), 1.0)
+        plain.input_range_, plain.output_range_ = self.input_range_[:, :-1], self.output_range_
+        plain.input_weights_ = self.input_weights_[:-1]
+        plain.biases_ = self.biases_ + normal * self.input_weights_[-1]
+        plain.output_weights_ = self.output_weights_
+        return plain

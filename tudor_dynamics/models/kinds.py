@@ -20,11 +20,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.models.analytical import AnalyticalModel
+from tudor_dynamics.models.analytical import AnalyticalModel, PayloadModel
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.models.elm import ExtremeLearningMachine
-from tudor_dynamics.models.payload import PayloadELM, PayloadModel
+from tudor_dynamics.models.elm import ExtremeLearningMachine, PayloadELM
 
 
 @dataclass(frozen=True)

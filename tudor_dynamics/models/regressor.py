@@ -21,9 +21,10 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.errors import ArmError
+from tudor_dynamics.errors import ArmError, FitError
 from tudor_dynamics.models.friction import (
     Coupling, friction_columns, friction_names, FrictionStates, JointTerms, term_names, term_of,
     TERMS)
@@ -457,3 +458,72 @@ def column_unit(arm: Arm, output: str, channels: tuple[str, ...], column: str) -
         return parameter_unit(column, 'N' if prismatic else 'N m', scaled=False,
                               prismatic=prismatic)
     return parameter_unit(column, effort.unit, scaled=effort.unit == 'A', prismatic=prismatic)
+
+
+# -- Rows of all loads: parameters are affine in the mass at the tip.
+#
+# A payload of the mass m adds m times something fixed to the inertial parameters of the last body,
+# so every base parameter is pi_0 + m pi_1 and the outputs stay linear in parameters: the rows
+# ``[Y, m Y_last]`` with the payload as one more input. Bags with two payloads are enough to fit
+# it. While a robot runs, the payload is fixed for a while: ``at`` of a model puts it in and gives
+# a plain model.
+
+def last_body(model: pin.Model) -> str:
+    """Give the joint that moves the body at the end of the longest chain."""
+    depth = [0] * model.njoints
+    for index in range(1, model.njoints):
+        depth[index] = depth[int(model.parents[index])] + 1
+    return str(model.names[int(np.argmax(depth))])
+
+
+class PayloadRegressor:
+    """Rows of a regressor, and those of its last body once more for each kilogram of payload."""
+
+    extra_inputs = 1
+    """The payload follows the motion [kg]."""
+
+    def __init__(self, plain: EffortRegressor | StrainRegressor, body: str) -> None:
+        if plain.loaded:
+            msg = ('friction that grows with the load (the term load) is not identified over '
+                   'several payloads')
+            raise FitError(msg, remedy='leave it out of joints[].friction, or fit each payload '
+                                       'apart')
+        self.plain = plain
+        self.body = body
+        self.loaded = False
+        self.states = plain.states
+        self.channels = plain.channels
+        self.groups = plain.groups
+        self.unknown = plain.unknown
+        self.scaled = np.append(plain.scaled, np.full(len(BODY_PARAMETERS), True))
+        self.form = getattr(plain, 'form', None)
+        own = [f'{name}({body})' for name in BODY_PARAMETERS]
+        self.carried = np.array([plain.columns.index(name) for name in own], dtype=np.intp)
+        self.columns: tuple[str, ...] = (*plain.columns, *(PAYLOAD + name for name in own))
+
+    def rows(self, motion: FloatArray, out: FloatArray | None = None) -> FloatArray:
+        """Evaluate rows; see ``Regressor``."""
+        n = len(self.plain.columns)
+        shape = (len(motion), len(self.channels), len(self.columns))
+        rows = np.zeros(shape) if out is None else out
+        self.plain.rows(motion[:, :-1], out=rows[:, :, :n])
+        np.multiply(rows[:, :, self.carried], motion[:, -1, None, None], out=rows[:, :, n:])
+        return rows
+
+    def assume(self, parameters: FloatArray | None) -> None:
+        """Take parameters that no row depends on; see ``Regressor``."""
+
+    def outputs(self, motion: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Evaluate rows times parameters, without making the rows; see ``Regressor``."""
+        n = len(self.plain.columns)
+        carried = np.zeros((len(parameters), n))
+        carried[:, self.carried] = parameters[:, n:]
+        states = np.ascontiguousarray(motion[:, :-1])
+        return (self.plain.outputs(states, np.ascontiguousarray(parameters[:, :n]))
+                + motion[:, -1:] * self.plain.outputs(states, carried))
+
+
+def payload_regressor(plain: EffortRegressor | StrainRegressor, arm: Arm) -> PayloadRegressor:
+    """Let a regressor know of a payload at the end of its arm."""
+    exact = getattr(plain, 'form', None) == 'exact'
+    return PayloadRegressor(plain, last_body(arm.gauge_model if exact else arm.model))

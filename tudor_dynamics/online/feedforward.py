@@ -34,13 +34,12 @@ from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain, forward, rotation_at, vector_at
 from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.mechanics.small_algebra import add, cholesky, cross, solve, sub, turn, Vector
-from tudor_dynamics.models.base import Model, SLIDING
+from tudor_dynamics.models.base import Model, SAME, SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.elastic.kernel import (
     add_shortening, DDZ, driven_of, DZ, FORCE, gear, Gears, shorten, STIFFNESS, Z)
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
-from tudor_dynamics.models.payload import SAME
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 

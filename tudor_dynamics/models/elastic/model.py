@@ -25,14 +25,13 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import ModelError, NotFittedError, SimulationError
-from tudor_dynamics.models.base import check_motion, Model, Range, SLIDING
+from tudor_dynamics.models.base import check_motion, check_payload, Model, Range, SLIDING
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_parts import ElasticPart, read
 from tudor_dynamics.models.elastic.arm import DrivenArm, Response
 from tudor_dynamics.models.elastic.parameters import physical_unit
 from tudor_dynamics.models.friction import (
     friction_columns, friction_names, has_constant, JointTerms)
-from tudor_dynamics.models.payload import check_payload
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
