@@ -170,7 +170,7 @@ class Trainer(Protocol):
 
 def blank(kind: str, arm: Arm, output: str, settings: ModelSettings) -> MemorylessModel:
     """Build a model that is not fitted yet."""
-    made = KINDS[kind].model if settings.payloads is None else KINDS[kind].of_payloads
+    made = KINDS[kind].model if settings.payloads is None else KINDS[kind].of_loads
     assert made is not None and issubclass(made, MemorylessModel)
     return made.new(arm, output, settings)
 

@@ -88,7 +88,7 @@ class ModelBundle:
 
     @property
     def payload_range(self) -> tuple[float, float] | None:
-        """Payloads that the models were fitted to [kg]; None where they know of none."""
+        """Loads that the models were fitted to [kg]; None where they know of none."""
         ranges = (model.payload_range for kinds in self.models.values()
                   for model in kinds.values())
         return next((found for found in ranges if found is not None), None)
@@ -96,9 +96,9 @@ class ModelBundle:
     @property
     def payload(self) -> float | None:
         """
-        Payload that all training bags were recorded with [kg].
+        Load that all training bags were recorded with [kg].
 
-        None where bags do not say, differ, or the models are of all payloads.
+        None where bags do not say, differ, or the models are of all loads.
         """
         bags = self.facts.get('training')
         if self.payload_range is not None or not isinstance(bags, list) or not bags:
@@ -111,7 +111,7 @@ class ModelBundle:
 
     def at(self, payload: float) -> ModelBundle:
         """
-        Put a payload into the models.
+        Put a load into the models.
 
         Parameters
         ----------
@@ -121,13 +121,13 @@ class ModelBundle:
         Returns
         -------
         ModelBundle
-            Models of the motion alone; this bundle itself where its models are of one payload
+            Models of the motion alone; this bundle itself where its models are of one load
             and that, or none (0), is asked for.
 
         Raises
         ------
         ModelError
-            If the models are of one payload, but another one is asked for.
+            If the models are of one load, but another one is asked for.
 
         """
         if self.payload_range is None:

@@ -31,15 +31,15 @@ class Kind:
     """A kind of model."""
 
     label: str  # what tables and legends call it
-    model: type[Model]  # its class for bags of one payload
-    # Its class for bags of several payloads; None where it cannot be fitted to them.
-    of_payloads: type[Model] | None = None
+    model: type[Model]  # its class for bags of one load
+    # Its class for bags of several loads; None where it cannot be fitted to them.
+    of_loads: type[Model] | None = None
     # Whether it is there for comparison, so that no verdict depends on it while others are.
     compared: bool = False
 
     def from_content(self, content: dict[str, Any]) -> type[Model]:
-        """Say which class the content of a bundle is of: of all payloads where it has a range."""
-        made = self.of_payloads if 'payload_range' in content else self.model
+        """Say which class the content of a bundle is of: of all loads where it has a range."""
+        made = self.of_loads if 'payload_range' in content else self.model
         if made is None:
             msg = f'{self.label}: a range of payloads, of which this kind of model knows nothing'
             raise ModelError(msg)
