@@ -21,10 +21,10 @@ from payload_making import true_outputs, two_gauge_arm
 import pytest
 from sample_arms import multisine
 
+from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.analytical import PayloadModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.regressor import EffortRegressor, payload_regressor
-from tudor_dynamics.online.load import CarriedLoad
 from tudor_dynamics.online.monitor import MomentumObserver
 from tudor_dynamics.online.streams import Motion, PairedSample
 

@@ -27,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
+from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.nodes.common.base import DEPTH, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
@@ -36,7 +37,6 @@ from tudor_dynamics.nodes.common.messages import (
 from tudor_dynamics.nodes.common.model_node import ModelNode, PayloadPort
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.feedforward import Feedforward
-from tudor_dynamics.online.load import CarriedLoad
 
 
 class FeedforwardNode(ModelNode):

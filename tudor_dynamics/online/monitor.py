@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import check_type, ModelError
+from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
@@ -33,7 +34,6 @@ from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
     Rates, UNLIKE)
 from tudor_dynamics.online.judged import SensorHealth
-from tudor_dynamics.online.load import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.online.prediction import OUTPUTS, Predictor, Residual, ResidualStage
 from tudor_dynamics.online.streams import Motion, PairedSample, Pairing, StateFilter
 from tudor_dynamics.online.threshold_learning import stored_thresholds
@@ -388,7 +388,9 @@ class Watch:
         """Let the load follow; a collision that is one is taken back."""
         if self.payload is None or method != self._load_method:
             return
-        load = self.payload.step(residual, self.level)
+        motion = residual.motion
+        load = self.payload.step(motion.stamp, motion.dt, motion.row, residual.measured,
+                                 touched=self.level is not Level.FREE)
         if load is not None:
             found.loads.append(load)
             self.detector.reset()

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The load beside the running robot: estimated, expected, separated from contact."""
+"""The load of a running robot: estimated, expected, separated from contact."""
 
 from __future__ import annotations
 
@@ -28,16 +28,14 @@ from tudor_dynamics.load.observer import (
 from tudor_dynamics.load.rows import carrier_frame, load_worth, LoadWorth, tip
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.online.detector import Level
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.typing import FloatArray
 
 EXPECTED = 3.0
 """Time for which a load that was announced may come [s]."""
 APART = 0.4
-"""Time between two samples behind which all begins anew [s]."""
+"""Time between two samples after which all starts again [s]."""
 WARMED_UP = 0.1
-"""Time between samples that compile what runs beside the robot [s]."""
+"""Time between samples that compile what runs with the robot [s]."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +81,16 @@ class CarriedLoad:
         """Say whether a load may come now."""
         return self._last < self._expected
 
-    def step(self, residual: Residual, level: Level) -> LoadFound | None:
-        """Take a sample of the output that tells the load into account."""
-        self._advance(residual.motion.stamp)
+    def step(
+        self, stamp: int, dt: float, row: FloatArray, measured: FloatArray, *, touched: bool,
+    ) -> LoadFound | None:
+        """
+        Take a sample of the output that shows the load.
+
+        stamp [ns]; dt [s]: 0 for the first sample after a gap; row (3 joints,): ``[q, dq, ddq]``;
+        measured (channels,); touched: whether anything touches the arm, or may.
+        """
+        self._advance(stamp)
         change, self._told = self._mass - self._told, self._mass
         if abs(change) < LIGHTEST * self.worth[self.output].reference:
             return None
@@ -120,7 +125,7 @@ class PayloadStage(CarriedLoad):
         channels = len(bundle.models[self.output]['analytical'].channels)
         self.observer = LoadObserver(
             channels, reference, self._sense.lag, self._sense.explained)
-        # compiled now, and not beside the robot
+        # compiled now, and not while the robot runs
         nothing = np.zeros(3 * len(bundle.arm.joints))
         for _ in range(round(2.0 * BEGUN / WARMED_UP)):
             sensed = self._sense.step(WARMED_UP, nothing, np.zeros(channels))
@@ -152,21 +157,22 @@ class PayloadStage(CarriedLoad):
         """Give its standard deviation [kg]."""
         return self.observer.std
 
-    def step(self, residual: Residual, level: Level) -> LoadFound | None:
+    def step(
+        self, stamp: int, dt: float, row: FloatArray, measured: FloatArray, *, touched: bool,
+    ) -> LoadFound | None:
         """Take a sample into account; see `CarriedLoad`."""
-        motion = residual.motion
         before = self._last
-        if self._advance(motion.stamp):
+        if self._advance(stamp):
             self.observer.reset()
-        if not all_finite(residual.measured):
+        if not all_finite(measured):
             return None
-        dt = (motion.stamp - before) * 1e-9
-        if motion.dt == 0.0 or not 0.0 < dt < APART:
-            dt = 0.0  # the first one, also behind a gap while filters settled
-        sensed = self._sense.step(dt, motion.row, residual.measured)
+        since = (stamp - before) * 1e-9
+        if dt == 0.0 or not 0.0 < since < APART:
+            since = 0.0  # the first one, also after a gap while filters settled
+        sensed = self._sense.step(since, row, measured)
         if sensed is None:
             return None
         change = self.observer.step(
-            dt, sensed.left, sensed.worth, sensed.weight,
-            held=level is not Level.FREE and not self.expecting, expected=self.expecting)
-        return LoadFound(motion.stamp, self.mass, change) if change else None
+            since, sensed.left, sensed.worth, sensed.weight,
+            held=touched and not self.expecting, expected=self.expecting)
+        return LoadFound(stamp, self.mass, change) if change else None
