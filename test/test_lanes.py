@@ -17,6 +17,10 @@
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
+import subprocess
+import sys
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -84,3 +88,56 @@ def test_lanes_that_are_left_are_filled() -> None:
     assert together.shape == (2, LANES)
     assert np.array_equal(together[:, :2], np.array(several).T)
     assert np.all(together[:, 2:] == several[-1][:, None])
+
+
+PROGRAM = """
+import math
+import numpy as np
+from tudor_dynamics.lanes import in_lanes, LANES, PLAIN, side_by_side, unowned, with_lanes
+from tudor_dynamics.compiled import compiled
+
+
+@with_lanes(1)
+def grow(bound, states, seen, place):
+    x, y, at = in_lanes((states, seen, place))
+    for k in range(y.shape[0]):
+        x[0] = 1.5 * x[0] + math.sin(x[0]) - math.cos(x[1])
+        x[at[0]] += 0.1 * x[0]
+        if not abs(x[0]) < bound:
+            return k
+        y[k] = x[0]
+    return y.shape[0]
+
+
+@compiled
+def total(tables):
+    a, b = unowned(tables)
+    return a.sum() + b[0]
+
+
+for first in (0.01, 14.0):
+    several = [np.array([0.1 + 0.01 * k, 0.2]) for k in range(LANES - 2)]
+    several.append(np.array([first, 0.5]))
+    states, seen, place = side_by_side(several), np.zeros((6, LANES)), np.array([1])
+    done = grow(40.0, states, seen, place)
+    bad = ~(np.abs(states[0]) < 40.0)
+    print(PLAIN, done, *np.flatnonzero(bad), *(states[:, ~bad].ravel() if done == 6 else ()))
+print(total((np.ones((2, 3)), np.array([2, 3]))))
+"""
+
+
+def test_the_plain_way_gives_the_same(tmp_path: Path) -> None:
+    """One lane after the other, as where numba has changed: the same numbers and failures."""
+    (tmp_path / 'program.py').write_text(PROGRAM)
+
+    def said(plain: str) -> list[list[str]]:
+        run = subprocess.run(
+            [sys.executable, str(tmp_path / 'program.py')], capture_output=True, text=True,
+            check=True, env={**os.environ, 'TUDOR_PLAIN_LANES': plain})
+        return [line.split() for line in run.stdout.splitlines()]
+    vectors, plain = said(''), said('1')
+    assert [line.pop(0) for line in vectors[:2]] == ['False'] * 2
+    assert [line.pop(0) for line in plain[:2]] == ['True'] * 2
+    assert vectors[1] == plain[1] and 0 < int(plain[1][0]) < 6  # the same lanes fail, as early
+    assert plain[0][0] == '6' and vectors[2] == plain[2]
+    np.testing.assert_allclose(np.array(plain[0], float), np.array(vectors[0], float), rtol=1e-12)

@@ -22,7 +22,8 @@ import numba
 import numpy as np
 import pytest
 
-from tudor_dynamics.compiled import array_at, places_of, REAL, TRUTH, unowned, WHOLE
+from tudor_dynamics.compiled import array_at, places_of, REAL, TRUTH, WHOLE
+from tudor_dynamics.lanes import unowned
 
 
 @numba.njit

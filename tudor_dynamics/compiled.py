@@ -33,18 +33,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-# -- The one way in which the package compiles its inner loops, and where it keeps the results
-
 Function = TypeVar('Function', bound=Callable[..., object])
 
 PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
-MARK = b'\n@compiled\n'
+MARKS = b'\n@compiled\n', b'\n@with_lanes('
 """What a file with inner loops contains."""
-NUMBERS = 'contact_levers.py'
-"""File with numbers that inner loops of others use."""
-OWN = Path(__file__).name
-"""This file, which says how to compile."""
+OTHERS = Path(__file__).name, 'lanes.py', 'vectors.py', 'contact_levers.py'
+"""Files that say how to compile, and those with numbers that inner loops of others use."""
 
 KEPT = 'tudor_dynamics-'
 """How directories with compiled functions begin."""
@@ -54,14 +50,14 @@ def kernel_files() -> dict[Path, bytes]:
     """Read the files whose functions, or numbers, are compiled."""
     contents = {file: file.read_bytes() for file in sorted(PACKAGE.rglob('*.py'))}
     return {file: content for file, content in contents.items()
-            if MARK in content or file.name == NUMBERS or file.name == OWN}
+            if file.name in OTHERS or any(mark in content for mark in MARKS)}
 
 
 def kept_in() -> Path:
     """
     Name the directory in which compiled functions are kept between runs.
 
-    A compiled function contains those that it calls, but numba compiles it anew only where its
+    A compiled function contains those that it calls, but numba compiles it again only where its
     own file has changed. So the name holds a checksum of all such files: after an upgrade nothing
     old is used.
     """
@@ -117,43 +113,9 @@ def compiled(function: Function) -> Function:
         return cast(Function, jit(function))
 
 
-# -- Small arrays in compiled code: what numpy and the count of references cost beside the work
-
-Tables = TypeVar('Tables', bound=tuple)
 REAL, WHOLE, TRUTH = range(3)
 KINDS = types.float64, types.int64, types.boolean
 """What an array may hold that is handed over by its place."""
-
-
-def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, types.BaseTuple):
-        kinds: Any = kind
-        return context.make_tuple(builder, kind, [
-            _without_owner(context, builder, of, builder.extract_value(value, i))
-            for i, of in enumerate(kinds)])
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = array.meminfo.type(None)
-        return array._getvalue()
-    return value
-
-
-@intrinsic
-def _unowned(_: Any, tables: Any) -> Any:
-    return tables(tables), lambda context, builder, signature, values: _without_owner(
-        context, builder, signature.args[0], values[0])
-
-
-@compiled
-def unowned(tables: Tables) -> Tables:
-    """
-    Give the same arrays, without their owner.
-
-    Nobody counts references to them nor to their rows, each an atomic addition that numba does
-    not leave out where there is a loop: a third of the time of a step. Only for the arguments of
-    a function that is called from Python, which holds them until it returns.
-    """
-    return _unowned(tables)  # type: ignore[call-arg]
 
 
 def places_of(arrays: Sequence[NDArray[Any]]) -> NDArray[np.int64]:
@@ -199,8 +161,8 @@ array_at = cast(Callable[[NDArray[np.int64], int, int, int], NDArray[Any]], _arr
 """
 Give, in compiled code, an array of which ``places_of`` has written down where it lies.
 
-The result has no owner, see ``unowned``. Arguments: places, which of them, what it holds (REAL,
-WHOLE or TRUTH) and its number of axes; all but the first are constants.
+The result has no owner, see ``lanes.unowned``. Arguments: places, which of them, what it holds
+(REAL, WHOLE or TRUTH) and its number of axes; all but the first are constants.
 """
 
 

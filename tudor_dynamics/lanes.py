@@ -13,220 +13,110 @@
 # limitations under the License.
 
 """
-Several numbers side by side in compiled code.
+Several arms side by side in compiled code, and arrays that nobody counts references to.
 
 A kernel of numbers, given arrays whose last axis are lanes, is compiled once more for vectors of
 the processor, as it stands: one step then advances as many arms as there are lanes. Comparisons
 say whether they hold in all lanes, so a kernel may branch only where its lanes agree.
+
+Where numba is not as ``vectors.py`` expects it, or ``TUDOR_PLAIN_LANES`` is set, the lanes are
+followed one after the other: the same numbers to rounding, several times slower.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import math
-import operator
-from typing import Any, TypeVar
+import os
+from typing import Any, cast, TypeVar
 
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.core.boxing import box_unsupported, unbox_unsupported
-from numba.core.datamodel import models
-from numba.core.imputils import lower_builtin, lower_cast
-from numba.core.typeconv.castgraph import Conversion
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
-from numba.extending import box, intrinsic, register_model, unbox
-from numba.np.arrayobj import populate_array
 import numpy as np
 
-from tudor_dynamics.compiled import compiled, unowned
+from tudor_dynamics.compiled import compiled
 from tudor_dynamics.typing import FloatArray
 
-LANES = 8
-"""Numbers side by side: a vector of AVX-512, two of AVX2."""
-TERMS = 11
-"""Of the series of sine and cosine: exact to rounding up to a quarter turn."""
+try:
+    if os.environ.get('TUDOR_PLAIN_LANES'):
+        raise ImportError('plain lanes are asked for')
+    from tudor_dynamics.vectors import LANES, views, without_owner
+    PLAIN = False
+except (AttributeError, ImportError, TypeError):
+    LANES, PLAIN = 8, True
 
 Tables = TypeVar('Tables', bound=tuple)
-_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+Kernel = TypeVar('Kernel', bound=Callable[..., int])
 
+if PLAIN:
+    @compiled
+    def unowned(tables: Tables) -> Tables:
+        """Give the same arrays."""
+        return tables
 
-class _Many(types.Type):
-    """Type of so many numbers side by side."""
+    @compiled
+    def in_lanes(tables: Tables) -> Tables:
+        """Give the same arrays: they are those of one lane."""
+        return tables
+else:
+    @compiled
+    def unowned(tables: Tables) -> Tables:
+        """
+        Give the same arrays, without their owner.
 
-    def __init__(self) -> None:
-        super().__init__(name='many')
+        Nobody counts references to them nor to their rows, each an atomic addition that numba does
+        not leave out where there is a loop: a third of the time of a step. Only for the arguments
+        of a function that is called from Python, which holds them until it returns.
+        """
+        return without_owner(tables)  # type: ignore[call-arg]
 
-    def can_convert_from(self, typingctx: Any, other: Any) -> Any:
-        """Take any number, in all lanes."""
-        del typingctx
-        return Conversion.safe if isinstance(other, types.Number) else None
+    @compiled
+    def in_lanes(tables: Tables) -> Tables:
+        """
+        Take the last axis of all arrays of numbers for lanes; arrays of whole numbers are shared.
 
-    def unify(self, typingctx: Any, other: Any) -> Any:
-        """Become this where a variable is a number at first."""
-        del typingctx
-        return self if isinstance(other, types.Number) else None
-
-
-many = _Many()
-
-
-@register_model(_Many)
-class _Model(models.PrimitiveModel):
-    def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _VECTOR)
-
-
-class _ManyArray(types.Array):
-    """Type of an array of them, which never comes from Python nor goes there."""
-
-    def __init__(self, ndim: int, layout: Any) -> None:
-        super().__init__(many, ndim, layout, aligned=False)
-
-    def copy(  # type: ignore[override]
-            self, dtype: Any = None, ndim: Any = None, layout: Any = None,
-            readonly: Any = None) -> _ManyArray:
-        """Give the type of a part."""
-        del dtype, readonly
-        return _ManyArray(ndim or self.ndim, layout or self.layout)
-
-
-register_model(_ManyArray)(models.ArrayModel)
-unbox(_ManyArray)(unbox_unsupported)
-box(_ManyArray)(box_unsupported)
-
-
-def _alike(value: float) -> ir.Constant:
-    return ir.Constant(_VECTOR, [float(value)] * LANES)
-
-
-def _in_all(builder: Any, value: Any) -> Any:
-    first = builder.insert_element(
-        ir.Constant(_VECTOR, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(first, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(
-        ir.VectorType(ir.IntType(32), LANES), [0] * LANES))
-
-
-@lower_cast(types.Float, _Many)
-@lower_cast(types.Integer, _Many)
-@lower_cast(types.IntegerLiteral, _Many)
-def _from_number(context: Any, builder: Any, kind: Any, _: Any, value: Any) -> Any:
-    return _in_all(builder, context.cast(builder, value, kind, types.float64))
-
-
-def _known(*functions: Any, result: Any, count: int) -> None:
-    """Say what functions give that are called with one or more of this type."""
-    class Template(AbstractTemplate):
-        def generic(self, args: Any, kws: Any) -> Any:
-            if not kws and len(args) == count and many in args and all(
-                    arg == many or isinstance(arg, types.Number) for arg in args):
-                return signature(result, *[many] * count)
-            return None
-
-    for function in functions:
-        infer_global(function)(Template)
-
-
-def _lowered(function: Any, make: Callable[..., Any], count: int) -> None:
-    @lower_builtin(function, *[many] * count)
-    def lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        del context, signature
-        return make(builder, *values)
-
-
-_OPERATIONS = {
-    'fadd': (operator.add, operator.iadd), 'fsub': (operator.sub, operator.isub),
-    'fmul': (operator.mul, operator.imul), 'fdiv': (operator.truediv, operator.itruediv)}
-for _name, _pair in _OPERATIONS.items():
-    _known(*_pair, result=many, count=2)
-    for _each in _pair:
-        _lowered(_each, lambda builder, a, b, name=_name: getattr(builder, name)(a, b), 2)
-_ORDERS = {'<': operator.lt, '<=': operator.le, '>': operator.gt, '>=': operator.ge}
-_known(*_ORDERS.values(), result=types.boolean, count=2)
-for _sign, _order in _ORDERS.items():
-    _lowered(_order, lambda builder, a, b, sign=_sign: builder.icmp_unsigned(
-        '==', builder.bitcast(builder.fcmp_ordered(sign, a, b), ir.IntType(LANES)),
-        ir.Constant(ir.IntType(LANES), 2**LANES - 1)), 2)
-
-
-def _call(builder: Any, name: str, *values: Any) -> Any:
-    kind = ir.FunctionType(_VECTOR, [_VECTOR] * len(values))
-    return builder.call(cgutils.get_or_insert_function(
-        builder.module, kind, f'{name}.v{LANES}f64'), values)
-
-
-def _sine(builder: Any, x: Any, first: int) -> Any:
-    """Give the sine (first power 1) or cosine (0) by the series about the next half turn."""
-    turns = _call(builder, 'llvm.rint', builder.fmul(x, _alike(1.0 / math.pi)))
-    rest = builder.fsub(x, builder.fmul(turns, _alike(math.pi)))
-    square = builder.fmul(rest, rest)
-    result = _alike(0.0)
-    for k in range(TERMS, -1, -1):
-        result = builder.fadd(builder.fmul(result, square), _alike(
-            (-1.0)**k / math.factorial(2 * k + first)))
-    half = builder.fmul(turns, _alike(0.5))
-    odd = builder.fsub(half, _call(builder, 'llvm.floor', half))  # a half behind an odd one
-    flip = builder.fsub(_alike(1.0), builder.fmul(odd, _alike(4.0)))
-    return builder.fmul(flip, builder.fmul(result, rest) if first else result)
-
-
-# Of lanes that agree: where something is, not what is there.
-_known(int, result=types.intp, count=1)
-_lowered(int, lambda builder, a: builder.fptosi(builder.extract_element(
-    a, ir.Constant(ir.IntType(32), 0)), ir.IntType(64)), 1)
-_known(operator.neg, abs, math.sqrt, math.sin, math.cos, result=many, count=1)
-_lowered(operator.neg, lambda builder, a: builder.fsub(_alike(-0.0), a), 1)
-_lowered(abs, lambda builder, a: _call(builder, 'llvm.fabs', a), 1)
-_lowered(math.sqrt, lambda builder, a: _call(builder, 'llvm.sqrt', a), 1)
-_lowered(math.sin, lambda builder, a: _sine(builder, a, 1), 1)
-_lowered(math.cos, lambda builder, a: _sine(builder, a, 0), 1)
-
-
-def _kind_of(kind: Any) -> Any:
-    if isinstance(kind, types.Array) and kind.dtype == types.float64:
-        return _ManyArray(kind.ndim - 1, 'C')
-    return kind
-
-
-def _viewed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if _kind_of(kind) == kind:
-        return value
-    numbers = context.make_array(kind)(context, builder, value)
-    vectors = context.make_array(_kind_of(kind))(context, builder)
-    size = LANES * 8
-    shape = [builder.extract_value(numbers.shape, i) for i in range(kind.ndim - 1)]
-    strides = [builder.extract_value(numbers.strides, i) for i in range(kind.ndim - 1)]
-    populate_array(vectors, builder.bitcast(numbers.data, vectors.data.type), shape, strides, size,
-                   None)
-    return vectors._getvalue()
-
-
-@intrinsic
-def _views(_: Any, tables: Any) -> Any:
-    kinds = types.Tuple([_kind_of(kind) for kind in tables])
-
-    def lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return context.make_tuple(builder, signature.return_type, [
-            _viewed(context, builder, kind, builder.extract_value(values[0], i))
-            for i, kind in enumerate(signature.args[0])])
-    return kinds(tables), lower
-
-
-@compiled
-def in_lanes(tables: Tables) -> Tables:
-    """
-    Take the last axis of all arrays of numbers for lanes; arrays of whole numbers are shared.
-
-    Nobody counts references to what is given. Only for the arguments of a function that is called
-    from Python, which holds them until it returns.
-    """
-    return _views(unowned(tables))  # type: ignore[call-arg]
+        Nobody counts references to what is given, see ``unowned``.
+        """
+        return views(unowned(tables))  # type: ignore[call-arg]
 
 
 def side_by_side(several: Sequence[FloatArray]) -> FloatArray:
     """
-    Put arrays of one shape side by side; the last one fills the lanes that are left.
+    Put arrays of one shape side by side; the last one fills the remaining lanes.
 
     Returns (..., LANES).
     """
     return np.stack([*several, *[several[-1]] * (LANES - len(several))], axis=-1)
+
+
+def with_lanes(shared: int) -> Callable[[Kernel], Kernel]:
+    """
+    Compile a kernel that takes its arguments after the first ``shared`` ones by ``in_lanes``.
+
+    It returns the number of steps done, which is that of the lane that fails first. In the plain
+    way a lane that fails is NaN afterwards.
+    """
+    def decorate(kernel: Kernel) -> Kernel:
+        fast = compiled(kernel)
+        return cast(Kernel, one_by_one(fast, shared)) if PLAIN else fast
+    return decorate
+
+
+def one_by_one(kernel: Callable[..., int], shared: int) -> Callable[..., int]:
+    """Let a kernel follow the lanes one after the other."""
+    def follow(*arguments: Any) -> int:
+        common, several = arguments[:shared], arguments[shared:]
+        begun = [array.copy() for array in several]  # whole numbers are the same in all lanes
+        done = []
+        for lane in range(LANES):
+            own = [np.ascontiguousarray(array[..., lane]) if array.dtype == float else array.copy()
+                   for array in begun]
+            done.append(kernel(*common, *own))
+            for array, found in zip(several, own, strict=True):
+                if array.dtype == float:
+                    array[..., lane] = found
+                else:
+                    array[...] = found
+        for lane, steps in enumerate(done):
+            for array in several:
+                if steps < max(done) and array.dtype == float:
+                    array[..., lane] = np.nan
+        return min(done)
+    return follow

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import is_prismatic, joint_axis
-from tudor_dynamics.compiled import compiled, unowned
+from tudor_dynamics.compiled import compiled
+from tudor_dynamics.lanes import unowned
 from tudor_dynamics.mechanics.small_algebra import cross, turn_back
 from tudor_dynamics.typing import FloatArray, IndexArray
 

@@ -27,12 +27,11 @@ from tudor_dynamics.errors import SignalError
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Low-passes of even order as sections of second order, run forward and backward over a record.
-#
-# The same filters as scipy's `butter`, `cheby1` and `sosfiltfilt` (a test holds them together).
-# They are here because they take most of the time of a fit to many bags, and scipy filters one
-# column after the other, ten times as slowly; and because `scipy.signal` alone takes half of the
-# time in which a command starts, and a fifth of its memory.
+# Low-passes of even order as sections of second order, run forward and backward over a record: the
+# filters of scipy's `butter`, `cheby1` and `sosfiltfilt` (test/signals/test_sections.py). They are
+# here because they take most of the time of a fit to many bags, and scipy takes 5 times as long
+# (bench/filters.py: ratio 4.7 for 7 columns, 4.9 for 64). To import `scipy.signal` would also take
+# half of the time in which a command starts.
 
 Poles = NDArray[np.complex128]
 
@@ -105,10 +104,8 @@ def _run(sections: FloatArray, x: FloatArray, backward: bool) -> None:
                 row[i] = y
 
 
-# -- The papers' causal differentiation filters.
-#
-# The filter is one object for all uses: fed sample by sample next to the robot, or with a whole
-# record offline, it gives the same numbers.
+# The papers' causal differentiation filter is one object for all uses: fed sample by sample next to
+# the robot, or with a whole record offline, it gives the same numbers.
 
 @dataclass(frozen=True, eq=False)
 class FilteredStates:
@@ -157,8 +154,8 @@ class CausalDifferentiator:
     """
     Velocity and acceleration as in Malzahn et al., Section III: difference quotient and low-pass.
 
-    The velocity is the difference quotient of the position behind a first-order low-pass (80 Hz),
-    the acceleration the difference quotient of that velocity behind a second one (20 Hz). At the
+    The velocity is the difference quotient of the position after a first-order low-pass (80 Hz),
+    the acceleration the difference quotient of that velocity after a second one (20 Hz). At the
     first sample after a reset both are zero.
 
     velocity_cutoff, acceleration_cutoff [Hz].
@@ -247,7 +244,7 @@ class CausalDifferentiator:
         """
         Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's.
 
-        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: 0 begins anew.
+        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: 0 restarts.
         """
         n = len(q)
         row = np.empty(3 * n)
@@ -286,8 +283,6 @@ def _differentiate(
         last_q[i], last_dq[i], last_ddq[i] = q[i], dq, ddq
         row[i], row[n + i], row[2 * n + i] = q[i], dq, ddq
 
-
-# -- A zero-phase alternative to the causal filters, for recordings
 
 def zero_phase(
     t: FloatArray,
@@ -349,10 +344,9 @@ def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
     return np.stack([np.interp(new, old, x[:, i]) for i in range(x.shape[1])], axis=1)
 
 
-# -- A signal with its first and second derivative, all three behind the same filter
-
 SETTLED = 16.0
-"""Lags of one stage until the beginning is forgotten, to 1e-4 of an acceleration."""
+"""Warm-up in lags of one stage, after which an acceleration is right to 1e-4 (the step response of
+three stages, test/signals/test_smooth_states.py)."""
 
 
 class SmoothStates:
@@ -375,14 +369,14 @@ class SmoothStates:
 
     @property
     def settle(self) -> float:
-        """Give the time behind a beginning for which derivatives are wrong [s]."""
+        """Give the warm-up: how long derivatives are wrong after a restart [s]."""
         return SETTLED / self._pole
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
         """
         Filter one sample.
 
-        x (channels,); dt [s]: 0 begins anew; returns (3, channels) [1, 1/s, 1/s^2 of its unit].
+        x (channels,); dt [s]: 0 restarts; returns (3, channels) [1, 1/s, 1/s^2 of its unit].
         """
         if self._stages is None or dt <= 0.0:
             self._stages = np.tile(x, (5, 1))
@@ -428,8 +422,6 @@ def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
         [2.0 / (dt * both), -2.0 / (dt * earlier), 2.0 / (earlier * both)]])
 
 
-# -- Frequencies and damping ratios of a free decay.
-#
 # Matrix pencil method (Hua and Sarkar, IEEE Transactions on Acoustics, Speech and Signal
 # Processing 38, 1990): the poles of a sum of damped oscillations are eigenvalues of a pair of
 # Hankel matrices.

@@ -31,22 +31,21 @@ from tudor_dynamics.signals.filters import (
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Do stamps jitter on an even sampling? Positions tell, and even stamps take their place
-
 LEAST_JITTER = 0.02
-"""Less, relative to the sample time, changes no derivative that matters."""
+"""Less, relative to the sample time, changes no derivative that matters; source: none known."""
 LARGEST_OFFSET = 0.45
 """A stamp farther from its even place, in sample times, belongs to another one."""
 LARGEST_IN_ORDER = 0.9
 """... where none was lost, and the order of the messages says which sample it is."""
 CLEAR = 0.8
-"""Even stamps are right where they leave less than this part of the roughness."""
+"""Even stamps are right where they reduce the roughness to less than this part (no false alarm
+with the faults of bench/doctor.py)."""
 FEWEST_STAMPS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Stamps of an even sampling, beside those that were recorded."""
+    """Stamps of an even sampling, compared with those that were recorded."""
 
     stamp: NDArray[np.int64]  # even stamps, (n,) [ns]
     jitter: float  # standard deviation of the recorded stamps about them [s]
@@ -92,7 +91,7 @@ def timing(recording: Recording) -> Timing | None:
     if jitter < LEAST_JITTER * recording.dt or np.any(np.diff(stamp) <= 0):
         return None
     rough = np.sqrt(squares / count)
-    # the joint that tells most: one that stands still says nothing
+    # the joint with the largest difference: one that stands still says nothing
     joint = int(np.argmax(np.abs(rough[0] - rough[1])))
     largest = max(float(rough[:, joint].max()), 1e-300)
     return Timing(stamp, jitter, float(rough[0, joint]) / largest,
@@ -148,12 +147,10 @@ def _unexpected(t: FloatArray, x: FloatArray) -> FloatArray:
     return np.asarray(x[2:-2] - expected)
 
 
-# -- From a recording to what models are fitted to: filtered states and outputs, settled,
-#    decimated.
-#
-# The same function serves training, validation and evaluation; its settings travel in the model
-# bundle. Decimation is linear, and is applied to measured outputs and to regressor rows or
-# predictions alike (Gautier's parallel filtering), so that both sides stay comparable.
+# From a recording to what models are fitted to: filtered states and outputs, without warm-up,
+# decimated. The same function serves training, validation and evaluation; its settings travel in
+# the model bundle. Decimation is linear, and is applied to measured outputs and to regressor rows
+# or predictions alike (Gautier's parallel filtering), so that both sides stay comparable.
 
 BLOCK = 4096
 COLUMNS_AT_A_TIME = 64
@@ -260,7 +257,7 @@ class Stretch:
 
 
 def noise_gain(stretch: Stretch, spec: PreprocessingSpec) -> float:
-    """Give what is left of white noise of an output behind its filters."""
+    """Give the share of white noise of an output that remains after its filters."""
     cutoff = spec.output_cutoff if spec.filter == 'causal' else None
     white = np.random.default_rng(0).normal(size=(len(stretch.t), 1))
     return float(stretch.decimation(causal_outputs(stretch.dt, white, cutoff)).std())

@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import InertiaPart
-from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.lanes import in_lanes, LANES, side_by_side
+from tudor_dynamics.lanes import in_lanes, LANES, side_by_side, with_lanes
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.equations import LOADS
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge
@@ -403,9 +402,9 @@ TOO_FAR = 1e6
 """Where a state has gone beyond all bounds, as in ``kernel.advance``."""
 
 
-@compiled
+@with_lanes(5)
 def follow_several(
-    q: NDArray, dt: NDArray, inner: float, loaded: bool, measured: NDArray, gains: NDArray,
+    q: NDArray, dt: NDArray, inner: float, loaded: bool, gains: NDArray, measured: NDArray,
     moment: NDArray, torque: NDArray, *arrays: NDArray,
 ) -> int:
     """
@@ -460,7 +459,7 @@ def _behind_the_first(
         moment = np.zeros((len(q), len(arms[0].gauges.body), LANES))
         done = follow_several(
             np.ascontiguousarray(q), np.ascontiguousarray(dt), arms[0].inner, arms[0].loaded,
-            side_by_side([towards[i][1:] for i in lanes]), gains, moment,
+            gains, side_by_side([towards[i][1:] for i in lanes]), moment,
             np.zeros((len(q), q.shape[1], LANES)), *arrays)
         if done == len(q):
             return {i: np.ascontiguousarray(moment[:, :, lane]) for lane, i in enumerate(lanes)}
@@ -471,9 +470,9 @@ def _behind_the_first(
     return {}
 
 
-@compiled
+@with_lanes(3)
 def follow_paths(
-    q: NDArray, dt: float, inner: float, loaded: bool, moment: NDArray, torque: NDArray,
+    dt: float, inner: float, loaded: bool, q: NDArray, moment: NDArray, torque: NDArray,
     *arrays: NDArray,
 ) -> int:
     """
@@ -504,7 +503,7 @@ def follow_motions(arm: DrivenArm, motions: FloatArray, dt: float) -> FloatArray
         arrays = [side_by_side([array]) if array.dtype == float else array.copy()
                   for array in arm.arrays]
         moment = np.zeros((group.shape[1], len(arm.gauges.body), LANES))
-        done = follow_paths(side_by_side(list(group)), dt, arm.inner, arm.loaded, moment,
+        done = follow_paths(dt, arm.inner, arm.loaded, side_by_side(list(group)), moment,
                             np.zeros((*group.shape[1:], LANES)), *arrays)
         if done < group.shape[1]:
             raise SimulationError(f'{arm.arm.name}: the elastic model diverges after {done} of '
