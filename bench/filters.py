@@ -64,8 +64,9 @@ def main() -> None:
         scipys = fastest(lambda: sosfiltfilt(theirs, x, axis=0, padlen=pad))
         difference = np.max(np.abs(forward_backward(own, x, pad)
                                    - sosfiltfilt(theirs, x, axis=0, padlen=pad)))
-        print(f'{what:12} {columns:3} columns: {1e3 * ours:6.1f} ms, scipy {1e3 * scipys:6.1f} ms, '
-              f'ratio {scipys / ours:.1f}; results differ by {difference:.1g}')
+        print(f'{what:12} {columns:3} columns: {1e3 * ours:6.1f} ms, '
+              f'scipy {1e3 * scipys:6.1f} ms, ratio {scipys / ours:.1f}; '
+              f'results differ by {difference:.1g}')
 
 
 if __name__ == '__main__':

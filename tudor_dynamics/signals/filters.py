@@ -104,8 +104,8 @@ def _run(sections: FloatArray, x: FloatArray, backward: bool) -> None:
                 row[i] = y
 
 
-# The papers' causal differentiation filter is one object for all uses: fed sample by sample next to
-# the robot, or with a whole record offline, it gives the same numbers.
+# The papers' causal differentiation filter is one object for all uses: fed sample by sample next
+# to the robot, or with a whole record offline, it gives the same numbers.
 
 @dataclass(frozen=True, eq=False)
 class FilteredStates:
