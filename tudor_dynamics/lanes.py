@@ -37,8 +37,8 @@ from tudor_dynamics.typing import FloatArray
 try:
     if os.environ.get('TUDOR_PLAIN_LANES'):
         raise ImportError('plain lanes are asked for')
-    from tudor_dynamics.vectors import LANES, views, without_owner
-    PLAIN = False
+    from tudor_dynamics.vectors import LANES as WIDTH, views, without_owner
+    LANES, PLAIN = WIDTH, False
 except (AttributeError, ImportError, TypeError):
     LANES, PLAIN = 8, True
 
