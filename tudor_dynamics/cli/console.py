@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 import json
 import math
 import os
@@ -28,7 +29,8 @@ from typing import Any
 from rich import box
 from rich.cells import cell_len
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn, Progress, ProgressColumn, SpinnerColumn, TimeElapsedColumn)
 from rich.table import Column, Table
 
 from tudor_dynamics.errors import printable, UsageError
@@ -41,38 +43,34 @@ GAP = 2
 """Blanks between columns."""
 
 
-class StepProgress:
-    """
-    A progress bar over steps that are named as they begin.
+Advance = Callable[..., None]
+"""Takes what changes about a bar: ``advance`` or ``completed``, ``total``, ``description``."""
 
-    progress: None where nobody watches.
-    """
 
-    def __init__(self, progress: Progress | None, total: int) -> None:
-        self._progress = progress
-        self._task = progress.add_task('', total=total) if progress is not None else None
-        self._begun = False
-
-    def __call__(self, text: str) -> None:
-        """Begin the next step."""
-        if self._progress is None or self._task is None:
-            return
-        if self._begun:
-            self._progress.advance(self._task)
-        self._begun = True
-        self._progress.update(self._task, description=text)
+def watched() -> bool:
+    """Say whether a terminal shows standard error."""
+    return Console(file=sys.stderr).is_terminal
 
 
 @contextmanager
-def steps(total: int) -> Iterator[StepProgress]:
-    """Show a progress bar on standard error while a terminal watches."""
-    console = Console(file=sys.stderr)
-    if not console.is_terminal:
-        yield StepProgress(None, total)
-        return
-    columns = (SpinnerColumn(), TextColumn('{task.description}'), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        yield StepProgress(progress, total)
+def bar(total: int | None, *columns: str | ProgressColumn) -> Iterator[Advance]:
+    """Show a bar on standard error while a terminal watches."""
+    with Progress(*columns, console=Console(file=sys.stderr), transient=True,
+                  disable=not watched()) as progress:
+        yield partial(progress.update, progress.add_task('', total=total))
+
+
+@contextmanager
+def steps(total: int) -> Iterator[Callable[[str], None]]:
+    """Show a bar over steps that are named as they begin."""
+    begun = 0
+    with bar(total, SpinnerColumn(), '{task.description}', BarColumn(),
+             TimeElapsedColumn()) as advance:
+        def step(text: str) -> None:
+            nonlocal begun
+            advance(completed=begun, description=text)
+            begun += 1
+        yield step
 
 
 def print_json(content: Any) -> None:

@@ -20,17 +20,15 @@ import argparse
 from collections.abc import Sequence
 import math
 from pathlib import Path
-import sys
 import time
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TimeElapsedColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import SelfCollision
-from tudor_dynamics.cli.console import finite, new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, finite, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import whole
 from tudor_dynamics.identification.excitation import CLEARANCE, ExpectedError
@@ -190,32 +188,6 @@ def _noise(args: argparse.Namespace, arm: Arm) -> dict[str, FloatArray]:
     return size if arm.gauges else {'effort': size['effort']}
 
 
-class _Bar:
-    """Progress on standard error while a terminal watches, and the end of the time."""
-
-    def __init__(self, total: int, budget: float | None) -> None:
-        console = Console(file=sys.stderr)
-        self._bar = Progress(TextColumn('search, mean error {task.description}'), BarColumn(),
-                             TimeElapsedColumn(), console=console, transient=True,
-                             disable=not console.is_terminal)
-        self._task = self._bar.add_task('', total=total)
-        self._end = np.inf if budget is None else time.monotonic() + budget
-        self.cut = False
-
-    def __enter__(self) -> _Bar:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def step(self, cost: float) -> bool:
-        """Show a step of the search; say whether the time is over."""
-        self._bar.update(self._task, advance=1, description=f'{np.exp(min(cost, 700.0)):.3g}')
-        self.cut = time.monotonic() >= self._end
-        return self.cut
-
-
 def run(args: argparse.Namespace) -> int:
     """Search, say what is to be expected, write."""
     _check(args)
@@ -228,30 +200,36 @@ def run(args: argparse.Namespace) -> int:
     steps = args.steps or (60 if args.kind == 'fourier' else 600)
     order = Order(args.seconds, args.highest or default_highest(arm), 1.0 / args.rate, steps,
                   args.seed)
-    begun = time.perf_counter()
-    with _Bar(steps * (len(STAGES) if args.kind == 'fourier' else 1), args.budget) as bar:
-        plan = make_plan(target, order, kind=args.kind, links=links, report=bar.step)
+    begun, cut = time.perf_counter(), False
+    with bar(steps * (len(STAGES) if args.kind == 'fourier' else 1),
+             'search, mean error {task.description}', BarColumn(), TimeElapsedColumn()) as advance:
+        def over(cost: float) -> bool:
+            nonlocal cut
+            advance(advance=1, description=f'{np.exp(min(cost, 700.0)):.3g}')
+            cut = args.budget is not None and time.perf_counter() - begun >= args.budget
+            return cut
+
+        plan = make_plan(target, order, kind=args.kind, links=links, report=over)
     seconds = time.perf_counter() - begun
     gain = _gain(target, plan, order)
     stated = bool(args.model or args.noise or args.noise_of)
     head = plan_head(plan, arm, {
         'kind': args.kind, 'seconds': args.seconds, 'rate': args.rate, 'highest': order.highest,
-        'seed': args.seed, 'steps': steps, 'complete': not bar.cut,
+        'seed': args.seed, 'steps': steps, 'complete': not cut,
         'self_collision_pairs': links.pairs, 'gain_over_random': round(gain, 3)}, stated=stated)
     with whole(Path(args.out), replace=False) as folder:
         folder.mkdir()
         write_plan(folder, plan, head)
-        from tudor_dynamics.show.pictures import write_motion_figure  # slow to import
+        from tudor_dynamics.show.pictures import draw_motion, write_picture  # slow to import
 
-        write_motion_figure(
-            plan.trajectory, joint_range(arm), motion_limits(arm),
-            {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints},
-            folder / PICTURE)
+        write_picture(
+            folder / PICTURE, draw_motion, plan.trajectory, joint_range(arm), motion_limits(arm),
+            {name: 'm' if arm.is_prismatic(name) else 'rad' for name in arm.active_joints})
     if args.json:
         print_json(finite({'out': args.out, 'search_seconds': round(seconds, 2), **head}))
         return 0
     _print(target, plan, links, stated=stated)
-    if bar.cut:
+    if cut:
         print(f'the search was ended after {seconds:.0f} s; a longer --budget may find better')
     print(f'standard errors are {gain:.2g} times smaller than those of random Fourier series '
           f'within the same limits (median of all)\nplan: {args.out} (search: {seconds:.1f} s)')

@@ -17,15 +17,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
-import sys
 import time
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TimeRemainingColumn
+
 from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
-from tudor_dynamics.cli.console import add_running, finite, new_table, print_json, print_table
+from tudor_dynamics.cli.console import (
+    add_running, bar, finite, new_table, print_json, print_table)
 from tudor_dynamics.cli.excite import condition_values, print_conditions
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.files import write_whole
@@ -172,8 +171,10 @@ def run(args: argparse.Namespace) -> int:
     if args.conditions:
         return _conditions(args, arm, specs, loop.dt)
     total = args.stimuli * int(round(args.seconds / loop.dt))
-    with _bar(total) as show, on_cluster(args.cluster):
-        results = record_stimuli(args.arm, specs, paths, args.jobs, show)
+    with bar(total, 'simulate', BarColumn(), TimeRemainingColumn()) as advance, on_cluster(
+            args.cluster):
+        results = record_stimuli(args.arm, specs, paths, args.jobs,
+                                 lambda done: advance(completed=done))
     _write_campaign(out / 'campaign.yaml', args, arm, specs, results)
     seconds = time.perf_counter() - begun
     if args.json:
@@ -182,23 +183,6 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(results, out, seconds)
     return 0
-
-
-class _bar:
-    """Progress bar over steps on standard error while a terminal watches."""
-
-    def __init__(self, total: int) -> None:
-        console = Console(file=sys.stderr)
-        self._progress = Progress(TextColumn('simulate'), BarColumn(), TimeRemainingColumn(),
-                                  console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._progress.add_task('', total=total)
-
-    def __enter__(self) -> Callable[[int], None]:
-        self._progress.start()
-        return lambda done: self._progress.update(self._task, completed=done)
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
 
 
 def _write_campaign(

@@ -24,10 +24,10 @@ import warnings
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import Arm, load_arm
-from tudor_dynamics.cli.console import new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, watched
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
@@ -113,14 +113,9 @@ def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> 
 
 def run_with_bar(steps: int, work: Callable[[Callable[[int], None] | None], Run]) -> Run:
     """Show a progress bar on a terminal while a run goes on."""
-    console = Console(file=sys.stderr)
-    if not console.is_terminal:
-        return work(None)
-    columns = (TextColumn('simulating'), BarColumn(), TextColumn('{task.percentage:.0f} %'),
-               TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task('', total=steps)
-        return work(lambda done: progress.advance(task, done))
+    with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
+             TimeRemainingColumn()) as advance:
+        return work((lambda done: advance(advance=done)) if watched() else None)
 
 
 def _runs(args: argparse.Namespace) -> bool:

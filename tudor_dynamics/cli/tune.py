@@ -18,19 +18,17 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-import sys
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, TimeRemainingColumn
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.cli.console import new_table, print_json, print_table
+from tudor_dynamics.cli.console import bar, new_table, print_json, print_table
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import elastic_of
 from tudor_dynamics.models.tuning import design, fixed_ratios, TunedArm, Wish
-from tudor_dynamics.show.pictures import picture_path, write_schedule_figure
+from tudor_dynamics.show.pictures import draw_schedule, picture_path, write_picture
 
 EXAMPLES = """\
 examples:
@@ -95,16 +93,12 @@ def run(args: argparse.Namespace) -> int:
             payloads = (bundle.payload,)
     wish = Wish(args.damping_ratio, args.delay, tuple(args.payloads or payloads))
     tuned = TunedArm(arm, model)
-    with Progress(TextColumn('tuning'), BarColumn(), TimeRemainingColumn(),
-                  console=Console(file=sys.stderr), transient=True,
-                  disable=not sys.stderr.isatty()) as progress:
-        task = progress.add_task('', total=None)
-        schedule = design(tuned, wish, lambda done, total: progress.update(
-            task, completed=done, total=total))
+    with bar(None, 'tuning', BarColumn(), TimeRemainingColumn()) as advance:
+        schedule = design(tuned, wish, lambda done, total: advance(completed=done, total=total))
         fixed = fixed_ratios(tuned, wish.delay, schedule)
     out.parent.mkdir(parents=True, exist_ok=True)
     schedule.save(out)
-    write_schedule_figure(schedule, fixed, picture)
+    write_picture(picture, draw_schedule, schedule, fixed)
     reached = schedule.column('reached')
     missed = reached < (1.0 - MISSED) * wish.damping_ratio
     rows = [(payload, schedule.column('frequency(1)')[i], schedule.column('position_gain')[i],

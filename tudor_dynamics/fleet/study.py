@@ -23,6 +23,7 @@ from pathlib import Path
 import warnings
 
 from matplotlib.dates import DateFormatter
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from pydantic import Field, field_validator, ValidationError
 
@@ -44,7 +45,7 @@ from tudor_dynamics.identification.next_steps import Change
 from tudor_dynamics.identification.passes import gather, Part, read_bag, Sight, survey, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.show.figures import (
-    BLUE, label, new_figure, PAGE, plain_text, style, to_uri, VERMILION)
+    BLUE, label, new_figure, on_page, plain_text, VERMILION)
 from tudor_dynamics.show.page import rendered
 from tudor_dynamics.typing import Progress
 
@@ -184,34 +185,34 @@ def page_of(fleet: Fleet) -> str:
                     alike=len(fleet.arms) - len({item.arm for item in fleet.named}))
 
 
-def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> str:
+@on_page
+def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> Figure:
     arms: dict[str, list[Seen]] = {}
     for item in items:
         arms.setdefault(item.arm, []).append(item)
     others = [arm for arm in arms if arm not in named]
-    with style(PAGE):
-        figure, ((axes,),) = new_figure(1, [2.2], [0.5])
-        for arm in [*others[:MOST], *named]:
-            some = sorted(arms[arm], key=lambda item: item.date)
-            look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
-            if arm in named:
-                place = list(named).index(arm)
-                look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
-                        'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
-            axes.errorbar([_time(item.date) for item in some],
-                          [item.quantity.value for item in some],
-                          yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
-                          elinewidth=0.7, **look)
-        plain_text(axes.set_title, title)
-        axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
-                              items[0].quantity.unit))
-        axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
-        days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
-        axes.xaxis.set_major_formatter(days)
-        if named:
-            for text in axes.legend(loc='best').get_texts():
-                text.set_parse_math(False)
-        return to_uri(figure)
+    figure, ((axes,),) = new_figure(1, [2.2], [0.5])
+    for arm in [*others[:MOST], *named]:
+        some = sorted(arms[arm], key=lambda item: item.date)
+        look = {'color': '#b0b0b0', 'linewidth': 0.8, 'marker': '.', 'zorder': 1}
+        if arm in named:
+            place = list(named).index(arm)
+            look = {'color': COLOURS[place % len(COLOURS)], 'linewidth': 1.4,
+                    'marker': MARKERS[place % len(MARKERS)], 'label': arm, 'zorder': 2}
+        axes.errorbar([_time(item.date) for item in some],
+                      [item.quantity.value for item in some],
+                      yerr=[item.quantity.error for item in some], markersize=4, capsize=2,
+                      elinewidth=0.7, **look)
+    plain_text(axes.set_title, title)
+    axes.set_ylabel(label(items[0].quantity.name.partition(' at ')[0],
+                          items[0].quantity.unit))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))  # whole days, few enough
+    days = DateFormatter('%Y-%m-%d')  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_formatter(days)
+    if named:
+        for text in axes.legend(loc='best').get_texts():
+            text.set_parse_math(False)
+    return figure
 
 
 def _time(date: datetime.date) -> datetime.datetime:

@@ -32,7 +32,7 @@ from tudor_dynamics.models.comparison import (
     FullParameters, relative_errors)
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show.figures import (
-    BLUE, label, new_figure, PAGE, PAGE_MEASURED, style, thin, to_uri)
+    BLUE, label, new_cells, on_page, PAGE_MEASURED, thin)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -150,33 +150,32 @@ class LoadSection:
     figure: str  # residuals without and with the load, as data URI
 
 
-def load_section(arm: Arm, bag: str, told: PayloadEstimate) -> LoadSection:
+def load_section(arm: Arm, bag: str, load: PayloadEstimate) -> LoadSection:
     """Collect what the page shows of a load."""
-    with style(PAGE):
-        figure = to_uri(draw_load(arm, told))
-    return LoadSection(bag, told, load_values(told), load_shares(arm, told), figure)
+    return LoadSection(bag, load, load_values(load), load_shares(arm, load),
+                       load_figure(arm, load))
 
 
-def load_values(told: PayloadEstimate) -> tuple[LoadValue, ...]:
+def load_values(load: PayloadEstimate) -> tuple[LoadValue, ...]:
     """List what is known of a load."""
-    if math.isnan(told.mass):
-        first = LoadValue("Part of the arm's own moment", '%', 100.0 * told.relative,
-                          100.0 * told.relative_std)
+    if math.isnan(load.mass):
+        first = LoadValue("Part of the arm's own moment", '%', 100.0 * load.relative,
+                          100.0 * load.relative_std)
     else:
-        first = LoadValue('Mass beyond what the model knows', 'kg', told.mass - told.known,
-                          told.mass_std)
+        first = LoadValue('Mass beyond what the model knows', 'kg', load.mass - load.known,
+                          load.mass_std)
     named = [(f'Centre {axis}', 'm', value, std)
-             for axis, value, std in zip('xyz', told.com, told.com_std, strict=True)]
+             for axis, value, std in zip('xyz', load.com, load.com_std, strict=True)]
     named += [(f'Inertia {axes}', 'kg m^2', value, std) for axes, value, std in zip(
-        ('xx', 'xy', 'yy', 'xz', 'yz', 'zz'), told.inertia, told.inertia_std, strict=True)]
+        ('xx', 'xy', 'yy', 'xz', 'yz', 'zz'), load.inertia, load.inertia_std, strict=True)]
     return (first, *(LoadValue(name, unit, float(value), float(std))
                      for name, unit, value, std in named if math.isfinite(value)))
 
 
-def load_shares(arm: Arm, told: PayloadEstimate) -> tuple[ChannelShare, ...]:
+def load_shares(arm: Arm, load: PayloadEstimate) -> tuple[ChannelShare, ...]:
     """Say what a load explains of each channel."""
     rows = []
-    for item in told.outputs:
+    for item in load.outputs:
         left, units = item.leftover, output_units(arm, item.output)
         for name, before, after, share in zip(
                 left.channels, *left.sizes(), left.shares(), strict=True):
@@ -185,23 +184,20 @@ def load_shares(arm: Arm, told: PayloadEstimate) -> tuple[ChannelShare, ...]:
     return tuple(rows)
 
 
-def draw_load(arm: Arm, told: PayloadEstimate) -> Figure:
-    """Draw what each channel leaves over without and with the load."""
+@on_page
+def load_figure(arm: Arm, load: PayloadEstimate) -> Figure:
+    """Draw the residual of each channel without and with the load."""
     panels: list[tuple[Leftover, int, str]] = []
-    for item in told.outputs:
+    for item in load.outputs:
         units = output_units(arm, item.output)
         panels += [(item.leftover, place, units[name])
                    for place, name in enumerate(item.leftover.channels)]
-    rows = -(-len(panels) // COLUMNS)
-    figure, axes = new_figure(COLUMNS, [1.35] * rows, [0.45] + [0.55] * (rows - 1), between=0.8)
-    flat = [one for row in axes for one in row]
-    for one, (left, place, unit) in zip(flat, panels, strict=False):
+    figure, cells = new_cells(len(panels), COLUMNS, 1.35, (0.45, 0.55), between=0.8)
+    for one, (left, place, unit) in zip(cells, panels, strict=True):
         one.plot(*thin(left.t, left.before[:, place]), **PAGE_MEASURED, label='without the load')
         one.plot(*thin(left.t, left.after[:, place]), **WITH_LOAD, label='with the load')
         one.set_ylabel(label(left.channels[place], unit)).set_parse_math(False)
         one.set_xlabel('time [s]')
         one.margins(x=0.01)
-    for one in flat[len(panels):]:
-        one.set_visible(False)
-    figure.legend(*flat[0].get_legend_handles_labels(), loc='upper right', ncol=2)
+    figure.legend(*cells[0].get_legend_handles_labels(), loc='upper right', ncol=2)
     return figure

@@ -23,6 +23,7 @@ from typing import Any
 
 import matplotlib
 from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 import numpy as np
@@ -38,11 +39,9 @@ from tudor_dynamics.models.elastic.model import driven_arm, PhysicalParameter
 from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show.figures import (
-    joint_axes, label, new_figure, PAGE, plain_text, style, to_uri)
+    joint_axes, label, legend_above, new_figure, on_page, plain_text)
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Figures of the report on an elastic arm: modes over the poses, ring-downs against the model
 
 COLOURS = 'cividis_r'
 """From pale to dark in grey as well, and for colour-blind readers."""
@@ -78,36 +77,46 @@ def mode_figure(
     """Draw frequency and damping ratio of the first modes over the poses."""
     if len(found.joints) == 1:
         return _lines(found, axes_labels[0], ringdowns)
-    with style(PAGE):
-        figure, rows = new_figure(2, [2.1, 2.1], [0.45, 0.75], between=0.65)
-        for k, row in enumerate(rows):
-            for axes, values, title in ((row[0], found.frequency[k], 'frequency [Hz]'),
-                                        (row[1], 100.0 * found.damping[k], 'damping ratio [%]')):
-                steps = levels(values)
-                box = axes.get_position()
-                wide = ROOM / figure.get_figwidth()
-                axes.set_position((box.x0, box.y0, box.width - wide, box.height))
-                bar = figure.add_axes((box.x1 - 0.85 * wide, box.y0,
-                                       BAR / figure.get_figwidth(), box.height))
-                shades = matplotlib.colormaps[COLOURS].resampled(len(steps) - 1)
-                mesh = axes.pcolormesh(
-                    *found.edges, np.ma.masked_invalid(values.T), cmap=shades,
-                    norm=BoundaryNorm(steps, shades.N), rasterized=True)
-                # a bar of equal shades, whatever the steps between them
-                figure.colorbar(mesh, cax=bar, spacing='uniform', ticks=steps,
-                                format=FuncFormatter(lambda x, _: f'{x:.4g}'))
-                bar.grid(visible=False)
-                _mark(axes, [(r.q[found.joints[0]], r.q[found.joints[1]]) for r in ringdowns])
-                axes.grid(visible=False)
-                axes.set_title(f'{ORDINAL[k]} mode: {title}')
-                plain_text(axes.set_xlabel, label(*axes_labels[0]))
-                plain_text(axes.set_ylabel, label(*axes_labels[1]))
-        if ringdowns:
-            handle = Line2D([], [], linestyle='none', marker='o', markersize=5,
-                            markerfacecolor='white', markeredgecolor='black',
-                            label='ring-down measured here')
-            figure.legend(handles=[handle], loc='upper right', borderpad=0.1)
-        return to_uri(figure)
+    return _maps(found, axes_labels, ringdowns)
+
+
+@on_page
+def _maps(
+    found: ModeMap, axes_labels: Sequence[tuple[str, str]], ringdowns: Sequence[Ringdown],
+) -> Figure:
+    """Draw the modes over two joints."""
+    figure, rows = new_figure(2, [2.1, 2.1], [0.45, 0.75], between=0.65)
+    for k, row in enumerate(rows):
+        for axes, values, title in ((row[0], found.frequency[k], 'frequency [Hz]'),
+                                    (row[1], 100.0 * found.damping[k], 'damping ratio [%]')):
+            steps = levels(values)
+            box = axes.get_position()
+            wide = ROOM / figure.get_figwidth()
+            axes.set_position((box.x0, box.y0, box.width - wide, box.height))
+            bar = figure.add_axes((box.x1 - 0.85 * wide, box.y0,
+                                   BAR / figure.get_figwidth(), box.height))
+            shades = matplotlib.colormaps[COLOURS].resampled(len(steps) - 1)
+            mesh = axes.pcolormesh(
+                *found.edges, np.ma.masked_invalid(values.T), cmap=shades,
+                norm=BoundaryNorm(steps, shades.N), rasterized=True)
+            # a bar of equal shades, whatever the steps between them
+            figure.colorbar(mesh, cax=bar, spacing='uniform', ticks=steps,
+                            format=FuncFormatter(lambda x, _: f'{x:.4g}'))
+            bar.grid(visible=False)
+            _mark(axes, [(r.q[found.joints[0]], r.q[found.joints[1]]) for r in ringdowns])
+            axes.grid(visible=False)
+            axes.set_title(f'{ORDINAL[k]} mode: {title}')
+            plain_text(axes.set_xlabel, label(*axes_labels[0]))
+            plain_text(axes.set_ylabel, label(*axes_labels[1]))
+    if ringdowns:
+        figure.legend(handles=[_handle('ring-down measured here')], loc='upper right',
+                      borderpad=0.1)
+    return figure
+
+
+def _handle(words: str) -> Line2D:
+    return Line2D([], [], linestyle='none', marker='o', markersize=5, markerfacecolor='white',
+                  markeredgecolor='black', label=words)
 
 
 def _mark(axes: Any, places: Sequence[tuple[float, float]]) -> None:
@@ -116,30 +125,27 @@ def _mark(axes: Any, places: Sequence[tuple[float, float]]) -> None:
                   markerfacecolor='white', markeredgecolor='black', markeredgewidth=0.9)
 
 
-def _lines(found: ModeMap, name: tuple[str, str], ringdowns: Sequence[Ringdown]) -> str:
+@on_page
+def _lines(found: ModeMap, name: tuple[str, str], ringdowns: Sequence[Ringdown]) -> Figure:
     """Draw the modes over one joint, with the ring-downs measured."""
     middle = 0.5 * (found.edges[0][1:] + found.edges[0][:-1])
-    with style(PAGE):
-        figure, rows = new_figure(2, [1.9], [0.45], between=0.75)
-        for axes, values, title in (
-                (rows[0][0], found.frequency, 'frequency [Hz]'),
-                (rows[0][1], 100.0 * found.damping, 'damping ratio [%]')):
-            for k, row in enumerate(values):
-                axes.plot(middle, row, label=f'{ORDINAL[k].lower()} mode', linewidth=1.0,
-                          **LOOKS[k])
-            _mark(axes, [(r.q[found.joints[0]], r.measured.frequency if values is found.frequency
-                          else 100.0 * r.measured.damping) for r in ringdowns])
-            axes.set_ylim(bottom=0.0)
-            axes.set_ylabel(title)
-            plain_text(axes.set_xlabel, label(*name))
-        handles = rows[0][0].get_legend_handles_labels()[0]
-        if ringdowns:
-            handles.append(Line2D([], [], linestyle='none', marker='o', markersize=5,
-                                  markerfacecolor='white', markeredgecolor='black',
-                                  label='ring-down measured'))
-        rows[0][0].legend(handles=handles, loc='lower left', bbox_to_anchor=(0.0, 1.0), ncol=3,
-                          borderpad=0.1)
-        return to_uri(figure)
+    figure, rows = new_figure(2, [1.9], [0.45], between=0.75)
+    for axes, values, title in (
+            (rows[0][0], found.frequency, 'frequency [Hz]'),
+            (rows[0][1], 100.0 * found.damping, 'damping ratio [%]')):
+        for k, row in enumerate(values):
+            axes.plot(middle, row, label=f'{ORDINAL[k].lower()} mode', linewidth=1.0,
+                      **LOOKS[k])
+        _mark(axes, [(r.q[found.joints[0]], r.measured.frequency if values is found.frequency
+                      else 100.0 * r.measured.damping) for r in ringdowns])
+        axes.set_ylim(bottom=0.0)
+        axes.set_ylabel(title)
+        plain_text(axes.set_xlabel, label(*name))
+    handles = rows[0][0].get_legend_handles_labels()[0]
+    if ringdowns:
+        handles.append(_handle('ring-down measured'))
+    legend_above(rows[0][0], 3, handles=handles)
+    return figure
 
 
 def _logarithmic(axes: Any, low: float, high: float) -> None:
@@ -153,38 +159,38 @@ def _logarithmic(axes: Any, low: float, high: float) -> None:
         axis.set_minor_locator(NullLocator())
 
 
-def ringdown_figure(ringdowns: Sequence[Ringdown]) -> str:
+@on_page
+def ringdown_figure(ringdowns: Sequence[Ringdown]) -> Figure:
     """Draw predicted against measured ring-downs."""
     looks: tuple[tuple[str, str, dict[str, Any]], ...] = (
         ('held', 'joints held', {'marker': 'o', 'markerfacecolor': 'none',
                                  'markeredgecolor': '#0072b2', 'markersize': 5.5}),
         ('simulated', 'along the measured motion', {
             'marker': 'x', 'markeredgecolor': '#d55e00', 'markersize': 5.5}))
-    with style(PAGE):
-        figure, rows = new_figure(2, [2.4], [0.4], between=0.75)
-        for axes, what, scale, title in (
-                (rows[0][0], 'frequency', 1.0, 'frequency [Hz]'),
-                (rows[0][1], 'damping', 100.0, 'damping ratio [%]')):
-            every = [scale * getattr(r.measured, what) for r in ringdowns]
-            for name, words, look in looks:
-                pairs = np.array([
-                    (scale * getattr(r.measured, what), scale * getattr(getattr(r, name), what))
-                    for r in ringdowns if getattr(r, name) is not None]).reshape(-1, 2)
-                axes.plot(*pairs.T, linestyle='none', label=words, **look)
-                every += list(pairs[:, 1])
-            low, high = min(every), max(every)
-            pad = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
-            ends = (low - pad, high + pad)
-            if low > 0.0 and high > WIDE * low:
-                ends = (low / 1.2, high * 1.2)
-                _logarithmic(axes, low, high)
-            axes.plot(ends, ends, color='#555555', linewidth=0.8, label='as measured')
-            axes.set_xlim(*ends)
-            axes.set_ylim(*ends)
-            axes.set_xlabel(f'measured {title}')
-            axes.set_ylabel(f'model: {title}')
-        rows[0][0].legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncol=3, borderpad=0.1)
-        return to_uri(figure)
+    figure, rows = new_figure(2, [2.4], [0.4], between=0.75)
+    for axes, what, scale, title in (
+            (rows[0][0], 'frequency', 1.0, 'frequency [Hz]'),
+            (rows[0][1], 'damping', 100.0, 'damping ratio [%]')):
+        every = [scale * getattr(r.measured, what) for r in ringdowns]
+        for name, words, look in looks:
+            pairs = np.array([
+                (scale * getattr(r.measured, what), scale * getattr(getattr(r, name), what))
+                for r in ringdowns if getattr(r, name) is not None]).reshape(-1, 2)
+            axes.plot(*pairs.T, linestyle='none', label=words, **look)
+            every += list(pairs[:, 1])
+        low, high = min(every), max(every)
+        pad = 0.08 * (high - low) or 0.1 * abs(high) or 1.0
+        ends = (low - pad, high + pad)
+        if low > 0.0 and high > WIDE * low:
+            ends = (low / 1.2, high * 1.2)
+            _logarithmic(axes, low, high)
+        axes.plot(ends, ends, color='#555555', linewidth=0.8, label='as measured')
+        axes.set_xlim(*ends)
+        axes.set_ylim(*ends)
+        axes.set_xlabel(f'measured {title}')
+        axes.set_ylabel(f'model: {title}')
+    legend_above(rows[0][0], 3)
+    return figure
 
 
 # -- Rows and section of the elastic arm, as the page takes them

@@ -17,14 +17,15 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import wraps
 import io
 import math
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, ParamSpec
 
 import matplotlib
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -43,8 +44,7 @@ from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Numbers, units and names as the report writes them
-
+P = ParamSpec('P')
 LONGEST_NAME = 40
 """Characters of a name in a figure."""
 
@@ -77,7 +77,8 @@ def pretty_name(name: str, longest: int = LONGEST_NAME) -> str:
     return ''.join(c if c.isprintable() else '?' for c in short)
 
 
-# -- How figures look, on the page of a fit and as files of their own: one style, two sizes of it.
+# One style, on the page of a fit and for files of their own, in two sizes; drawn through
+# matplotlib's object interface, without pyplot and its global state.
 #
 # Every series has a line style, width or marker of its own, so that prints in grey stay legible;
 # the colours are those of Okabe and Ito, which colour-blind readers tell apart.
@@ -127,10 +128,6 @@ def style(settings: Any) -> Iterator[None]:
         yield
 
 
-# -- How the report draws: layout, labels, SVG as data URI.
-#
-# Through matplotlib's object interface, without pyplot and its global state.
-
 WIDTH = 8.2
 """Width of all figures [inch]; the page scales them to its column."""
 
@@ -159,6 +156,15 @@ def to_uri(figure: Figure) -> str:
     return 'data:image/svg+xml;base64,' + base64.b64encode(text).decode('ascii')
 
 
+def on_page(draw: Callable[P, Figure]) -> Callable[P, str]:
+    """Let a function that draws a figure give it for the page: in its style, as data URI."""
+    @wraps(draw)
+    def drawn(*args: P.args, **options: P.kwargs) -> str:
+        with style(PAGE):
+            return to_uri(draw(*args, **options))
+    return drawn
+
+
 def new_figure(
     columns: int, heights: Sequence[float], gaps: Sequence[float], *, between: float = 0.5,
 ) -> tuple[Figure, list[list[Any]]]:
@@ -177,14 +183,31 @@ def new_figure(
     return figure, rows
 
 
+def new_cells(
+    count: int, columns: int, tall: float, gaps: tuple[float, float], *, between: float = 0.5,
+) -> tuple[Figure, list[Any]]:
+    """Lay out cells row by row; gaps: above the first row, and above the others [inch]."""
+    rows = -(-count // columns)
+    figure, grid = new_figure(columns, [tall] * rows, [gaps[0]] + [gaps[1]] * (rows - 1),
+                              between=between)
+    cells = [axes for row in grid for axes in row]
+    for axes in cells[count:]:
+        axes.set_axis_off()
+    return figure, cells[:count]
+
+
+def legend_above(axes: Any, columns: int, *, right: bool = False, **more: Any) -> None:
+    """Put a legend above axes."""
+    axes.legend(loc='lower right' if right else 'lower left',
+                bbox_to_anchor=(1.0 if right else 0.0, 1.0), ncol=columns, borderpad=0.1, **more)
+
+
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure, whole or not at all."""
     stream = io.BytesIO()
     figure.savefig(stream, format=path.suffix[1:], dpi=150)
     write_whole(path, stream.getvalue())
 
-
-# -- Figures of the report: signals over time, and errors
 
 MAX_POINTS = 2000
 """Points a line has at most; longer ones keep the extremes of each stretch of samples."""
@@ -251,12 +274,6 @@ def _reach(errors: dict[str, FloatArray], percentile: float) -> float:
     return min(max(sizes), 4.0 * min(sizes)) or max(sizes) or 1.0
 
 
-def signal_figure(series: ComparedSignal, stretch: tuple[float, float]) -> str:
-    """Draw a channel for the report: stretch [s]."""
-    with style(PAGE):
-        return to_uri(draw_signal(series, stretch))
-
-
 def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
     """Draw measured against predicted, the residual, and a stretch in detail: stretch [s]."""
     # low enough for two on a printed page
@@ -286,7 +303,7 @@ def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
         axes.axvspan(*stretch, color='#f0e442', alpha=0.25, linewidth=0)
     whole.set_xlim(float(series.t[0]), float(series.t[-1]))
     whole.tick_params(labelbottom=False)
-    whole.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncol=4, borderpad=0.1)
+    legend_above(whole, 4, right=True)
     rest.set_title('Residual, measured - predicted')
     rest.set_xlabel('time [s]')
     detail.set_xlim(*stretch)
@@ -294,36 +311,32 @@ def draw_signal(series: ComparedSignal, stretch: tuple[float, float]) -> Figure:
     return figure
 
 
-def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> str:
+signal_figure = on_page(draw_signal)
+
+
+@on_page
+def error_figure(channels: Sequence[tuple[str, str, dict[str, FloatArray]]]) -> Figure:
     """Draw the distribution of the error of each channel."""
-    columns = min(len(channels), 3)
-    n_rows = -(-len(channels) // columns)
-    with style(PAGE):
-        figure, rows = new_figure(columns, [1.6] * n_rows, [0.5] + [0.75] * (n_rows - 1))
-        cells = [axes for row in rows for axes in row]
-        for axes in cells[len(channels):]:
-            axes.set_axis_off()
-        for axes, (name, unit, errors) in zip(cells, channels, strict=False):
-            bound = _reach(errors, 99.5)
-            edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
-            for kind, values in errors.items():
-                # what lies beyond is counted in the outermost bins, not dropped
-                share = np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)
-                look = {key: page_model(kind)[key] for key in ('color', 'linestyle')}
-                axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
-                            fill=False, **look)
-            axes.axvline(0.0, color='#555555', linewidth=0.6)
-            axes.set_xlabel(label('error', unit))
-            plain_text(axes.set_title, label(name))
-            axes.set_ylim(bottom=0.0)
-        cells[0].set_ylabel('share of samples [%]')
-        handles, words = cells[0].get_legend_handles_labels()
-        figure.legend(handles, words, loc='upper right', ncol=len(words), borderpad=0.1,
-                      handlelength=1.6)
-        return to_uri(figure)
+    figure, cells = new_cells(len(channels), min(len(channels), 3), 1.6, (0.5, 0.75))
+    for axes, (name, unit, errors) in zip(cells, channels, strict=True):
+        bound = _reach(errors, 99.5)
+        edges = np.linspace(-bound, bound, SIGNAL_BINS + 1)
+        for kind, values in errors.items():
+            # what lies beyond is counted in the outermost bins, not dropped
+            share = np.histogram(np.clip(values, -bound, bound), edges)[0] / len(values)
+            look = {key: page_model(kind)[key] for key in ('color', 'linestyle')}
+            axes.stairs(100.0 * share, edges, linewidth=1.2, label=KINDS[kind].label,
+                        fill=False, **look)
+        axes.axvline(0.0, color='#555555', linewidth=0.6)
+        axes.set_xlabel(label('error', unit))
+        plain_text(axes.set_title, label(name))
+        axes.set_ylim(bottom=0.0)
+    cells[0].set_ylabel('share of samples [%]')
+    handles, words = cells[0].get_legend_handles_labels()
+    figure.legend(handles, words, loc='upper right', ncol=len(words), borderpad=0.1,
+                  handlelength=1.6)
+    return figure
 
-
-# -- What the report's figures show: signals of the first validation bag, positions of the joints
 
 DETAIL = 10.0
 """Length of the stretch shown in detail [s]."""
@@ -435,8 +448,6 @@ def coverage(result: FitResult) -> list[JointCoverage]:
     return rows
 
 
-# -- Figures of the report that show where the joints have been: in training, in validation
-
 COVERAGE_BINS = 40
 MAX_DOTS = 700
 """Validation samples shown as dots, evenly chosen."""
@@ -451,55 +462,47 @@ def _edges(axis: JointPositions) -> FloatArray:
     return np.linspace(low, high, COVERAGE_BINS + 1)
 
 
-def density_figure(joints: Sequence[JointPositions]) -> str:
+@on_page
+def density_figure(joints: Sequence[JointPositions]) -> Figure:
     """Draw how often each position was visited."""
-    columns = min(len(joints), 3)
-    n_rows = -(-len(joints) // columns)
-    with style(PAGE):
-        figure, rows = new_figure(columns, [1.4] * n_rows, [0.3] + [0.55] * (n_rows - 1))
-        cells = [axes for row in rows for axes in row]
-        for axes in cells[len(joints):]:
-            axes.set_axis_off()
-        for axes, joint in zip(cells, joints, strict=False):
-            edges = _edges(joint)
-            share = np.histogram(joint.training, edges)[0] / len(joint.training)
-            axes.stairs(100.0 * share, edges, fill=True, color=TRAINING_COLOUR, label='training')
-            if len(joint.test):
-                share = np.histogram(joint.test, edges)[0] / len(joint.test)
-                axes.stairs(100.0 * share, edges, color=TEST_COLOUR, linewidth=1.2,
-                            linestyle='--', label='validation')
-            plain_text(axes.set_xlabel, label(joint.name, joint.unit))
-        cells[0].set_ylabel('share of samples [%]')
-        cells[0].legend(loc='lower left', bbox_to_anchor=(0.0, 1.0), ncol=2, borderpad=0.1)
-        return to_uri(figure)
+    figure, cells = new_cells(len(joints), min(len(joints), 3), 1.4, (0.3, 0.55))
+    for axes, joint in zip(cells, joints, strict=True):
+        edges = _edges(joint)
+        share = np.histogram(joint.training, edges)[0] / len(joint.training)
+        axes.stairs(100.0 * share, edges, fill=True, color=TRAINING_COLOUR, label='training')
+        if len(joint.test):
+            share = np.histogram(joint.test, edges)[0] / len(joint.test)
+            axes.stairs(100.0 * share, edges, color=TEST_COLOUR, linewidth=1.2,
+                        linestyle='--', label='validation')
+        plain_text(axes.set_xlabel, label(joint.name, joint.unit))
+    cells[0].set_ylabel('share of samples [%]')
+    legend_above(cells[0], 2)
+    return figure
 
 
-def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> str:
+@on_page
+def pair_figure(pairs: Sequence[tuple[JointPositions, JointPositions]]) -> Figure:
     """Draw which combinations of two joints' positions were visited."""
-    with style(PAGE):
-        columns = max(len(pairs), 2)
-        height = 2.9 if columns == 2 else 2.0
-        figure, rows = new_figure(columns, [height], [0.3], between=0.75)
-        for axes in rows[0][len(pairs):]:
-            axes.set_axis_off()
-        for axes, (first, second) in zip(rows[0], pairs, strict=False):
-            x, y = _edges(first), _edges(second)
-            count = np.histogram2d(first.training, second.training, (x, y))[0]
-            # from pale to mid grey: each cell visited shows, and dots stay visible on top
-            shade = np.where(count > 0, np.log1p(count), np.nan).T
-            axes.pcolormesh(x, y, shade, cmap='Greys', vmin=-0.4 * np.nanmax(shade),
-                            vmax=1.7 * np.nanmax(shade), rasterized=True)
-            if len(first.test):
-                chosen = np.unique(np.linspace(0, len(first.test) - 1, MAX_DOTS).astype(int))
-                axes.plot(first.test[chosen], second.test[chosen], linestyle='none', marker='o',
-                          markersize=1.8, markeredgewidth=0.0, color=TEST_COLOUR, rasterized=True)
-            axes.grid(visible=False)
-            plain_text(axes.set_xlabel, label(first.name, first.unit))
-            plain_text(axes.set_ylabel, label(second.name, second.unit))
-        handles: list[Any] = [Patch(color=TRAINING_COLOUR, label='training')]
-        if len(pairs[0][0].test):
-            handles.append(Line2D([], [], linestyle='none', marker='o', markersize=3,
-                                  color=TEST_COLOUR, label='validation'))
-        rows[0][0].legend(handles=handles, loc='lower left', bbox_to_anchor=(0.0, 1.0),
-                          ncol=2, borderpad=0.1, handlelength=1.2)
-        return to_uri(figure)
+    columns = max(len(pairs), 2)
+    figure, cells = new_cells(len(pairs), columns, 2.9 if columns == 2 else 2.0, (0.3, 0.0),
+                              between=0.75)
+    for axes, (first, second) in zip(cells, pairs, strict=True):
+        x, y = _edges(first), _edges(second)
+        count = np.histogram2d(first.training, second.training, (x, y))[0]
+        # from pale to mid grey: each cell visited shows, and dots stay visible on top
+        shade = np.where(count > 0, np.log1p(count), np.nan).T
+        axes.pcolormesh(x, y, shade, cmap='Greys', vmin=-0.4 * np.nanmax(shade),
+                        vmax=1.7 * np.nanmax(shade), rasterized=True)
+        if len(first.test):
+            chosen = np.unique(np.linspace(0, len(first.test) - 1, MAX_DOTS).astype(int))
+            axes.plot(first.test[chosen], second.test[chosen], linestyle='none', marker='o',
+                      markersize=1.8, markeredgewidth=0.0, color=TEST_COLOUR, rasterized=True)
+        axes.grid(visible=False)
+        plain_text(axes.set_xlabel, label(first.name, first.unit))
+        plain_text(axes.set_ylabel, label(second.name, second.unit))
+    handles: list[Any] = [Patch(color=TRAINING_COLOUR, label='training')]
+    if len(pairs[0][0].test):
+        handles.append(Line2D([], [], linestyle='none', marker='o', markersize=3,
+                              color=TEST_COLOUR, label='validation'))
+    legend_above(cells[0], 2, handles=handles, handlelength=1.2)
+    return figure

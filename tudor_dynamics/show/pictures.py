@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,8 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.control.gains import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.detection import MethodResult
-from tudor_dynamics.show.figures import BLUE, plain_text, PRINT, style, VERMILION, write_figure
+from tudor_dynamics.show.figures import (
+    BLUE, P, plain_text, PRINT, style, VERMILION, write_figure)
 from tudor_dynamics.signals.excitation import JointRange
 from tudor_dynamics.signals.motion_profile import MotionLimits, states
 from tudor_dynamics.typing import FloatArray
@@ -36,21 +37,25 @@ from tudor_dynamics.typing import FloatArray
 # -- Picture of collisions: how far each method stands above its thresholds, pushes, events
 
 LOWEST = 0.05
-"""Ratios below are not worth their place."""
+"""Ratios below are drawn there."""
 MOST = 6
 """Bags that are drawn at most."""
 
 
 def write_events(results: Sequence[MethodResult], path: Path) -> None:
     """Write the picture, whole or not at all."""
+    write_picture(path, draw_events, results)
+
+
+def draw_events(results: Sequence[MethodResult]) -> Figure:
+    """Draw ratios, pushes and events of the first bags, all methods below each other."""
     bags = min(len(results[0].watched), MOST)
-    with style(PRINT):
-        figure = Figure(figsize=(7.2, 0.7 + 1.35 * bags * len(results)), layout='constrained')
-        rows = figure.subplots(bags * len(results), 1, squeeze=False)[:, 0]
-        for place, axes in enumerate(rows):
-            result, bag = results[place % len(results)], place // len(results)
-            _draw(axes, result, bag, first=place == 0, last=place == len(rows) - 1)
-        write_figure(figure, path)
+    figure = Figure(figsize=(7.2, 0.7 + 1.35 * bags * len(results)), layout='constrained')
+    rows = figure.subplots(bags * len(results), 1, squeeze=False)[:, 0]
+    for place, axes in enumerate(rows):
+        result, bag = results[place % len(results)], place // len(results)
+        _draw(axes, result, bag, first=place == 0, last=place == len(rows) - 1)
+    return figure
 
 
 def _draw(axes: Any, result: MethodResult, bag: int, *, first: bool, last: bool) -> None:
@@ -58,7 +63,7 @@ def _draw(axes: Any, result: MethodResult, bag: int, *, first: bool, last: bool)
     if not len(watched.stamp):
         return
     sightings = watched.sightings
-    # events tell their time since the first sample of the bag, which settling leaves out
+    # events have their time since the first sample of the bag, which settling leaves out
     origin = (sightings[0].event.stamp - round(sightings[0].time * 1e9) if sightings
               else int(watched.stamp[0]))
     t = (watched.stamp - origin) * 1e-9
@@ -94,6 +99,14 @@ def picture_path(path: str | Path) -> Path:
         msg = f'{path}: expected a picture, a file that ends in {", ".join(SUFFIXES)}'
         raise UsageError(msg)
     return Path(path)
+
+
+def write_picture(
+    path: Path, draw: Callable[P, Figure], *args: P.args, **options: P.kwargs,
+) -> None:
+    """Draw in the style of figures that are files of their own; written whole or not at all."""
+    with style(PRINT):
+        write_figure(draw(*args, **options), path)
 
 
 def write_roc(results: Sequence[MethodResult], path: Path) -> None:
@@ -177,14 +190,6 @@ def draw_schedule(schedule: Schedule, fixed: FloatArray) -> Figure:
     return figure
 
 
-def write_schedule_figure(schedule: Schedule, fixed: FloatArray, path: Path) -> None:
-    """Write the figure, whole or not at all."""
-    with style(PRINT):
-        write_figure(draw_schedule(schedule, fixed), path)
-
-
-# -- A planned motion as a figure: positions, speeds, accelerations, in parts of their limits
-
 SHOWN = 20.0
 """Samples a second that are drawn [Hz]."""
 
@@ -219,12 +224,3 @@ def draw_motion(
         axis.set_xlabel('time [s]')
     figure.tight_layout()
     return figure
-
-
-def write_motion_figure(
-    trajectory: Trajectory, bounds: JointRange, limits: MotionLimits, units: dict[str, str],
-    path: Path,
-) -> None:
-    """Write the figure, whole or not at all."""
-    with style(PRINT):
-        write_figure(draw_motion(trajectory, bounds, limits, units), path)
