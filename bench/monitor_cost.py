@@ -38,7 +38,7 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import OBSERVERS
-from tudor_dynamics.online.judged import Coverage
+from tudor_dynamics.online.coverage import Coverage
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings, warm_up
 
 

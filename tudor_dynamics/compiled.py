@@ -39,7 +39,7 @@ PACKAGE = Path(__file__).parent
 _CONFIG: Any = numba.config
 MARKS = b'\n@compiled\n', b'\n@with_lanes('
 """What a file with inner loops contains."""
-OTHERS = Path(__file__).name, 'lanes.py', 'vectors.py', 'contact_levers.py'
+OTHERS = Path(__file__).name, 'lanes.py', 'vectors.py', 'contact_levers.py', 'settings.py'
 """Files that say how to compile, and those with numbers that inner loops of others use."""
 
 KEPT = 'tudor_dynamics-'

@@ -32,8 +32,9 @@ from tudor_dynamics.models.bundle_io import dump_yaml, load_bundle, save_bundle
 from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.models.elm import ExtremeLearningMachine
 from tudor_dynamics.models.regressor import EffortRegressor, StrainRegressor
+from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import stored_thresholds, thresholds_to_dict
-from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
+from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
 MARK = b'checksum: '
 JOINTS = ('j1', 'j2')

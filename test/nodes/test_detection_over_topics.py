@@ -33,8 +33,9 @@ from tudor_dynamics.models.elastic.model import ElasticModel, PhysicalParameter
 from tudor_dynamics.nodes.common.messages import nanoseconds
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.online.monitor import Monitor, MonitorSettings
+from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
-from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
+from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
 PAYLOAD, RATE, START = 0.2, 100.0, 1_000_000_000
 PUSH = (6.0, 6.4)  # s

@@ -45,9 +45,10 @@ from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
 from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import follow_load
 from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import LAGS, WINDOW
 from tudor_dynamics.online.streams import Motion
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
-from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, Tail, WINDOW
+from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
 RATE, SECONDS, PICKED_UP, LOAD = 100.0, 8.0, 4.0, 0.3
 

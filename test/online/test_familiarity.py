@@ -24,7 +24,8 @@ import pytest
 from threshold_making import CHANNELS, ringing, walk
 
 from tudor_dynamics.errors import ModelError
-from tudor_dynamics.online.detector import ExcessStage, Familiarity, levels, LOWEST, Rates, WIDEST
+from tudor_dynamics.online.detector import ExcessStage, follow, levels, Rates
+from tudor_dynamics.online.settings import LOWEST_LEVEL, WIDEST
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, thresholds_from_dict, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import MethodThresholds
@@ -89,11 +90,11 @@ def test_speeds_beyond_those_learned_widen_at_once(learned: MethodThresholds) ->
 def test_level_and_widening_stay_in_their_bounds(ratios: list[float]) -> None:
     """Whatever a sensor says, also what is no number."""
     usual = np.array([0.7])
-    followed = Familiarity(usual, np.array([1.0]))
+    level, widening = usual.copy(), np.ones(1)
     for ratio in ratios:
-        followed.step(0.01, np.array([0.5]), np.array([ratio]))
-        assert LOWEST * usual[0] <= followed.level[0] <= WIDEST * usual[0]
-        assert 1.0 <= followed.widening[0] <= WIDEST
+        follow(0.01, np.array([0.5]), np.array([ratio]), usual, np.array([1.0]), level, widening)
+        assert LOWEST_LEVEL * usual[0] <= level[0] <= WIDEST * usual[0]
+        assert 1.0 <= widening[0] <= WIDEST
 
 
 def test_the_level_is_a_quantile() -> None:

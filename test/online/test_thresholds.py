@@ -28,11 +28,12 @@ from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.online.detector import (
     CollisionDetector, DetectorSettings, Excess, ExcessStage, Level, Rates)
 from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import STEP
 from tudor_dynamics.online.streams import Motion
 from tudor_dynamics.online.threshold_learning import (
     FreeMotion, learn_thresholds, thresholds_from_dict, thresholds_to_dict)
 from tudor_dynamics.online.thresholds import (
-    accumulate, advance, learn_taps, MethodThresholds, MotionFeatures, OnsetFilter, STEP, Tail)
+    accumulate, advance, learn_taps, MethodThresholds, motion_features, onset_statistic, Tail)
 
 
 def test_doubt_about_a_tail_is_counted_in() -> None:
@@ -78,14 +79,13 @@ def test_onset_is_seen_before_the_residual_leaves_its_ringing(learned) -> None:
 
 
 @pytest.mark.parametrize('rate', [100.0, 437.0, 1000.0])
-def test_onset_by_steps_equals_onset_at_once(rate: float) -> None:
+def test_onset_by_steps_equals_onset_at_once(rate: float, learned) -> None:
     """The live statistic equals that of the whole record, at any sample rate."""
     taps = learn_taps([(ringing(60, 1).t, ringing(60, 1).residual)], STEP)
     record = ringing(15, 4, rate)
-    whole = OnsetFilter(taps, STEP).process(record.t, record.residual)
-    live = OnsetFilter(taps, STEP)
-    steps = np.array([live.step(int(s), r, k == 0) for k, (s, r) in enumerate(
-        zip(record.stamp, record.residual, strict=True))])
+    whole = onset_statistic(record.t, record.residual, taps, STEP)
+    stage = ExcessStage(replace(learned, taps=taps, step=STEP), Rates())
+    steps = np.array([found.onset for found in walk(stage, record)])
     assert np.abs(whole).max() > 1.0
     assert np.abs(whole - steps).max() < 1e-6 * np.abs(whole).max()
 
@@ -115,12 +115,10 @@ def test_round_trip(learned) -> None:
 
 def test_reversal_widens_for_a_while() -> None:
     """The column of a joint is 1 for 150 ms behind a change of its direction."""
-    features = MotionFeatures(1)
-    seen = []
-    for k in range(40):
-        speed = 0.5 if k < 10 else -0.5
-        seen.append(features.step(10**18 + 10_000_000 * k, np.array([0.0, speed, 0.0]))[-1])
-    assert seen == [0.0] * 10 + [1.0] * 16 + [0.0] * 14
+    motion = np.zeros((40, 3))
+    motion[:, 1] = np.where(np.arange(40) < 10, 0.5, -0.5)
+    found = motion_features(10**18 + 10_000_000 * np.arange(40), motion)[:, -1]
+    assert found.tolist() == [0.0] * 10 + [1.0] * 16 + [0.0] * 14
 
 
 def excess(

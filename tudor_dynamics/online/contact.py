@@ -27,17 +27,16 @@ from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.errors import ModelError, SimulationError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.model import FittedElastic
-from tudor_dynamics.online.contact_elastic import correct, ElasticFront, SAMPLE
+from tudor_dynamics.online.contact_elastic import correct, ElasticFront
 from tudor_dynamics.online.contact_levers import (
     ACROSS, ALONG, gauge_scale, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
     strain_deviation, torque_scale)
+from tudor_dynamics.online.settings import (
+    CONTACT_STEP, DEVIATION_STEP, EVIDENCE_MEMORY, FORCE_MEMORY, FREE_EVIDENCE_MEMORY,
+    HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE, MOVING_DEVIATIONS, OFFSET_MEMORY,
+    PLACE_CERTAIN, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
+    STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED)
 from tudor_dynamics.typing import FloatArray
-
-
-# -- A contact as it is estimated at one sample, and what one that lasts comes to
-
-TOLD = 0.5
-"""Part of what was not known of a place before; one that is less certain is not told."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +119,7 @@ class ContactRecord:
         place = float(share @ places)
         spread = math.sqrt(float(share @ (spreads**2 + (places - place)**2)))
         prior = prior_spread([self.spans[k] for k in own])
-        told = spread <= TOLD * prior or prior == 0.0
+        told = spread <= PLACE_CERTAIN * prior or prior == 0.0
         return {'link': link, 'certain': round(totals[link], 4), 'force': force,
                 'largest_force': largest, 'place': place if told else None,
                 'place_deviation': spread if told else None}
@@ -174,29 +173,11 @@ def place_on(belief: Belief, k: int, span: Span) -> tuple[float, float]:
     return min(max(raw, span.inner), span.outer), min(spread / abs(force), prior)
 
 
-# -- Force and place of a contact from strain, sample by sample.
+# Force and place of a contact from strain, sample by sample.
 #
 # On each span of each link a contact is looked for by a Kalman filter of its own, and their
 # likelihoods say which link and span it is. A rigid model leaves the moments of the contact over;
 # an elastic one also the vibration that the contact causes, which the filters carry along.
-
-SHORTEST = 0.0039
-"""Samples that follow sooner are passed over: no contact is so quick [s]."""
-LASTING, HELD = 0.7, 2.0
-"""Times over which a force is forgotten while an elastic model moves, and otherwise [s]."""
-MOVING = 11.0
-"""Deviations of a sample for which what is left over of a moving arm counts: it is no white noise
-but rings, and taken for white it lets the span with most freedom win. So it begins, until more is
-learned. What rigid models leave over is measured with the ringing in it."""
-RUNG, LEARNED = 8.0, 10.0
-"""What is left over of free motion rings in all gauges at once: its covariance counts this many
-times, for samples of 0.01 s are no independent ones, and is learned over this time [s]."""
-FLOOR = 0.15
-"""Part of the deviation of a sample that no direction falls below."""
-EVIDENCE = 0.6
-"""Time over which it is forgotten which span was the likely one [s]."""
-RECENT = 0.03
-"""The same while nothing is felt [s]."""
 
 
 class Doubt(NamedTuple):
@@ -210,20 +191,6 @@ class Doubt(NamedTuple):
 
 RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)
 """Deviations of elastic models are widened for what rings; beside a rigid one all of it rings."""
-TRUSTED = 1.5
-"""Standard deviations up to which an innovation counts by its square."""
-FARFETCHED = 1e3
-"""Force of no contact, but of a followed arm that readings have driven beyond all reason [N]."""
-STANDING = 0.03
-"""Speed below which an arm stands [rad/s or m/s]."""
-CALM = 0.2
-"""Part of the usual deviation that a standing arm keeps at least."""
-CALMEST = 0.1
-"""Part of the usual variance below which an arm is known to stand."""
-CALMED = 0.5
-"""Time over which the noise of a standing arm is learned [s]."""
-TARE = 3.0
-"""Time over which a standing arm takes what is left over for an offset [s]."""
 
 
 class ContactEstimator:
@@ -271,8 +238,8 @@ class ContactEstimator:
         if not self.spans:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
-        self._rings, self._doubt = ((MOVING, ELASTIC) if isinstance(model, FittedElastic)
-                                    else (1.0, RIGID))
+        self._rings, self._doubt = (
+            (MOVING_DEVIATIONS, ELASTIC) if isinstance(model, FittedElastic) else (1.0, RIGID))
         self._deviation = self._rings * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
             ElasticFront(model, self.spans, self._deviation)
@@ -340,7 +307,7 @@ class ContactEstimator:
         if self._last is None or begins or stamp <= self._last:
             self._begin_at = True
         dt = 0.0 if self._last is None or self._begin_at else (stamp - self._last) * 1e-9
-        if not self._begin_at and dt < SHORTEST:
+        if not self._begin_at and dt < CONTACT_STEP:
             return None
         self._last = stamp
         try:
@@ -352,15 +319,15 @@ class ContactEstimator:
             self._begin_at = left is None
             return None
         n = len(row) // 3
-        standing = float(np.abs(row[n:2 * n]).max()) < STANDING
+        standing = float(np.abs(row[n:2 * n]).max()) < STANDING_SPEED
         likely = self._correct(dt, row, left - self._tare, self._calm(dt, left, standing))
         if isinstance(self._front, ElasticFront):
             self._front.settle(left - self._tare, dt, self._state)
         # free motion says nothing of where a contact is
-        kept = math.exp(-dt / (EVIDENCE if self.felt else RECENT))
+        kept = math.exp(-dt / (EVIDENCE_MEMORY if self.felt else FREE_EVIDENCE_MEMORY))
         self._weight = (self._weight - self._prior) * kept + self._prior + likely
         told = self._told(stamp, likely)
-        if not np.abs(told.force).max() < FARFETCHED:  # not a number, too
+        if not np.abs(told.force).max() < LARGEST_FORCE:  # not a number, too
             self._begin_at, self.felt = True, False
             return None
         return told
@@ -379,16 +346,16 @@ class ContactEstimator:
         usual = self._deviation**2
         if not standing:
             self._spread[:] = usual
-            self._tare *= math.exp(-dt / TARE)
+            self._tare *= math.exp(-dt / OFFSET_MEMORY)
             if self._front.modes and self._size < self._doubt.offset:
                 self._learn(dt, left)
         elif self._size < self._doubt.offset:
             off = left - self._tare
-            self._tare += min(dt / TARE, 1.0) * off
+            self._tare += min(dt / OFFSET_MEMORY, 1.0) * off
             # a push that begins is no noise
-            self._spread += min(dt / CALMED, 1.0) * (
+            self._spread += min(dt / STANDING_MEMORY, 1.0) * (
                 np.minimum(off**2, 4.0 * self._spread) - self._spread)
-        return np.minimum(1.0, self._spread / usual + (CALM / self._rings)**2)
+        return np.minimum(1.0, self._spread / usual + (STANDING_DEVIATION / self._rings)**2)
 
     def _noise(self, share: FloatArray, times: float) -> FloatArray:
         """Give the covariance of a sample, of an arm that stands no larger than it was seen."""
@@ -398,9 +365,9 @@ class ContactEstimator:
     def _learn(self, dt: float, left: FloatArray) -> None:
         """Learn how what is left over of a moving, untouched arm rings, in all gauges together."""
         off = np.clip(np.where(np.isfinite(left), left, 0.0), -self._deviation, self._deviation)
-        floor = np.diag((FLOOR / self._rings * self._deviation)**2)
-        self._rung += min(dt / LEARNED, 1.0) * (
-            RUNG * (np.outer(off, off) + floor) - self._rung)
+        floor = np.diag((RINGING_FLOOR / self._rings * self._deviation)**2)
+        self._rung += min(dt / RINGING_MEMORY, 1.0) * (
+            RINGING_SAMPLES * (np.outer(off, off) + floor) - self._rung)
 
     def _correct(
         self, dt: float, row: FloatArray, left: FloatArray, share: FloatArray,
@@ -408,10 +375,11 @@ class ContactEstimator:
         front = self._front
         known = np.flatnonzero(np.isfinite(left))
         white = np.linalg.inv(np.linalg.cholesky(
-            self._noise(share, SAMPLE / dt if front.modes else 1.0)[np.ix_(known, known)]))
+            self._noise(share, DEVIATION_STEP / dt if front.modes else 1.0)[np.ix_(known, known)]))
         left, variance = white @ left[known], np.ones(len(known))
         calm = float(share.min())
-        fade = math.exp(-dt / (LASTING if front.modes and calm > CALMEST else HELD))
+        moves = front.modes and calm > STANDING_VARIANCE
+        fade = math.exp(-dt / (FORCE_MEMORY if moves else HELD_FORCE_MEMORY))
         levers = front.rows(row) if isinstance(front, RigidFront) else None
         likely = np.zeros(len(self.spans))
         for k, span in enumerate(self.spans):
@@ -425,7 +393,8 @@ class ContactEstimator:
                 state *= fade
                 covariance *= fade * fade
                 covariance += rise
-            likely[k] = correct(state, covariance, white @ rows[known], variance, left, TRUSTED)
+            likely[k] = correct(state, covariance, white @ rows[known], variance, left,
+                                INNOVATION_BOUND)
         return likely
 
     def _told(self, stamp: int, likely: FloatArray) -> ContactEstimate:
@@ -451,7 +420,7 @@ class ContactEstimator:
         place = float(share @ places)
         unsure = math.sqrt(float(share @ (deviations**2 + (places - place)**2)))
         prior = prior_spread([self.spans[k] for k in own])
-        known = self.felt and (prior == 0.0 or unsure <= TOLD * prior)
+        known = self.felt and (prior == 0.0 or unsure <= PLACE_CERTAIN * prior)
         axes = self._axes[best]
         if not known:
             place = unsure = math.nan
@@ -463,14 +432,11 @@ class ContactEstimator:
             place * axes.along, belief.pressing, likely)
 
 
-# -- Which link is touched, and with what torque about its joint, from efforts alone.
+# Which link is touched, and with what torque about its joint, from efforts alone.
 #
 # The momentum observer gives the external effort of each joint. A contact loads the joints inboard
 # of it: the outermost joint that feels one moves the link that is touched. Where on it, and with
 # what force, efforts do not tell.
-
-FELT, LEFT = 5.0, 3.0
-"""Standard deviations of free motion from which, and until which, a joint feels a contact."""
 
 
 class TorqueEstimator:
@@ -517,7 +483,7 @@ class TorqueEstimator:
             return None
         torque = -residual * self._gain
         size = np.nan_to_num(np.abs(torque) / self._deviation)
-        bound = LEFT if self.felt else FELT
+        bound = TORQUE_ENDED if self.felt else TORQUE_DETECTED
         feeling = np.flatnonzero(size > bound)
         self.felt = bool(len(feeling))
         place = int(feeling[-1]) if self.felt else int(np.argmax(size))
@@ -528,8 +494,6 @@ class TorqueEstimator:
             float(self._deviation[place]), float('nan'), float('nan'), nowhere,
             np.zeros((0, 3)), np.zeros(0))
 
-
-# -- What estimates contacts of an arm: strain where it has gauges of known scale, else efforts
 
 AnyEstimator = ContactEstimator | TorqueEstimator
 

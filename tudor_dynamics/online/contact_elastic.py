@@ -35,10 +35,10 @@ from tudor_dynamics.models.elastic.kernel import (
 from tudor_dynamics.models.elastic.model import driven_arm, FittedElastic
 from tudor_dynamics.models.elastic.observer import FORCES, linearise, white_force
 from tudor_dynamics.online.contact_levers import ACROSS, ALONG, link_axes, MOMENT, PRESSING, Span
+from tudor_dynamics.online.settings import (
+    DEVIATION_STEP, FOLLOWING_RATE, SLOWEST_STATIC, VIBRATION_RATE)
 from tudor_dynamics.typing import FloatArray
 
-
-# -- What a force on a span of a link does to a driven arm: coordinates and gauges, compiled
 
 @compiled
 def _put(
@@ -125,7 +125,7 @@ class Pressing:
             self.through[g, MOMENT] = slope
 
 
-# -- The slow vibrations of an arm where it is, and what presses carried along with them, compiled.
+# The slow vibrations of an arm where it is, and what presses carried along with them, compiled.
 #
 # Modes above a limit follow a force at once: they are taken as statics, so that no sample rate is
 # too low for them. The others are carried exactly over a sample, as oscillators under a constant
@@ -230,18 +230,6 @@ def correct(
     return likely
 
 
-# -- What gauges show beyond an elastic model, and how its links answer to what presses on them
-
-SAMPLE = 0.01
-"""Sample time that deviations of measurements belong to [s]."""
-SLOW = 40.0
-"""Vibrations above follow a force at once [Hz]."""
-RINGING = 3.0
-"""Rate at which the followed arm is drawn to the measured one [1/s]."""
-BANDWIDTH = 2.0
-"""Rate at which a vibration that nobody explains is forgotten [1/s]."""
-
-
 class ElasticFront:
     """
     An elastic arm that follows positions, uncorrected, and is linearised as it goes.
@@ -265,7 +253,7 @@ class ElasticFront:
         self._geared = np.searchsorted(tables.equations.free, places)
         self._engaged = (tables.equations.matrices[STIFFNESS, places, places]
                          + tables.gears.springs[:, STIFF])
-        driven.start_observer(moment_deviation, RINGING)
+        driven.start_observer(moment_deviation, FOLLOWING_RATE)
         self._small: FloatArray = np.zeros((3, m, m))
         self._white: FloatArray = np.zeros((m, FORCES))
         self._acting = [np.zeros((m, PRESSING)) for _ in spans]
@@ -273,15 +261,15 @@ class ElasticFront:
                       np.array([0.0, 1e-3]))
         self._linearise()
         squares = np.linalg.eigvals(np.linalg.solve(self._small[0], self._small[2])).real
-        count = max(1, int(np.sum(squares < (2.0 * np.pi * SLOW) ** 2)))
+        count = max(1, int(np.sum(squares < (2.0 * np.pi * SLOWEST_STATIC) ** 2)))
         self._basis: FloatArray = np.zeros((m, count))
         self._squares: FloatArray = np.zeros(count)
         self._rates: FloatArray = np.zeros(count)
         slow_modes(self._small, self._basis, self._squares, self._rates)
         self._first = self._basis.copy()
-        self.noise = SAMPLE * white_force(
+        self.noise = DEVIATION_STEP * white_force(
             Linearised(*self._small), self._white, self._shown / moment_deviation[:, None],
-            BANDWIDTH)
+            VIBRATION_RATE)
 
     @property
     def modes(self) -> int:

@@ -33,17 +33,14 @@ from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import FittedElastic
 from tudor_dynamics.models.memoryless import MemorylessModel
+from tudor_dynamics.online.settings import FORCE_CHANGE, POSE_CHANGE, PUSH_DEVIATION, SPAN_LENGTH
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Places of what presses on a link: numbers that inner loops use, too
 
 ACROSS, MOMENT, ALONG = range(3)
 PRESSING = 3
 """How many there are."""
 
-
-# -- What the readings of gauges and the efforts of joints are in N m, and who says so
 
 @dataclass(frozen=True, eq=False)
 class Scale:
@@ -98,17 +95,12 @@ def torque_scale(arm: Arm) -> FloatArray:
         for joint in arm.joints])
 
 
-# -- Where on the links a contact is looked for.
+# Where on the links a contact is looked for.
 #
 # What is estimated on a span is (F, F a, A): the force across the link, its moment about the
 # joint, and the force along the link. Forces at the two ends of the span stand for a push between
 # them, so all that lies inboard or outboard of the span feels the push itself: spans end at
 # gauges.
-
-SHORTEST = 1e-3
-"""Ends of a span are at least so far apart, also where the place is known [m]."""
-PUSH = 10.0
-"""Standard deviation of a force of which nothing is known [N]."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +112,7 @@ class Span:
     inner: float
     outer: float
     # Standard deviation of the force across and along the link [N].
-    across: float = PUSH
+    across: float = PUSH_DEVIATION
     along: float = 0.0
 
     @property
@@ -131,7 +123,7 @@ class Span:
     @property
     def ends(self) -> tuple[float, float]:
         """Two different places that stand for all between them [m]."""
-        return min(self.inner, self.outer - SHORTEST), self.outer
+        return min(self.inner, self.outer - SPAN_LENGTH), self.outer
 
     @property
     def covariance(self) -> FloatArray:
@@ -177,7 +169,7 @@ def link_end(arm: Arm, joint: str) -> float | None:
              if frame.parentJoint == index and frame.type.name != 'JOINT']
     farthest = max((gauge.distance for gauge in arm.gauges if gauge.joint == joint))
     end = max(ends, default=0.0)
-    return float(end) if end > farthest + SHORTEST else None
+    return float(end) if end > farthest + SPAN_LENGTH else None
 
 
 def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
@@ -200,7 +192,7 @@ def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
         if end is None:
             continue
         own = sorted(set(places[joint]))
-        along = PUSH if number else 0.0
+        along = PUSH_DEVIATION if number else 0.0
         if len(own) == 1 and joint == order[-1]:
             spans.append(Span(joint, end, end, along=along))
             continue
@@ -208,8 +200,6 @@ def spans_of(arm: Arm, known: Sequence[bool]) -> tuple[Span, ...]:
                   for near, far in zip(own, [*own[1:], end], strict=True)]
     return tuple(spans)
 
-
-# -- What gauges of a rigid arm feel of a force on a span: levers, at the pose of the sample
 
 class RigidFront:
     """Levers of forces on spans about the gauges; nothing is carried from sample to sample."""
@@ -268,14 +258,6 @@ class RigidFront:
         return -float((carrier.rotation @ axis) @ np.cross(lever, link.rotation @ direction))
 
 
-# -- What gauges read of an arm's own weight at a pose, from its model or from its description
-
-NEAR = 1e-3
-"""Change of a joint below which readings of the weight are those of before [rad or m]."""
-LEAST = 0.5
-"""Change of the force, and least one, for which levers are looked at anew [N]."""
-
-
 @dataclass(frozen=True, eq=False)
 class StaticReadings:
     """What gauges of a resting arm read."""
@@ -324,9 +306,9 @@ class StaticStrain:
 
         q (joints,) [rad or m], force [N].
         """
-        force = max(force, LEAST)
-        if (self._last is None or float(np.abs(q - self._at).max()) > NEAR
-                or abs(force - self._force) > LEAST):
+        force = max(force, FORCE_CHANGE)
+        if (self._last is None or float(np.abs(q - self._at).max()) > POSE_CHANGE
+                or abs(force - self._force) > FORCE_CHANGE):
             self._last, self._at, self._force = self._solve(q, force), q.copy(), force
         return self._last
 

@@ -25,16 +25,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.compiled import (
-    array_at, compiled, largest, largest_size, places_of, REAL, WHOLE)
+from tudor_dynamics.compiled import compiled, largest, largest_size
 from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import (
+    FRICTION_UNCERTAIN, HIGHEST_RAISE, LEVEL_QUANTILE, LEVEL_SPEED, LOWEST_LEVEL, OUTLIER,
+    RINGING_FADE, RINGING_SHARE, WIDEST)
 from tudor_dynamics.online.thresholds import (
-    advance, advance_held, evaluate_features, held_friction, MethodThresholds, MotionFeatures,
-    NEVER, OnsetFilter, UNSURE, weigh)
+    advance, advance_held, evaluate_features, held_friction, MethodThresholds, NEVER, onset_now)
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Which link a joint or a gauge tells of
 
 def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
     """Say which link each joint and gauge belongs to."""
@@ -57,55 +56,19 @@ def channel_links(arm: Arm) -> dict[str, tuple[int, str]]:
     return links
 
 
-# -- How far the arm is from what thresholds were learned on, and how much wider they have to be.
+# How far the arm is from what thresholds were learned on, and how much wider they have to be.
 #
 # Two distances are known. Speeds beyond those of the recordings show at once. Whatever else
 # differs, damper, sample rate, drives or friction, shows in the onset statistic, which is small
 # between collisions and blind to forces that last: a quantile of its ratio to the profile is
 # followed, so slowly that a push hardly moves it, and compared with what was usual in free motion.
 
-QUANTILE = 0.8
-"""Share of the samples that stay below the level that is followed."""
-SPEED = 0.5
-"""How fast the level follows, in its logarithm [1/s]."""
-WIDEST = 4.0
-"""Thresholds are not widened more than so many times: the detector would be blind."""
-USUAL = 0.9
-"""Share of the time in free motion for which the level was lower than what counts as usual."""
-UNLIKE = 1.5
-"""Widening that the user should know of."""
-OUTLIER = 6.0
-"""Ratios that are so many times the level are collisions, and do not move it."""
-LOWEST = 0.5
-"""The level does not fall further below that of free motion: an arm at rest would forget it."""
-
-
-class Familiarity:
-    """
-    Follows how large onsets are at present, beside how large they were in free motion.
-
-    widening (channels,); usual (channels,): infinite where it is not known; reach (joints,)
-    [rad/s or m/s]: infinite where they are not known.
-    """
-
-    def __init__(self, usual: FloatArray, reach: FloatArray) -> None:
-        self.usual, self.reach = usual, reach
-        self.level = np.where(np.isfinite(usual), usual, 0.0)
-        self.widening = np.ones(len(usual))
-
-    def step(self, dt: float, speeds: FloatArray, ratio: FloatArray) -> None:
-        """
-        Take one sample into account; its widening holds for the next.
-
-        dt [s], speeds (joints,) [rad/s or m/s], ratio (channels,).
-        """
-        follow(dt, speeds, ratio, self.usual, self.reach, self.level, self.widening)
-
 
 @compiled
 def _track(dt: float, ratio: FloatArray, level: FloatArray) -> None:
     """Follow a quantile of each ratio, in steps of its logarithm."""
-    up, down = math.exp(SPEED * QUANTILE * dt), math.exp(-SPEED * (1.0 - QUANTILE) * dt)
+    up = math.exp(LEVEL_SPEED * LEVEL_QUANTILE * dt)
+    down = math.exp(-LEVEL_SPEED * (1.0 - LEVEL_QUANTILE) * dt)
     for i in range(len(ratio)):
         if ratio[i] <= level[i]:
             level[i] *= down
@@ -118,14 +81,19 @@ def follow(
     dt: float, speeds: FloatArray, ratio: FloatArray, usual: FloatArray, reach: FloatArray,
     level: FloatArray, widening: FloatArray,
 ) -> None:
-    """Compare levels and speeds with what was learned."""
+    """
+    Compare levels of onsets, and speeds, with what was learned; the widening is for what follows.
+
+    dt [s], speeds, reach (joints,) [rad/s or m/s], ratio, usual (channels,): reach and usual are
+    infinite where they are not known; writes level, widening (channels,).
+    """
     faster = 1.0
     for j in range(len(speeds)):
         faster = max(faster, speeds[j] / reach[j])
     _track(dt, ratio, level)
     for i in range(len(ratio)):
         if math.isfinite(usual[i]):
-            level[i] = min(max(level[i], LOWEST * usual[i]), WIDEST * usual[i])
+            level[i] = min(max(level[i], LOWEST_LEVEL * usual[i]), WIDEST * usual[i])
             widening[i] = min(max(level[i] / usual[i], faster), WIDEST)
         else:
             widening[i] = min(faster, WIDEST)
@@ -138,7 +106,7 @@ def levels(dt: FloatArray, ratio: FloatArray) -> FloatArray:
     dt (samples,) [s], ratio (samples, channels); returns (samples, channels).
     """
     out = np.empty_like(ratio)
-    _record(dt, ratio, np.quantile(ratio, QUANTILE, axis=0), out)
+    _record(dt, ratio, np.quantile(ratio, LEVEL_QUANTILE, axis=0), out)
     return out
 
 
@@ -149,8 +117,6 @@ def _record(dt: FloatArray, ratio: FloatArray, level: FloatArray, out: FloatArra
         _track(dt[k], ratio[k], level)
         out[k] = level
 
-
-# -- How far the residuals of one method stand above or below their thresholds
 
 @dataclass(frozen=True)
 class Rates:
@@ -176,25 +142,43 @@ class Excess:
     threshold: FloatArray  # collision threshold of the residual in force, in its unit, (channels,)
 
 
+USUAL, STICTION, LEVEL, WIDENING, FRICTION, HELD, RISING, FALLING, CONTACT = range(9)
+"""Rows of what is known of each channel: as learned; followed; in force at present."""
+COLLISION = CONTACT + 3
+"""Ratios of a level: residual, onset, accumulated onset."""
+CHANNEL_ROWS = COLLISION + 3
+REACH, DIRECTION, LATELY = range(3)
+"""Rows of what is known of each joint."""
+LAST, ORIGIN, BEGIN, COUNT, REVERSED = range(5)
+"""Places in what is counted: stamps [ns] of the last sample, of the first one of the past and of
+the last reversal of each joint; rows of the past."""
+TO_CONTACT, TO_COLLISION, SUDDEN, THRESHOLD, ONSET, ONSET_RATIO = range(6)
+"""Rows of what is found at a sample."""
+GROWTH = 1024
+
+
 class ExcessStage:
     """Compares residuals with thresholds."""
 
     def __init__(self, thresholds: MethodThresholds, rates: Rates) -> None:
         self.thresholds = thresholds
-        self._features = MotionFeatures(thresholds.n_joints)
-        self._onset = OnsetFilter(thresholds.taps, thresholds.step)
-        self._familiarity = Familiarity(thresholds.usual, thresholds.reach)
-        n = len(thresholds.channels)
-        self._sums, self._friction, self._held = np.zeros((2, n)), np.zeros(n), np.zeros(n)
-        self._columns = np.empty(self._features.size)
-        self._sticks = bool(thresholds.stiction.any())
-        self._last: int | None = None
+        n, joints = len(thresholds.channels), thresholds.n_joints
+        self._channels: FloatArray = np.zeros((CHANNEL_ROWS, n))
+        self._channels[[USUAL, STICTION]] = thresholds.usual, thresholds.stiction
+        self._channels[LEVEL] = np.where(np.isfinite(thresholds.usual), thresholds.usual, 0.0)
+        self._channels[WIDENING] = 1.0
+        self._joints: FloatArray = np.zeros((3, joints))
+        self._joints[REACH] = thresholds.reach
+        self._counts = np.zeros(REVERSED + joints, dtype=np.int64)
+        self._profile = np.ascontiguousarray(thresholds.profile)
+        self._weights = np.ascontiguousarray(thresholds.taps[::-1]).reshape(-1, n)
+        self._past: FloatArray = np.empty((2 * GROWTH, 1 + n))
         self.rates = rates
 
     @property
     def widening(self) -> FloatArray:
         """Factor on the thresholds of each channel, for motion that they were not learned on."""
-        return self._familiarity.widening
+        return self._channels[WIDENING]
 
     @property
     def rates(self) -> Rates:
@@ -204,113 +188,103 @@ class ExcessStage:
     @rates.setter
     def rates(self, rates: Rates) -> None:
         self._rates = rates
-        self._collision = self.thresholds.ratios(rates.collision)
-        self._contact = np.minimum(self.thresholds.ratios(rates.contact), self._collision)
-        self._arrange()
-
-    def _arrange(self) -> None:
-        """Write down where all lies that a sample is judged by, in the order of `_judge`."""
-        features, onset, known = self._features, self._onset, self._familiarity
-        self._past = onset.x
-        self._tables = [np.ascontiguousarray(table) for table in (
-            self._columns, features.direction, features.lately, self.thresholds.stiction,
-            self._held, self._friction, onset.t, onset.ages, self._contact, self._collision,
-            known.widening, known.usual, known.reach, known.level,
-            onset.x, onset.weights, self.thresholds.profile, self._sums, features.reversed_at)]
-        self._places = places_of(self._tables)
+        collision = self.thresholds.ratios(rates.collision)
+        contact = np.minimum(self.thresholds.ratios(rates.contact), collision)
+        self._channels[CONTACT:] = np.concatenate([contact, collision]).reshape(6, -1)
 
     def step(self, residual: Residual, first: bool = False) -> Excess:
         """Compare one sample."""
-        stamp = residual.motion.stamp
-        first = first or self._last is None or stamp <= self._last
-        dt = 0.0 if first or self._last is None else (stamp - self._last) * 1e-9
-        last = NEVER if first or self._last is None else self._last
-        if first:
-            self._features.reset()
-            self._sums[:] = 0.0
-        self._last = stamp
-        onset = self._onset
-        known = onset.take_place(stamp, first)
-        if onset.x is not self._past:
-            self._arrange()
-        out = np.empty((6, len(self._friction)))
-        onset.begin = _judge(stamp, last, dt, self._sticks, onset.begin, onset.count, known,
-                             residual.motion.row, residual.value, self._places, out)
-        return Excess(residual, out[5], out[0], out[1], out[2], out[3])
+        if self._counts[COUNT] == len(self._past):
+            self._make_room()
+        out = np.empty((6, self._channels.shape[1]))
+        judge(residual.motion.stamp, first, self.thresholds.step, residual.motion.row,
+              residual.value, self._counts, self._joints, self._channels, self._profile,
+              self._weights, self._past, out)
+        return Excess(residual, out[ONSET], out[TO_CONTACT], out[TO_COLLISION], out[SUDDEN],
+                      out[THRESHOLD])
+
+    def _make_room(self) -> None:
+        begin, count = self._counts[BEGIN], self._counts[COUNT]
+        kept = self._past[begin:].copy()
+        if len(kept) > len(self._past) // 2:
+            self._past = np.empty((2 * len(self._past), self._past.shape[1]))
+        self._past[:len(kept)] = kept
+        self._counts[[BEGIN, COUNT]] = 0, count - begin
 
 
 @compiled
-def _judge(
-    stamp: int, last: int, dt: float, sticks: bool, begin: int, count: int, known: bool,
-    row: FloatArray, value: FloatArray, places: NDArray[np.int64], out: FloatArray,
-) -> int:
-    """Fill ratios and threshold as `_compare`, and the onset behind; gives its new beginning."""
-    # in one call: to hand all over one after the other takes longer than all that is computed
-    columns, direction = array_at(places, 0, REAL, 1), array_at(places, 1, REAL, 1)
-    lately, stiction = array_at(places, 2, REAL, 1), array_at(places, 3, REAL, 1)
-    held, friction = array_at(places, 4, REAL, 1), array_at(places, 5, REAL, 1)
-    t, ages = array_at(places, 6, REAL, 1), array_at(places, 7, REAL, 1)
-    contact, collision = array_at(places, 8, REAL, 1), array_at(places, 9, REAL, 1)
-    widening, usual = array_at(places, 10, REAL, 1), array_at(places, 11, REAL, 1)
-    reach, level = array_at(places, 12, REAL, 1), array_at(places, 13, REAL, 1)
-    x, weights = array_at(places, 14, REAL, 2), array_at(places, 15, REAL, 2)
-    profile, sums = array_at(places, 16, REAL, 2), array_at(places, 17, REAL, 2)
-    reversed_at, onset = array_at(places, 18, WHOLE, 1), out[5]
-    evaluate_features(stamp, last, row, direction, reversed_at, lately, columns)
-    if sticks:  # only joints do, and each its own speed
-        for i in range(len(held)):
-            held[i] = held_friction(stiction[i], columns[1 + i])
-    advance_held(dt, value, held, friction, x[count - 1])
-    if known:
-        begin = weigh(t, x, begin, count, ages, weights, onset)
+def judge(
+    stamp: int, first: bool, step: float, row: FloatArray, value: FloatArray,
+    counts: NDArray[np.int64], joints: FloatArray, channels: FloatArray, profile: FloatArray,
+    weights: FloatArray, past: FloatArray, out: FloatArray,
+) -> None:
+    """
+    Compare one sample with thresholds, and remember what the next one needs.
+
+    stamp [ns]; first: whether nothing before it counts; step [s] of the onset statistic; row
+    (3 joints,), value (channels,): motion and residual; counts, joints, channels, past: see the
+    names of their rows, and `onset_now`; profile, weights: see `MethodThresholds`.
+    """
+    first = first or counts[COUNT] == 0 or stamp <= counts[LAST]
+    last, dt = counts[LAST], (stamp - counts[LAST]) * 1e-9
+    if first:
+        last, dt = NEVER, 0.0
+        counts[ORIGIN], counts[BEGIN], counts[COUNT] = stamp, 0, 0
+        counts[REVERSED:] = NEVER
+        joints[DIRECTION:] = 0.0
+        channels[RISING:FALLING + 1] = 0.0
+    now = (stamp - counts[ORIGIN]) * 1e-9
+    place, counts[LAST] = counts[COUNT], stamp
+    counts[COUNT] += 1
+    past[place, 0] = now
+    columns = np.empty(profile.shape[1])
+    evaluate_features(stamp, last, row, joints[DIRECTION], joints[LATELY], counts[REVERSED:],
+                      columns)
+    for i in range(len(value)):
+        if channels[STICTION, i] > 0.0:  # only joints do, and each its own speed
+            channels[HELD, i] = held_friction(channels[STICTION, i], columns[1 + i])
+    advance_held(dt, value, channels[HELD], channels[FRICTION], past[place, 1:])
+    oldest = step * (len(weights) // len(value) - 1)
+    if place >= 1 and now >= oldest - 1e-6 * step:
+        counts[BEGIN] = onset_now(past, counts[BEGIN], place + 1, step, weights, out[ONSET])
     else:
-        onset[:] = 0.0
-    _compare(profile, columns, value, onset, contact, collision, widening, held, dt, sums, out)
-    follow(dt, columns[1:1 + len(direction)], out[4], usual, reach, level, widening)
-    return begin
+        out[ONSET] = 0.0
+    _compare(dt, profile, columns, value, channels, out)
+    follow(dt, columns[1:1 + joints.shape[1]], out[ONSET_RATIO], channels[USUAL], joints[REACH],
+           channels[LEVEL], channels[WIDENING])
 
 
 @compiled
 def _compare(
-    profile: FloatArray, columns: FloatArray, value: FloatArray, onset: FloatArray,
-    contact: FloatArray, collision: FloatArray, widening: FloatArray, held: FloatArray,
-    dt: float, sums: FloatArray, out: FloatArray,
+    dt: float, profile: FloatArray, columns: FloatArray, value: FloatArray, channels: FloatArray,
+    out: FloatArray,
 ) -> None:
-    """Fill ratios to contact and collision, onset's, residual's threshold, onset by profile."""
+    """Fill all rows of ``out`` but that of the onset."""
     n = len(value)
+    onset, held, widening = out[ONSET], channels[HELD], channels[WIDENING]
     signed = np.empty(n)
     for i in range(n):
         usual = soon = 0.0
         for k in range(len(columns)):
             usual += profile[i, k] * columns[k]
             soon += profile[n + i, k] * columns[k]
-        out[4, i] = abs(onset[i]) / soon
+        out[ONSET_RATIO, i] = abs(onset[i]) / soon
         plain = abs(value[i]) - held[i]
         plain = 0.0 if plain < 0.0 else plain / usual / widening[i]  # NaN stays
-        sudden = out[4, i] / widening[i]
-        signed[i] = math.copysign(plain * usual / (usual + UNSURE * held[i]), value[i])
-        for level, ratio in enumerate((contact, collision)):
-            a, b = plain / ratio[i], sudden / ratio[n + i]
+        sudden = out[ONSET_RATIO, i] / widening[i]
+        signed[i] = math.copysign(
+            plain * usual / (usual + FRICTION_UNCERTAIN * held[i]), value[i])
+        for row, level in ((TO_CONTACT, CONTACT), (TO_COLLISION, COLLISION)):
+            a, b = plain / channels[level, i], sudden / channels[level + 1, i]
             # NaN must win, as numpy has it
-            out[level, i] = a if a > b or a != a else b
-        out[2, i] = math.copysign(sudden / collision[n + i], onset[i] * value[i])
-        out[3, i] = usual * collision[i] * widening[i] + held[i]
-    advance(dt, signed, collision[2 * n:], sums)
+            out[row, i] = a if a > b or a != a else b
+        out[SUDDEN, i] = math.copysign(sudden / channels[COLLISION + 1, i], onset[i] * value[i])
+        out[THRESHOLD, i] = usual * channels[COLLISION, i] * widening[i] + held[i]
+    advance(dt, signed, channels[COLLISION + 2], channels[RISING:FALLING + 1])
     for i in range(n):
-        most = max(sums[0, i], sums[1, i])
-        out[0, i] = max(out[0, i], most / contact[2 * n + i])
-        out[1, i] = max(out[1, i], most / collision[2 * n + i])
-
-
-# -- From ratios to events: debounce, two levels, release, pushes upon pushes, the link blamed
-
-HIGHEST = 10.0
-"""To which a threshold is raised at most: a model that loses the arm for a moment has residuals
-without bound, and would make it blind for as long as that takes to fade."""
-SHARE = 0.15
-"""Part of an excess that comes back behind it and is no contact: the arm swings, teeth meet."""
-AFTERMATH = 1.0
-"""Time constant with which it is forgotten [s]."""
+        most = max(channels[RISING, i], channels[FALLING, i])
+        out[TO_CONTACT, i] = max(out[TO_CONTACT, i], most / channels[CONTACT + 2, i])
+        out[TO_COLLISION, i] = max(out[TO_COLLISION, i], most / channels[COLLISION + 2, i])
 
 
 class Level(IntEnum):
@@ -361,10 +335,10 @@ class _Track:
         if self.raised == 1.0 and ratio < 1.0:  # nearly always; what follows comes to the same
             self.stamp, self.since = stamp, None
             return False
-        faded = math.exp((self.stamp - stamp) * 1e-9 / AFTERMATH)
+        faded = math.exp((self.stamp - stamp) * 1e-9 / RINGING_FADE)
         bar = max(1.0, self.raised * faded)
         self.stamp = stamp
-        self.raised = max(bar, min(SHARE * ratio, HIGHEST))
+        self.raised = max(bar, min(RINGING_SHARE * ratio, HIGHEST_RAISE))
         if not ratio < bar:
             self.last = stamp
         if not ratio > bar:

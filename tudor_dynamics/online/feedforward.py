@@ -41,11 +41,10 @@ from tudor_dynamics.models.elastic.arm import Response
 from tudor_dynamics.models.elastic.kernel import (
     add_shortening, DDZ, driven_of, DZ, FORCE, gear, Gears, shorten, STIFFNESS, Z)
 from tudor_dynamics.models.elastic.model import driven_arm, elastic_of, ElasticModel
+from tudor_dynamics.online.settings import HELD_WITHIN, LEAST_LEVER, NEWTON_SETTLED, NEWTON_STEPS
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Efforts as currents or as torques, by the torque constants of the description
 
 Unit = Literal['model', 'current', 'torque']
 UNITS: tuple[Unit, ...] = ('model', 'current', 'torque')
@@ -87,8 +86,6 @@ def unit_names(arm: Arm, unit: Unit) -> tuple[str, ...]:
         'N' if arm.is_prismatic(joint.name) else 'N m' for joint in arm.joints)
 
 
-# -- Friction that a joint keeps where it has come to rest, by the way in which it came
-
 AtRest = Literal['none', 'kept']
 AT_REST: tuple[AtRest, ...] = ('none', 'kept')
 """None; or that of the last motion, until the joint moves the other way."""
@@ -115,7 +112,7 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
     return np.where(slow, signs * SLIDING, speed)
 
 
-# -- Which motor positions put bent links where they are wanted, point by point, compiled.
+# Which motor positions put bent links where they are wanted, point by point, compiled.
 #
 # Links and gears follow their load at once: the load of the wanted motion, weight and inertia,
 # bends them as if it were at rest (the rigid load). For springs in the joints with masses behind
@@ -127,12 +124,6 @@ def kept_speeds(speed: FloatArray, turning: ArrayLike) -> FloatArray:
 # Bending is found by Newton's steps with the stiffness of the links alone; the joints turn by what
 # brings the ends of the flexible links, and the tip, nearest to where those of a rigid arm are.
 # All ends count, not the tip alone: of a stretched arm that could be had by large turns only.
-
-STEPS = 40
-SETTLED = 1e-6
-"""Change of a coordinate at which an arm has settled: a micrometre at its end [rad or m]."""
-LITTLE = 1e-6
-"""Part of the largest lever below which a joint cannot move the ends, and is left alone."""
 
 
 class Inverse(NamedTuple):
@@ -215,7 +206,7 @@ def _aim(tables: Inverse, chain: Chain, z: NDArray) -> bool:
     for j in range(n):
         largest = max(largest, tables.normal[j, j])
     for j in range(n):
-        tables.normal[j, j] += LITTLE * largest + 1e-30
+        tables.normal[j, j] += LEAST_LEVER * largest + 1e-30
     if not cholesky(tables.normal):
         return False
     solve(tables.normal, tables.step)
@@ -242,7 +233,7 @@ def _solve_point(
 ) -> bool:
     """Bend the links under their load, and turn the joints; the state begins at the last point."""
     z, force, bends, delta = vectors[Z], vectors[FORCE], tables.bends, tables.delta
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         _load(vectors, chain)
         largest = 0.0
         if reach and not _aim(tables, chain, z):
@@ -261,7 +252,7 @@ def _solve_point(
         for a in range(bends.shape[0]):
             z[bends[a]] += delta[a]
             largest = max(largest, abs(delta[a]))
-        if largest < SETTLED:
+        if largest < NEWTON_SETTLED:
             return True
         if not largest < 10.0:
             return False
@@ -317,8 +308,6 @@ def invert(
             motor[k, s] = z[i] - twist_of(gears.springs[s], -vectors[FORCE, i])
     return q.shape[0]
 
-
-# -- Where the motors of an elastic arm have to be for its links to be where they are wanted
 
 @dataclass(frozen=True, eq=False)
 class Bent:
@@ -382,7 +371,7 @@ class BentArm:
         return Bent(motor, torque)
 
 
-# -- Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
+# Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
 #
 # The model is that of the bundle, asked at the wanted motion in place of the measured one: nothing
 # of it is noisy or late, and friction has the sign of the wanted speed. That sign is smoothed
@@ -391,8 +380,6 @@ class BentArm:
 
 Positions = Literal['wanted', 'motor']
 POSITIONS: tuple[Positions, ...] = ('wanted', 'motor')
-STAYS = 0.01
-"""How far a joint that is held may be from there [rad or m]."""
 
 
 class Feedforward:
@@ -614,7 +601,7 @@ class Feedforward:
                        + (f' and holds {list(self._held)}' if self._held else ''))
                 raise SignalError(msg, remedy='name joints as the arm description does')
             off = np.abs(column - self._held[name])
-            if off.max() > STAYS:
+            if off.max() > HELD_WITHIN:
                 msg = (f'the model was fitted with {name!r} at {self._held[name]:g}, and point '
                        f'{int(off.argmax()) + 1} has it at {column[off.argmax()]:g}')
                 raise SignalError(msg, remedy='hold it there, or fit a model with it among '

@@ -30,18 +30,18 @@ from tudor_dynamics.load.live import CarriedLoad, LoadFound, PayloadStage
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.online.contact import AnyEstimator, contact_estimator, ContactEstimate
+from tudor_dynamics.online.coverage import SensorHealth
 from tudor_dynamics.online.detector import (
     channel_links, CollisionDetector, CollisionEvent, DetectorSettings, Excess, ExcessStage, Level,
-    Rates, UNLIKE)
-from tudor_dynamics.online.judged import SensorHealth
+    Rates)
 from tudor_dynamics.online.prediction import OUTPUTS, Predictor, Residual, ResidualStage
+from tudor_dynamics.online.settings import (
+    LAGS, MOMENTUM_LAGS, MOMENTUM_STEP, STEP, WIDENING_WARNING, WINDOW)
 from tudor_dynamics.online.streams import Motion, PairedSample, Pairing, StateFilter
 from tudor_dynamics.online.threshold_learning import stored_thresholds
-from tudor_dynamics.online.thresholds import LAGS, MethodThresholds, STEP, WINDOW
+from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Choices of a monitor, and what becomes known with a message
 
 METHODS = ('strain', 'effort', 'momentum')
 SOURCE = {'strain': 'strain', 'effort': 'effort', 'momentum': 'effort'}
@@ -99,7 +99,7 @@ class Found:
     contacts: list[ContactEstimate] = field(default_factory=list)
 
 
-# -- Momentum observer: the external effort without any acceleration.
+# Momentum observer: the external effort without any acceleration.
 #
 # See Haddadin, De Luca and Albu-Schaeffer, IEEE T-RO 33(6), 2017, Section IV. With the generalised
 # momentum p = M(q) dq the observer integrates what the model expects of dp/dt and takes the
@@ -109,11 +109,6 @@ class Found:
 # at zero velocity with dq in place of the acceleration, dM/dt dq from a central difference along
 # dq. Each row may carry a scale of its own, so the observer also works on currents of unknown
 # torque constant: its result is then in amperes, joint by joint.
-
-MOMENTUM_STEP = 1e-5
-"""Change of position for the central difference [rad or m]."""
-MOMENTUM_LAGS = 5.0
-"""Lags of the observer until its beginning is forgotten."""
 
 
 class MomentumObserver:
@@ -199,8 +194,6 @@ class MomentumObserver:
         change = ((y[3] - y[4]) - (y[5] - y[6])) / (2.0 * step)
         return y[1] - y[2], change - y[0]
 
-
-# -- Pairs, residuals, thresholds and detector: everything behind the prediction
 
 class Watch:
     """
@@ -304,7 +297,7 @@ class Watch:
     def unlike(self) -> str:
         """Say where the arm does not move as it did for its thresholds; empty where it does."""
         wide = [f'{method} {factor:.1f} times' for method, (factor, _) in self.widened.items()
-                if factor > UNLIKE]
+                if factor > WIDENING_WARNING]
         return '' if not wide else (
             f'the arm moves unlike what thresholds were learned from: widened {", ".join(wide)}; '
             'learn them from such motion (~/calibrate, or more bags for tudor fit)')
@@ -407,8 +400,6 @@ class Watch:
         if estimate is not None:
             found.contacts.append(estimate)
 
-
-# -- Filter, predictor, residuals, thresholds and detector in one: a robot watched by sample
 
 class Monitor:
     """
@@ -516,7 +507,7 @@ class Monitor:
         return self.watch.add_measured(output, stamp, values)
 
 
-# -- A few samples of an arm at rest, so that nothing is compiled or loaded beside the robot.
+# A few samples of an arm at rest, so that nothing is compiled or loaded beside the robot.
 #
 # Compiled functions are compiled at their first call, on a new installation for seconds, and read
 # from the disk at the first call in each process, for tens of milliseconds. Samples would be lost
@@ -549,8 +540,6 @@ def warm_up_filter(spec: PreprocessingSpec) -> None:
         for k in range(3):
             warmed.step(k * PERIOD, np.zeros(1), measured)
 
-
-# -- A recording through a monitor that follows the load, message by message as beside the robot
 
 @dataclass(frozen=True, eq=False)
 class FollowedLoad:

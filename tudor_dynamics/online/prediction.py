@@ -23,17 +23,12 @@ from dataclasses import dataclass
 from tudor_dynamics.errors import ModelError
 from tudor_dynamics.models.base import Model
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.online.settings import STRAIN_APART, STRAIN_QUEUE
 from tudor_dynamics.online.streams import LowPass, Motion, PairedSample
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Predictions of a model bundle for live motion
-
 OUTPUTS = ('effort', 'strain')
-KEPT = 16
-"""Readings of strain that wait for their motion: those of one instant come in any order."""
-APART = 3.0
-"""Readings farther apart say nothing of the time between them [steps of the motion]."""
 
 
 class Predictor:
@@ -55,7 +50,7 @@ class Predictor:
         self._live = type(next(iter(self.models.values()))).live(self.models, observer)
         self.observing = self._live.observing
         self._stamp = 0
-        self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=KEPT)
+        self._strains: deque[tuple[int, FloatArray]] = deque(maxlen=STRAIN_QUEUE)
 
     def add_strain(self, stamp: int, values: FloatArray) -> None:
         """
@@ -84,7 +79,7 @@ class Predictor:
         if len(strains) == 1:
             return None
         after, later = strains[1]
-        if (after - before) * 1e-9 > APART * dt:
+        if (after - before) * 1e-9 > STRAIN_APART * dt:
             return None
         share = (self._stamp - before) / (after - before)
         return (1.0 - share) * values + share * later
@@ -103,8 +98,6 @@ class Predictor:
         predicted = self._live.step(motion.dt, motion.row, wanted if settled else ())
         return predicted if settled else None
 
-
-# -- Residuals: measured minus predicted, both behind the same filters
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Residual:

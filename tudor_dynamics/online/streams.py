@@ -26,22 +26,10 @@ import numpy as np
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.reader import GAP_FLOOR, GAP_PERIODS
 from tudor_dynamics.compiled import all_finite
+from tudor_dynamics.online.settings import (
+    CLOCK_JUMP, EARLY_STEP, LOST_STEP, PAIRING_QUEUE, PERIOD_INTERVALS, PERIOD_RENEWAL)
 from tudor_dynamics.signals.filters import CausalDifferentiator, low_pass_gain
 from tudor_dynamics.typing import FloatArray
-
-
-# -- Stamps of a live stream: order, gaps and jumps, judged as they arrive
-
-JUMP = 1.0
-"""A stamp that is older by more than this is a clock that was set back, not a late message [s]."""
-LEARNING = 5
-"""Intervals needed before a period can be told."""
-RENEWAL = 16
-"""Intervals between two looks at the period, which would take a microsecond each."""
-LONG = 1.6
-"""Steps that are longer may hide a sample that was lost [periods]."""
-EARLY = 0.9
-"""Steps that are shorter make up for a sample that was late before them [periods]."""
 
 
 class Losses:
@@ -55,7 +43,7 @@ class Losses:
         self.recent: deque[int] = deque(maxlen=31)
         self._period = 0.0
         self._long = -1.0
-        self._renewal = LEARNING
+        self._renewal = PERIOD_INTERVALS
         self._late = 0.0
 
     @property
@@ -67,7 +55,7 @@ class Losses:
         """Forget the period, and give the samples lost that were still in doubt."""
         late = max(0, round(self._late))
         self.recent.clear()
-        self._period, self._long, self._renewal, self._late = 0.0, -1.0, LEARNING, 0.0
+        self._period, self._long, self._renewal, self._late = 0.0, -1.0, PERIOD_INTERVALS, 0.0
         return late
 
     def unusable(self) -> None:
@@ -79,23 +67,23 @@ class Losses:
         self.recent.append(step)
         self._renewal -= 1
         if not self._renewal:
-            self._renewal = RENEWAL
+            self._renewal = PERIOD_RENEWAL
             self._period = float(median(self.recent))
             if self._period > self._long > 0.0:
                 self._late = 0.0  # the source has slowed down, which is no loss
-            self._long = LONG * self._period
+            self._long = LOST_STEP * self._period
         if 0.0 < step <= self._long and not self._late:
             return 0  # nearly always
         return self._settle(step / self._period) if self._period else 0
 
     def _settle(self, step: float) -> int:
         """Add what a long step [periods] lacks, take off what early ones give back."""
-        if step > LONG:
+        if step > LOST_STEP:
             self._late += step - 1.0
             return 0
         late = max(0.0, self._late - max(0.0, 1.0 - step))
-        self._late = late if step < EARLY else 0.0
-        return 0 if step < EARLY else round(late)
+        self._late = late if step < EARLY_STEP else 0.0
+        return 0 if step < EARLY_STEP else round(late)
 
 
 @dataclass(slots=True)  # frozen would be three times as slow to make, twice a sample
@@ -136,8 +124,8 @@ class StampGate:
         if self.gap > 0:
             return self.gap
         recent = self._losses.recent
-        if len(recent) < LEARNING:
-            return JUMP
+        if len(recent) < PERIOD_INTERVALS:
+            return CLOCK_JUMP
         return max(GAP_PERIODS * median(recent) * 1e-9, GAP_FLOOR)
 
     def step(self, stamp: int) -> Tick | None:
@@ -151,7 +139,7 @@ class StampGate:
             return Tick(0.0, True)
         step = stamp - self.last
         if step <= 0:
-            if -step * 1e-9 <= JUMP:
+            if -step * 1e-9 <= CLOCK_JUMP:
                 self.drops['duplicate_stamp' if step == 0 else 'backward_stamp'] += 1
                 return None
             self.drops['clock_set_back'] += 1
@@ -169,8 +157,6 @@ class StampGate:
             self.drops['gap'] += lost
         return Tick(0.0, True) if first else Tick(dt, False)
 
-
-# -- Live joint states to positions, velocities and accelerations, as the offline tools do it
 
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class Motion:
@@ -262,12 +248,6 @@ class StateFilter:
         return Motion(stamp, (stamp - self._began) * 1e-9, dt, row)
 
 
-# -- Brings what is measured onto the stamps of the motion, as the readers of bags do
-
-WAITING = 400
-"""Samples that may wait for their partner; more are dropped, oldest first."""
-
-
 @dataclass(eq=False, slots=True)  # frozen would be three times as slow to make
 class PairedSample:
     """A motion with its prediction and the measurement at the same time."""
@@ -311,7 +291,7 @@ class Pairing:
             self._motions.clear()  # the clock was set back
             self._measured.clear()
             self.drops['clock_set_back'] += 1
-        if len(self._motions) >= WAITING:
+        if len(self._motions) >= PAIRING_QUEUE:
             self._motions.popleft()
             self.drops['no_measurement'] += 1
         self._motions.append((motion, predicted))
@@ -329,7 +309,7 @@ class Pairing:
         if tick.first:
             while self._measured and self._measured[-1][0] > stamp:  # the clock was set back
                 self._measured.pop()
-        if len(self._measured) >= WAITING:
+        if len(self._measured) >= PAIRING_QUEUE:
             self._measured.popleft()
         self._measured.append((stamp, values))
         return self._complete()
@@ -359,8 +339,6 @@ class Pairing:
             motions.popleft()
         return pairs
 
-
-# -- Readings of one output that arrive on several topics, put together to whole ones
 
 class Gathering:
     """

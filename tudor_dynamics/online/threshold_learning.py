@@ -28,15 +28,17 @@ from pydantic import Field, model_validator, ValidationInfo
 from tudor_dynamics.errors import FitError, ModelError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_parts import BundlePart, read, Text
-from tudor_dynamics.online.detector import levels, USUAL
+from tudor_dynamics.online.detector import levels
 from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import (
+    BLOCK, CALIBRATION_SAMPLES, CALIBRATION_STRIDE, FRICTION_UNCERTAIN, GROUP, LAGS, LARGEST_SHAPE,
+    LARGEST_TAIL_SHARE, LEAST_BLOCKS, LEAST_SCALES, PROFILE_FLOOR, PROFILE_QUANTILE, PROFILE_ROWS,
+    REVERSAL_SPEED, SHAPE_ERROR, SHAPE_ERRORS, STEP, TAIL_PEAKS, TAIL_SHARE, USUAL_SHARE, WINDOW)
 from tudor_dynamics.online.thresholds import (
-    accumulate, BLOCK, held_friction, LAGS, learn_taps, MethodThresholds, MotionFeatures,
-    OnsetFilter, released, REVERSAL_SPEED, STEP, Tail, UNSURE, WINDOW)
+    accumulate, held_friction, learn_taps, MethodThresholds, motion_features, onset_statistic,
+    released, Tail)
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Thresholds as plain values in a model bundle, and back
 
 DIGITS = 10
 DOMAIN = ('usual', 'reach')
@@ -201,32 +203,6 @@ def stored_thresholds(bundle: ModelBundle, kind: str) -> dict[str, MethodThresho
     return found
 
 
-# -- Learns thresholds from residuals of free motion
-
-GROUP = 0.08
-"""Time of which the largest value counts for the profile [s]."""
-QUANTILE = 0.8
-"""Share of the groups that stay below the profile."""
-ROWS = 1500
-"""Rows of a quantile regression; more make it slow and hardly better."""
-MIN_BLOCKS = 8
-"""Seconds of free motion below which nothing can be said of a tail."""
-MAX_BOUND = 0.5
-"""Tails that end more abruptly are an artefact of few peaks."""
-UPPER = 0.2
-"""Share of the peaks whose excess makes up the tail, where there are enough."""
-FEWEST = 20
-"""Peaks that make up a tail at least, where there are no more."""
-MAX_SHARE = 0.5
-"""More of the peaks are no tail."""
-SHAPE_ERROR = 2.0 / math.sqrt(3.0)
-"""Standard error of an exponential tail's shape, times the root of the number of peaks."""
-LEAST = (0.1, 0.1, 0.02)
-"""Least scales: of residual and onset as ratios to their profiles, of the sum of onsets [s]."""
-DOUBT = 2.0
-"""Standard errors of the shape by which a bound is doubted."""
-
-
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
     """A gapless stretch of residuals while nothing touched the arm."""
@@ -256,9 +232,9 @@ def learn_thresholds(
     step = max(STEP, period)
     records = [r for r in records if r.t[-1] > 2.0 * ((LAGS + WINDOW) * step + BLOCK)]
     seconds = float(sum(r.t[-1] for r in records))
-    if seconds < MIN_BLOCKS * BLOCK:
+    if seconds < LEAST_BLOCKS * BLOCK:
         msg = (f'{seconds:.1f} s of free motion are too little for thresholds; at least '
-               f'{MIN_BLOCKS * BLOCK:g} s without a gap are needed')
+               f'{LEAST_BLOCKS * BLOCK:g} s without a gap are needed')
         raise FitError(msg)
     stiction = np.zeros(len(channels)) if stiction is None else stiction
     rows = _Rows(records, step, period, stiction)
@@ -267,10 +243,11 @@ def learn_thresholds(
     # Ratios to a profile that was not learned from them: others are too small.
     laws = [(judged, learned.law()) for learned, judged in (halves, halves[::-1])]
     ratios = np.vstack([judged.ratios(*law, round(BLOCK / period)) for judged, law in laws])
-    usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL, axis=0)
+    usual = np.quantile(np.vstack([judged.levels(*law) for judged, law in laws]), USUAL_SHARE,
+                        axis=0)
     taps, profile = rows.law()
     n, alive = len(channels), rows.noise() > 0.0
-    tails = tuple(_tail(column, LEAST[place // n] if alive[place % n] else 0.0)
+    tails = tuple(_tail(column, LEAST_SCALES[place // n] if alive[place % n] else 0.0)
                   for place, column in enumerate(ratios.T))
     return MethodThresholds(channels, step, taps, profile, tails, seconds,
                             np.asarray(usual), rows.reach(), stiction)
@@ -296,11 +273,7 @@ class _Rows:
                       for r, held in zip(records, self._held, strict=True)]
         self._group = max(1, round(GROUP / period))
         self._skip = int(math.ceil((LAGS + WINDOW) * step / period))
-        self._columns = []
-        for record in records:
-            features = MotionFeatures(record.motion.shape[1] // 3)
-            self._columns.append(np.array([features.step(s, m) for s, m in zip(
-                record.stamp.tolist(), record.motion, strict=True)])[self._skip:])
+        self._columns = [motion_features(r.stamp, r.motion)[self._skip:] for r in records]
 
     def law(self) -> tuple[FloatArray, FloatArray]:
         """Learn taps and profile."""
@@ -319,7 +292,7 @@ class _Rows:
                 self._records, self._held, self._columns, self._sizes(taps), strict=True):
             usual = columns @ profile.T
             signs = np.sign(record.residual[self._skip:])
-            scale = usual[:, :n] + UNSURE * held[self._skip:]
+            scale = usual[:, :n] + FRICTION_UNCERTAIN * held[self._skip:]
             sums = accumulate(np.diff(record.t[self._skip - 1:]), signs * sizes[:, :n] / scale)
             parts.append(_largest(np.hstack([sizes / usual, sums]), block))
         return np.vstack(parts)
@@ -345,7 +318,7 @@ class _Rows:
     def _sizes(self, taps: FloatArray) -> list[FloatArray]:
         """Give the sizes of residuals and onset statistics, once the past is complete."""
         return [np.hstack([np.maximum(np.abs(r.residual) - held, 0.0), np.abs(
-            OnsetFilter(taps, self._step).process(r.t, x))])[self._skip:]
+            onset_statistic(r.t, x, taps, self._step))])[self._skip:]
             for r, held, x in zip(self._records, self._held, self._free, strict=True)]
 
 
@@ -357,7 +330,7 @@ def _largest(x: FloatArray, count: int) -> FloatArray:
 
 def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray:
     """Fit a quantile of the peaks by non-negative columns, as a linear program."""
-    stride = -(-len(peaks) // ROWS)
+    stride = -(-len(peaks) // PROFILE_ROWS)
     columns, peaks = columns[::stride], peaks[::stride]
     n, p = columns.shape
     largest = np.maximum(columns.max(axis=0), 1e-12)
@@ -368,14 +341,14 @@ def _profile(columns: FloatArray, peaks: FloatArray, least: float) -> FloatArray
     identity = sparse.identity(n, format='csr')
     equal = sparse.hstack([sparse.csr_matrix(columns / largest), identity, -identity])
     found = optimize.linprog(
-        np.concatenate([np.zeros(p), np.full(n, QUANTILE), np.full(n, 1.0 - QUANTILE)]),
+        np.repeat([0.0, PROFILE_QUANTILE, 1.0 - PROFILE_QUANTILE], [p, n, n]),
         A_eq=equal, b_eq=peaks / unit, bounds=(0, None), method='highs')
     if not found.success:
         msg = f'the profile of a threshold could not be found ({found.message})'
         raise FitError(msg)
     profile = found.x[:p] * unit / largest
     # without a floor, standstill in the data would make the slightest noise a collision
-    profile[0] = max(profile[0], 0.1 * unit)
+    profile[0] = max(profile[0], PROFILE_FLOOR * unit)
     return np.asarray(profile)
 
 
@@ -387,7 +360,7 @@ def _tail(peaks: FloatArray, least: float) -> Tail:
     The scale is at least what is given: friction may cover a joint that stands, and sums may stay
     at zero, which is no reason to be alarmed by the next touch of noise.
     """
-    share = max(UPPER, min(FEWEST / len(peaks), MAX_SHARE))
+    share = max(TAIL_SHARE, min(TAIL_PEAKS / len(peaks), LARGEST_TAIL_SHARE))
     location = max(float(np.quantile(peaks, 1.0 - share)), 1e-6)
     above = np.sort(peaks[peaks > location] - location)
     n = len(above)
@@ -396,16 +369,9 @@ def _tail(peaks: FloatArray, least: float) -> Tail:
         return Tail(location, least, 0.0, share, max(largest, location), max(n, 3))
     first = float(above.mean())
     second = 2.0 * float((np.arange(n) / (n - 1) * above).mean()) - first
-    shape = first / second - 2.0 - DOUBT * SHAPE_ERROR / math.sqrt(n)
-    shape = min(max(shape, 0.0), MAX_BOUND)
+    shape = first / second - 2.0 - SHAPE_ERRORS * SHAPE_ERROR / math.sqrt(n)
+    shape = min(max(shape, 0.0), LARGEST_SHAPE)
     return Tail(location, max(first * (1.0 + shape), least), shape, share, largest, n)
-
-
-# -- Thresholds learned beside the running robot, from residuals as they come
-
-MAX_SAMPLES = 2_000_000
-THINNED = 100
-"""Samples of which one tells the friction of a joint."""
 
 
 class Calibration:
@@ -438,7 +404,7 @@ class Calibration:
     @property
     def done(self) -> bool:
         """Say whether every method has enough."""
-        return (self._count > MAX_SAMPLES
+        return (self._count > CALIBRATION_SAMPLES
                 or min(self._collected.values(), default=0.0) >= self.seconds)
 
     def learn(self) -> dict[str, MethodThresholds]:
@@ -449,8 +415,8 @@ class Calibration:
                                   np.array([r.motion.row for r in part]),
                                   np.array([r.value for r in part]))
                        for part in parts if len(part) > 1]
-            places = np.vstack([r.motion[::THINNED, :r.motion.shape[1] // 3] for r in records]
-                               or [np.zeros((0, 0))])
+            places = np.vstack([r.motion[::CALIBRATION_STRIDE, :r.motion.shape[1] // 3]
+                                for r in records] or [np.zeros((0, 0))])
             held = (None if self.stiction is None or not len(places)
                     else self.stiction(method, places))
             learned = learn_thresholds(records, self.channels[method], held)

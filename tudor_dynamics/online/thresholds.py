@@ -25,69 +25,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.online.settings import (
+    ACCELERATION_MEMORY, ALARM_SHARES, BLOCK, DRIFT, HOLDING_TIME, LAGS, LONGEST_STEP,
+    REVERSAL_SPEED, REVERSAL_WINDOW, STANDING, SUM_BOUND, WINDOW)
 from tudor_dynamics.typing import FloatArray
 
 
-# -- What the size of a residual depends on when nothing touches the arm
-
-REVERSAL_SPEED = 0.02
-"""Slower is no direction of motion [rad/s or m/s]."""
-REVERSAL_WINDOW = 0.15
-"""Time for which a reversal counts: friction and play do not settle at once [s]."""
-RINGING = 0.5
-"""Time constant with which an acceleration is forgotten: links ring on behind it [s]."""
-STANDING = 2.0 * REVERSAL_SPEED
-"""Slower joints may stick; friction has its sign from there on [rad/s or m/s]."""
 NEVER = -2**62
 """A stamp before all others [ns]."""
 
 
-class MotionFeatures:
+def motion_features(stamp: NDArray[np.int64], motion: FloatArray) -> FloatArray:
     """
-    Columns of a threshold: constant, speeds, accelerations now and lately, recent reversals.
+    Evaluate the columns of a threshold along a gapless record.
 
-    direction, reversed_at, lately (joints,): what is remembered: signs of the speeds, stamps of
-    the last reversals [ns], decaying maxima of the accelerations [rad/s^2 or m/s^2].
+    They are: constant, speeds, accelerations now and lately, recent reversals.
+
+    stamp (samples,) [ns]; motion (samples, 3 joints): ``[q, dq, ddq]``
+    [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (samples, 1 + 4 joints).
     """
+    out = np.empty((len(motion), 1 + motion.shape[1] // 3 * 4))
+    _features_record(stamp, motion, out)
+    return out
 
-    def __init__(self, n_joints: int) -> None:
-        self.n_joints = n_joints
-        self.direction, self.lately = np.zeros(n_joints), np.zeros(n_joints)
-        self.reversed_at = np.full(n_joints, NEVER)
-        self._last = NEVER
 
-    def reset(self) -> None:
-        """Forget the past."""
-        self.direction[:], self.reversed_at[:], self.lately[:] = 0.0, NEVER, 0.0
-        self._last = NEVER
-
-    @property
-    def size(self) -> int:
-        """Give the number of columns."""
-        return 1 + 4 * self.n_joints
-
-    def step(self, stamp: int, row: FloatArray) -> FloatArray:
-        """
-        Evaluate the columns at one sample, later than those before it.
-
-        stamp [ns]; row (3 joints,): ``[q, dq, ddq]`` of one sample
-        [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (size,).
-        """
-        columns = np.empty(self.size)
-        evaluate_features(stamp, self._last, row, self.direction, self.reversed_at, self.lately,
-                          columns)
-        self._last = stamp
-        return columns
+@compiled
+def _features_record(stamp: NDArray[np.int64], motion: FloatArray, out: FloatArray) -> None:
+    n, last = motion.shape[1] // 3, NEVER
+    direction, lately, reversed_at = np.zeros(n), np.zeros(n), np.full(n, NEVER)
+    for k in range(len(stamp)):
+        evaluate_features(stamp[k], last, motion[k], direction, lately, reversed_at, out[k])
+        last = stamp[k]
 
 
 @compiled
 def evaluate_features(
-    stamp: int, last: int, row: FloatArray, direction: FloatArray, reversed_at: NDArray[np.int64],
-    lately: FloatArray, columns: FloatArray,
+    stamp: int, last: int, row: FloatArray, direction: FloatArray, lately: FloatArray,
+    reversed_at: NDArray[np.int64], columns: FloatArray,
 ) -> None:
-    """Evaluate the columns: the loop of `MotionFeatures.step`."""
+    """
+    Evaluate the columns at one sample.
+
+    stamp, last [ns]: of this sample and the one before; row (3 joints,); writes columns and what
+    is remembered, (joints,): signs of the speeds, decaying maxima of the accelerations, stamps of
+    the last reversals [ns].
+    """
     n = len(direction)
-    decay = math.exp((last - stamp) * 1e-9 / RINGING)
+    decay = math.exp((last - stamp) * 1e-9 / ACCELERATION_MEMORY)
     columns[0] = 1.0
     for i in range(n):
         dq, ddq = row[n + i], abs(row[2 * n + i])
@@ -102,7 +86,7 @@ def evaluate_features(
         columns[1 + 3 * n + i] = 1.0 if stamp - reversed_at[i] <= REVERSAL_WINDOW * 1e9 else 0.0
 
 
-# -- The onset statistic: what the residual of the last 100 ms does that its past does not explain.
+# The onset statistic: what the residual of the last 100 ms does that its past does not explain.
 #
 # The residual of a rigid-body model rings with the links, and a threshold above that ringing finds
 # a touch late. Ringing can be foretold from its own past: a vector autoregression, learned from
@@ -111,14 +95,6 @@ def evaluate_features(
 # It answers to onsets only; what lasts is the business of the residual itself.
 #
 # The steps are 10 ms long whatever the sample rate is: the past is interpolated.
-
-STEP = 0.01
-"""Step of the autoregression; longer where samples come more slowly [s]."""
-LAGS = 10
-"""Steps of the past that foretell the next."""
-WINDOW = 10
-"""Steps over which errors are summed."""
-GROWTH = 1024
 
 
 def learn_taps(
@@ -160,104 +136,49 @@ def _complete(t: FloatArray, step: float, count: int) -> NDArray[np.bool_]:
     return np.asarray(t - t[0] >= (count - 1) * step - 1e-6 * step)
 
 
-class OnsetFilter:
+def onset_statistic(
+    t: FloatArray, residual: FloatArray, taps: FloatArray, step: float,
+) -> FloatArray:
     """
-    Evaluates the statistic.
+    Evaluate the statistic along a gapless record.
 
-    taps (taps, channels, channels), step [s], t, x (places,) [s], ages (taps,) [s], weights
-    (taps channels, channels).
+    t (samples,) [s], residual (samples, channels) [its unit], step [s]; returns
+    (samples, channels), zero until the past is complete.
     """
-
-    def __init__(self, taps: FloatArray, step: float) -> None:
-        self.taps = taps
-        self.step_time = step
-        self.ages: FloatArray = step * np.arange(len(taps), dtype=np.float64)[::-1]
-        # interp wants increasing times: the oldest first
-        self.weights = np.ascontiguousarray(taps[::-1]).reshape(-1, taps.shape[1])
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        channels = self.taps.shape[1]
-        self.t = np.empty(2 * GROWTH)
-        self.x = np.empty((2 * GROWTH, channels))
-        self.count = self.begin = 0
-        self._origin = 0
-
-    def process(self, t: FloatArray, residual: FloatArray) -> FloatArray:
-        """
-        Evaluate a gapless record at once.
-
-        t (samples,) [s], residual (samples, channels) [its unit]; returns (samples, channels).
-        """
-        lagged = _lagged(t, residual, self.step_time, len(self.taps))
-        out = np.einsum('tkc,kcd->td', lagged, self.taps)
-        out[~_complete(t, self.step_time, len(self.taps))] = 0.0
-        return np.asarray(out)
-
-    def step(self, stamp: int, residual: FloatArray, first: bool) -> FloatArray:
-        """
-        Evaluate one sample.
-
-        stamp [ns], residual (channels,) [its unit]; returns (channels,).
-        """
-        known = self.take_place(stamp, first)
-        self.x[self.count - 1] = residual
-        if not known:
-            return np.zeros(len(residual))
-        out = np.empty(len(residual))
-        self.begin = weigh(self.t, self.x, self.begin, self.count, self.ages, self.weights, out)
-        return out
-
-    def take_place(self, stamp: int, first: bool) -> bool:
-        """
-        Make a place for the residual of a sample, the last in use; whoever asks fills it.
-
-        stamp [ns].
-        """
-        if first or self.count == 0:
-            self.count = self.begin = 0
-            self._origin = stamp
-        now = (stamp - self._origin) * 1e-9
-        if self.count == len(self.x):
-            self._make_room()
-        self.t[self.count] = now
-        self.count += 1
-        return bool(self.count >= 2 and now >= self.ages[0] - 1e-6 * self.step_time)
-
-    def _make_room(self) -> None:
-        keep = self.count - self.begin
-        t, x = self.t, self.x
-        if keep > len(x) // 2:
-            t, x = np.empty(2 * len(x)), np.empty((2 * len(x), x.shape[1]))
-        t[:keep] = self.t[self.begin:self.count].copy()
-        x[:keep] = self.x[self.begin:self.count].copy()
-        self.t, self.x, self.count, self.begin = t, x, keep, 0
+    lagged = _lagged(t, residual, step, len(taps))
+    out = np.einsum('tkc,kcd->td', lagged, taps)
+    out[~_complete(t, step, len(taps))] = 0.0
+    return np.asarray(out)
 
 
 @compiled
-def weigh(
-    t: FloatArray, x: FloatArray, begin: int, count: int, ages: FloatArray, weights: FloatArray,
-    out: FloatArray,
+def onset_now(
+    past: FloatArray, begin: int, count: int, step: float, weights: FloatArray, out: FloatArray,
 ) -> int:
-    """Interpolate the past at the ages, oldest first, and weigh it; gives the new beginning."""
-    n, now, j = len(out), t[count - 1], begin
+    """
+    Evaluate the statistic at the newest sample; gives where the past begins that is still needed.
+
+    past (places, 1 + channels): times [s] and residuals, of which ``count`` rows are in use;
+    weights (taps channels, channels): taps, the oldest first; writes out (channels,).
+    """
+    n, now, j = len(out), past[count - 1, 0], begin
+    taps = len(weights) // n
     out[:] = 0.0
-    for k in range(len(ages)):
-        at = now - ages[k]
-        while j + 2 < count and t[j + 1] <= at:
+    for k in range(taps):
+        at = now - step * (taps - 1 - k)
+        while j + 2 < count and past[j + 1, 0] <= at:
             j += 1
         if k == 0:
             begin = j
-        share = max(0.0, (at - t[j]) / (t[j + 1] - t[j]))
-        for channel in range(n):
-            value = x[j, channel] + share * (x[j + 1, channel] - x[j, channel])
+        share = max(0.0, (at - past[j, 0]) / (past[j + 1, 0] - past[j, 0]))
+        for channel in range(1, n + 1):
+            value = past[j, channel] + share * (past[j + 1, channel] - past[j, channel])
             for i in range(n):
-                out[i] += value * weights[k * n + channel, i]
+                out[i] += value * weights[k * n + channel - 1, i]
     return begin
 
 
-# -- The accumulated statistic: what onsets come to that are each too small to be told.
+# The accumulated statistic: what onsets come to that are each too small to be told.
 #
 # A soft hit rises for longer than the 100 ms over which an onset is summed, and never stands out
 # in any of them. A cumulative sum (Page, 1954) of the onset by its profile, less a drift, adds
@@ -267,16 +188,7 @@ def weigh(
 #
 # What lasts is no onset: friction that holds a joint is a residual that stays, of which the
 # autoregression leaves a part. So the change of the residual is summed: the onset, less what it
-# would be had the residual been as it was before the onset's past (see `OnsetFilter`).
-
-DRIFT = 1.0
-"""Ratio to the onset's profile that adds nothing: four fifths of free motion stay below."""
-LONGEST = 0.1
-"""A sample counts for no longer than this, however late the next one comes [s]."""
-UNSURE = 0.5
-"""Share of the friction that may hold a joint by which that friction may be larger for a while."""
-BEYOND = 1.1
-"""Times its threshold that a sum reaches at most: it must fall back when the force has gone."""
+# would be had the residual been as it was before the onset's past.
 
 
 @compiled
@@ -288,7 +200,7 @@ def advance(
 
     dt [s], z (channels,), threshold (channels,) [s]; writes sums (2, channels) [s].
     """
-    step = min(dt, LONGEST)
+    step = min(dt, LONGEST_STEP)
     for i in range(len(z)):
         if z[i] != z[i]:  # NaN adds nothing
             continue
@@ -297,7 +209,7 @@ def advance(
             drift = DRIFT if before >= 0.0 else -DRIFT
             grown = before + ((1.0 - 2.0 * row) * z[i] - drift) * step
             least = min(before, 0.0)
-            sums[row, i] = min(max(grown, least), BEYOND * threshold[i])
+            sums[row, i] = min(max(grown, least), SUM_BOUND * threshold[i])
         for row in range(2):
             if sums[row, i] > threshold[i]:
                 sums[1 - row, i] = -threshold[i]
@@ -324,13 +236,11 @@ def accumulate(dt: FloatArray, z: FloatArray) -> FloatArray:
     return out
 
 
-# -- Friction that holds a joint: how much it may be, and how much of it there is.
+# Friction that holds a joint: how much it may be, and how much of it there is.
 #
 # A joint that stands keeps whatever friction it came to rest with. As far as friction can hold, a
 # residual that stays is none of contact; what is left of it shows changes.
 
-SETTLES = 0.5
-"""Time constant with which a residual that stays is taken for friction that holds [s]."""
 AnyFloat = TypeVar('AnyFloat', float, FloatArray)
 
 
@@ -354,7 +264,7 @@ def advance_held(
     value (channels,) [its unit], held, out (channels,); dt [s]: 0 to begin anew; writes friction
     (channels,).
     """
-    share = 1.0 if dt <= 0.0 else dt / (SETTLES + dt)
+    share = 1.0 if dt <= 0.0 else dt / (HOLDING_TIME + dt)
     for i in range(len(value)):
         if value[i] == value[i]:  # NaN tells nothing
             friction[i] += share * (value[i] - friction[i])
@@ -380,19 +290,13 @@ def released(t: FloatArray, value: FloatArray, held: FloatArray) -> FloatArray:
     return out
 
 
-# -- Thresholds for a false-alarm rate.
+# Thresholds for a false-alarm rate.
 #
 # Each statistic of each channel has a profile, its typical size as a function of speed,
 # acceleration and recent reversals, and a tail: the distribution of the largest ratio to that
 # profile in a second of free motion. The threshold is the profile times the ratio which the tail
 # exceeds as often as the user allows, a number in false alarms per hour, and never a multiple of
 # sigma.
-
-WEIGHTS = (50.0, 50.0, 1.0)
-"""Shares of a false-alarm rate: residual, onset, and accumulated onset, which tells the soft hits
-that the others tell late."""
-BLOCK = 1.0
-"""Time of which the largest ratio counts: longer than the ringing's memory of one event [s]."""
 
 
 @dataclass(frozen=True)
@@ -435,13 +339,13 @@ class MethodThresholds:
     step: float  # step of the onset statistic [s]
     taps: FloatArray  # weights of the onset statistic, (taps, channels, channels)
     # (2 channels, 1 + 4 joints): typical size of the residuals, then of the onset statistics, in
-    # the unit of the output per column of `MotionFeatures`.
+    # the unit of the output per column of `motion_features`.
     profile: FloatArray
     # One for each row of `profile`, then of the accumulated onset of each channel, if there are so
     # many; bundles that are older have none.
     tails: tuple[Tail, ...]
     seconds: float  # duration of free motion that this was learned from [s]
-    # (channels,): usual level of the onset statistics there, see `Familiarity`; infinite where
+    # (channels,): usual level of the onset statistics there, see `follow`; infinite where
     # unknown.
     usual: FloatArray
     reach: FloatArray  # (joints,): largest speeds there [rad/s or m/s]; infinite where unknown
@@ -467,7 +371,7 @@ class MethodThresholds:
         Returns (3 channels,) [s], infinite where they have no tail.
         """
         n = len(self.channels)
-        weights = np.repeat(WEIGHTS, n)[:len(self.tails)]
+        weights = np.repeat(ALARM_SHARES, n)[:len(self.tails)]
         found = np.full(3 * n, np.inf)
         for place, (tail, each) in enumerate(zip(
                 self.tails, per_hour * weights / weights.sum(), strict=True)):

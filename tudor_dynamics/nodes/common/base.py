@@ -46,8 +46,6 @@ from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
 
 
-# -- Changes of a node's diagnosis in its log: one line each
-
 NAMES = {DiagnosticStatus.OK: 'OK', DiagnosticStatus.WARN: 'WARN',
          DiagnosticStatus.ERROR: 'ERROR', DiagnosticStatus.STALE: 'STALE'}
 FAULTS = (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
@@ -85,8 +83,6 @@ class LevelLog:
         else:
             self._logger.warning(line)
 
-
-# -- What diagnostics tell: rate, latency, drops and the age of the input; free of ROS
 
 MEMORY = 4096
 """Latencies of which percentiles are taken."""
@@ -144,8 +140,6 @@ class Meter:
         return values
 
 
-# -- Age of stamps, and what it says about clocks; free of ROS
-
 SHARE = 0.02
 """Weight of a new age in the mean."""
 EARLY = 0.005
@@ -194,8 +188,6 @@ class ClockWatch:
                 'and this machine differ, or one of the two uses simulated time')
 
 
-# -- A node whose faults do not end the process: what its callbacks raise is kept, not passed on
-
 class GuardedNode(Node):
     """
     Mix-in for a node beside others in one process; before the class of the node.
@@ -238,8 +230,6 @@ class GuardedNode(Node):
             return response if done is None else done
         return super().create_service(kind, name, answer, *args, **options)
 
-
-# -- What all nodes share: parameters from one table, quality of service, diagnostics, services
 
 DEPTH = 10
 """One is too few: at 1 kHz it loses samples."""

@@ -40,15 +40,14 @@ from tudor_dynamics.nodes.common.messages import (
     time_message)
 from tudor_dynamics.nodes.common.model_node import Gripper, ModelNode, PayloadPort
 from tudor_dynamics.online.contact import ContactEstimate, ContactRecord
+from tudor_dynamics.online.coverage import Coverage, CoverageLevel, SensorHealth
 from tudor_dynamics.online.detector import CollisionEvent, DetectorSettings, Level, Rates
-from tudor_dynamics.online.judged import Coverage, MOVING, SensorHealth, Sight
 from tudor_dynamics.online.monitor import Found, METHODS, MonitorSettings, SOURCE, Watch
 from tudor_dynamics.online.prediction import Residual
+from tudor_dynamics.online.settings import SENSOR_SPEED
 from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.online.threshold_learning import Calibration
 
-
-# -- Topics of whether something touches the arm, and of collisions
 
 class CollisionTold:
     """Publishes levels as they change, and collisions as they come."""
@@ -96,8 +95,6 @@ class CollisionTold:
         """Name other nodes that tell of collisions on the same topic."""
         return self._node.rivals(self._flags[Level.COLLISION])
 
-
-# -- What a node tells of contacts: wrench, point and diagnostics
 
 class ContactTold:
     """Publishes what touches an arm."""
@@ -157,8 +154,6 @@ class ContactTold:
             values['last contact'] = f'{found["link"]}, {found["force"]:.2f} N, {where}'
         return values
 
-
-# -- What collision_detector and monitor share: residuals, collisions, calibration
 
 class DetectNode(ModelNode):
     """Base of the nodes that find collisions."""
@@ -281,7 +276,7 @@ class DetectNode(ModelNode):
     def moving(self, row: Any) -> None:
         """Tell the health of the sensors whether the arm moves."""
         n = len(row) // 3
-        moving = largest_size(row, n, 2 * n) > MOVING
+        moving = largest_size(row, n, 2 * n) > SENSOR_SPEED
         for health in self.health.values():
             health.moving = moving
 
@@ -404,7 +399,7 @@ class DetectNode(ModelNode):
         errors = [
             f'no change in {", ".join(dead)} while the arm moves: dead sensor' if dead else '',
             self._unserved if not self.watch.methods else '',
-            verdict.text if verdict.sight is Sight.BLIND and not learning else '']
+            verdict.text if verdict.level is CoverageLevel.NONE and not learning else '']
         warnings = [
             verdict.text if not learning else '', self._unserved, self._note, self.watch.unlike,
             f'{", ".join(rivals)} publish on {COLLISION}, too: give each its own topic or '
@@ -414,8 +409,6 @@ class DetectNode(ModelNode):
                 return level, '; '.join(text for text in texts if text)
         return OK, 'running'
 
-
-# -- What detectors have to do with the load: they follow it, or tell it
 
 class LoadNode(DetectNode):
     """Base of the nodes that find collisions and know of a load."""

@@ -39,8 +39,6 @@ from tudor_dynamics.online.streams import Losses, Motion
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Between messages and arrays: by name, never by place; whatever is wrong is counted
-
 def nanoseconds(stamp: Any) -> int:
     """Give a Time or Duration as one number [ns]."""
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
@@ -154,7 +152,7 @@ class MotionReader:
         return Motion(stamp, elapsed, (stamp - last) * 1e-9, row)
 
 
-# -- JointStates, arrays and motions from the middleware and to it: bytes, layout known before.
+# JointStates, arrays and motions from the middleware and to it: bytes, layout known before.
 #
 # rclpy takes 20 us to make a message object of a JointState and 15 us to make bytes of one, most
 # of it for names that never change. A robot's messages on one topic share one layout, so here the
@@ -407,8 +405,6 @@ class MotionEncoder(_Encoder):
         self._put_time(self._places['time_from_start'][1], elapsed)
         return bytes(self._buffer)
 
-
-# -- Topics that are published only while somebody listens, without asking so at every sample
 
 LOOK = 0.01
 """Time between two counts of the subscriptions, which take 2 us each [s]."""

@@ -37,8 +37,6 @@ from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAY
 from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message
 
 
-# -- What grippers say of themselves, as an announcement that a load may come or go
-
 MOVED = 1e-3
 """Way of a finger from which on it moves [rad or m]."""
 AT_WORK = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
@@ -93,8 +91,6 @@ class Gripper:
         if new:
             self._announce()
 
-
-# -- The load on topics: published, listened to, announced
 
 EVERY = 100_000_000
 """Time between two messages of a load that goes on changing [ns]."""
@@ -190,8 +186,6 @@ class PayloadPort:
         found['loads announced'] = str(self._announced)
         return found
 
-
-# -- A node that works with a model bundle, and takes another one without stopping
 
 class ModelNode(TudorNode):
     """

@@ -26,13 +26,9 @@ from statistics import median
 import numpy as np
 
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.online.settings import (
+    COVERAGE_PERIOD, COVERAGE_TIME, PERIODS_APART, STAMPS_APART, UNJUDGED_ERROR, UNJUDGED_WARNING)
 from tudor_dynamics.typing import FloatArray
-
-
-# -- Sensors that have died: a channel that keeps its value while the arm moves
-
-MOVING = 0.05
-"""A joint that is faster moves [rad/s or m/s]."""
 
 
 class SensorHealth:
@@ -70,18 +66,6 @@ def _wait(values: FloatArray, last: FloatArray, dt: float, still: FloatArray) ->
         last[i] = values[i]
 
 
-# -- Which share of the samples of the last second was judged, and why the others were not
-
-WINDOW = 1.0
-"""Time of which shares are told [s]."""
-LOOK = 0.1
-"""Time between two looks at the counts [s]."""
-FEW, MANY = 0.01, 0.2
-"""Shares not judged that are worth a warning and an error."""
-APART = 0.02
-"""Stamps of two topics that are further apart than this, and than `PERIODS`, are told [s]."""
-PERIODS = 2.5
-
 MEANING = {
     'settling': 'the filters settle behind a beginning or a gap',
     'gap': 'samples are lost on the way, or the driver leaves some out',
@@ -100,12 +84,12 @@ OF_MOTIONS = ('no_measurement', 'no_neighbour')
 """Causes among those of a pairing that count motions, not measurements."""
 
 
-class Sight(IntEnum):
+class CoverageLevel(IntEnum):
     """How much the detector sees."""
 
-    CLEAR = 0
-    DIM = 1
-    BLIND = 2
+    ENOUGH = 0
+    PARTIAL = 1
+    NONE = 2
 
 
 @dataclass(eq=False, slots=True)
@@ -118,17 +102,17 @@ class TopicCount:
 
 
 @dataclass(frozen=True)
-class JudgedShare:
+class CoverageReport:
     """How much was judged."""
 
-    sight: Sight = Sight.CLEAR  # whether it is enough
+    level: CoverageLevel = CoverageLevel.ENOUGH  # whether it is enough
     text: str = ''  # what is wrong; empty where nothing is
     share: float = 0.0  # part of the samples of the last second that was not judged
     causes: dict[str, float] = field(default_factory=dict)  # the same by cause
 
 
 @dataclass(frozen=True, slots=True)
-class _Past:
+class _Counts:
     """Counts at an earlier look."""
 
     time: float
@@ -138,7 +122,7 @@ class _Past:
     stamps: tuple[int, ...]
 
 
-class Judged:
+class OutputCoverage:
     """Looks at what a detector counts for one output, ten times a second: settle [s]."""
 
     def __init__(
@@ -148,29 +132,29 @@ class Judged:
     ) -> None:
         self.output = output
         self.streams = (motion, *others)
-        self.verdict = JudgedShare()
+        self.verdict = CoverageReport()
         self._sensors = [self.streams.index(stream) for stream in sensors]
         self._motions, self._measured = tuple(motions), tuple(measured)
-        self._patience = settle + 2.0 * WINDOW
-        self._past: deque[_Past] = deque()
+        self._patience = settle + 2.0 * COVERAGE_TIME
+        self._past: deque[_Counts] = deque()
         self._offsets: list[deque[tuple[float, float]]] = [deque() for _ in others]
         self._arrivals: list[float] = [0.0] * len(self.streams)
         self._flowing: float | None = None
         self._blind: float | None = None
         self._settling: float | None = None
 
-    def look(self, now: float) -> JudgedShare:
+    def look(self, now: float) -> CoverageReport:
         """Compare the counts with those of a second ago: now [s]."""
         new = self._count(now)
         last = self._past[-1] if self._past else new
         self._follow(new, last)
         self._past.append(new)
-        while len(self._past) > 2 and now - self._past[1].time >= WINDOW:
+        while len(self._past) > 2 and now - self._past[1].time >= COVERAGE_TIME:
             self._past.popleft()
         self.verdict = self._judge(new, self._past[0])
         return self.verdict
 
-    def _count(self, now: float) -> _Past:
+    def _count(self, now: float) -> _Counts:
         motion: Counter[str] = Counter()
         measured: Counter[str] = Counter()
         for counts in self._motions:
@@ -179,10 +163,10 @@ class Judged:
             for cause, n in counts.items():
                 if cause in MEANING:
                     (motion if cause in OF_MOTIONS else measured)[cause] += n
-        return _Past(now, motion, measured, tuple(stream.count for stream in self.streams),
-                     tuple(stream.stamp for stream in self.streams))
+        return _Counts(now, motion, measured, tuple(stream.count for stream in self.streams),
+                       tuple(stream.stamp for stream in self.streams))
 
-    def _follow(self, new: _Past, last: _Past) -> None:
+    def _follow(self, new: _Counts, last: _Counts) -> None:
         """Keep since when samples come, since when none was judged, and how stamps lie apart."""
         came = [a > b for a, b in zip(new.came, last.came, strict=True)]
         for place, fresh in enumerate(came):
@@ -191,7 +175,7 @@ class Judged:
         if any(came):
             if self._flowing is None:
                 self._flowing = new.time
-        elif self._flowing is not None and new.time - max(self._arrivals) >= WINDOW:
+        elif self._flowing is not None and new.time - max(self._arrivals) >= COVERAGE_TIME:
             self._flowing = None
         if self._flowing is None or new.motion['judged'] > last.motion['judged']:
             self._blind = None
@@ -200,10 +184,10 @@ class Judged:
         for place, offsets in enumerate(self._offsets, 1):
             if came[0] and came[place]:
                 offsets.append((new.time, (new.stamps[0] - new.stamps[place]) * 1e-9))
-            while offsets and new.time - offsets[0][0] > WINDOW:
+            while offsets and new.time - offsets[0][0] > COVERAGE_TIME:
                 offsets.popleft()
 
-    def _judge(self, new: _Past, old: _Past) -> JudgedShare:
+    def _judge(self, new: _Counts, old: _Counts) -> CoverageReport:
         of_motions, of_measured = self._shares(new, old)
         share = max(sum(of_motions.values()), sum(of_measured.values()))
         causes = {cause: max(of_motions.get(cause, 0.0), of_measured.get(cause, 0.0))
@@ -214,30 +198,31 @@ class Judged:
         elif self._settling is None:
             self._settling = new.time
         patient = self._settling is not None and new.time - self._settling < self._patience
-        if self._blind is not None and new.time - self._blind >= WINDOW and not (
+        if self._blind is not None and new.time - self._blind >= COVERAGE_TIME and not (
                 patient and share == settling):
             return self._say_blind(new, old, causes)
         apart = self._apart(new, old)
         told = [apart] if apart else []
-        if share >= FEW:
+        if share >= UNJUDGED_WARNING:
             told.append(f'{100.0 * share:.1f} % of the samples of {self.output} not judged, '
                         f'{_main(causes)}')
         lasting = share - (settling if patient else 0.0)
-        full = self._flowing is not None and new.time - max(old.time, self._flowing) >= WINDOW
-        sight = Sight.CLEAR if not told else (
-            Sight.BLIND if full and lasting >= MANY else Sight.DIM)
-        return JudgedShare(sight, '; '.join(told), share, causes)
+        full = (self._flowing is not None
+                and new.time - max(old.time, self._flowing) >= COVERAGE_TIME)
+        level = CoverageLevel.ENOUGH if not told else (
+            CoverageLevel.NONE if full and lasting >= UNJUDGED_ERROR else CoverageLevel.PARTIAL)
+        return CoverageReport(level, '; '.join(told), share, causes)
 
-    def _say_blind(self, new: _Past, old: _Past, causes: dict[str, float]) -> JudgedShare:
+    def _say_blind(self, new: _Counts, old: _Counts, causes: dict[str, float]) -> CoverageReport:
         """Say why nothing was judged for a second: the plainest reason first."""
         causes = causes or {'no_measurement': 1.0}
         silent = self._silent(new.time)
         why = (f'nothing on {", ".join(silent)}' if silent
                else self._apart(new, old) or _main(causes))
-        text = f'no sample of {self.output} judged for {WINDOW:g} s: {why}'
-        return JudgedShare(Sight.BLIND, text, 1.0, causes)
+        text = f'no sample of {self.output} judged for {COVERAGE_TIME:g} s: {why}'
+        return CoverageReport(CoverageLevel.NONE, text, 1.0, causes)
 
-    def _shares(self, new: _Past, old: _Past) -> tuple[dict[str, float], dict[str, float]]:
+    def _shares(self, new: _Counts, old: _Counts) -> tuple[dict[str, float], dict[str, float]]:
         """Give shares of the motions that were not judged, and of measurements left out."""
         motion = new.motion - old.motion
         total = motion.total()
@@ -252,23 +237,23 @@ class Judged:
         """Name the topics on which nothing came while something came on others."""
         assert self._flowing is not None
         return [stream.topic for stream, at in zip(self.streams, self._arrivals, strict=True)
-                if now - max(at, self._flowing) >= WINDOW - LOOK]
+                if now - max(at, self._flowing) >= COVERAGE_TIME - COVERAGE_PERIOD]
 
-    def _apart(self, new: _Past, old: _Past) -> str:
+    def _apart(self, new: _Counts, old: _Counts) -> str:
         """Name the topic whose stamps lie apart from those of the motion; empty for none."""
         for place, offsets in enumerate(self._offsets, 1):
-            if len(offsets) < WINDOW / LOOK / 2:
+            if len(offsets) < COVERAGE_TIME / COVERAGE_PERIOD / 2:
                 continue
             offset = median(item for _, item in offsets)
-            if abs(offset) > max(APART, *(PERIODS * self._period(i, new, old)
-                                          for i in (0, place))):
+            period = max(self._period(i, new, old) for i in (0, place))
+            if abs(offset) > max(STAMPS_APART, PERIODS_APART * period):
                 one, other = self.streams[place].topic, self.streams[0].topic
                 side = 'behind' if offset > 0.0 else 'ahead of'
                 return (f'stamps of {one} are {1e3 * abs(offset):.0f} ms {side} those of {other}: '
                         'compare the clocks of hosts and drivers')
         return ''
 
-    def _period(self, place: int, new: _Past, old: _Past) -> float:
+    def _period(self, place: int, new: _Counts, old: _Counts) -> float:
         count = new.came[place] - old.came[place]
         return abs(new.stamps[place] - old.stamps[place]) * 1e-9 / count if count else 0.0
 
@@ -284,20 +269,18 @@ def _main(causes: dict[str, float]) -> str:
     return f'{cause}: {MEANING[cause]}'
 
 
-# -- What a detector of several outputs judges of all that comes on its topics
-
 class Coverage:
     """Counts the messages of a detector's topics, and looks at what became of them."""
 
     def __init__(self) -> None:
-        self.verdict = JudgedShare()
+        self.verdict = CoverageReport()
         self._streams: dict[str, TopicCount] = {}
-        self._judged: list[Judged] = []
+        self._outputs: list[OutputCoverage] = []
         self._looked = -math.inf
 
     def begin(self) -> None:
         """Forget the outputs; topics go on where they are."""
-        self._judged.clear()
+        self._outputs.clear()
         self._looked = -math.inf
 
     def add(
@@ -307,8 +290,8 @@ class Coverage:
         """Look at one more output: settle [s]."""
         own = [self._stream(topic) for topic in sensors]
         predicted = [] if predictions is None else [self._stream(predictions)]
-        self._judged.append(Judged(output, self._stream(motion), [*predicted, *own], own,
-                                   motions, measured, settle))
+        self._outputs.append(OutputCoverage(
+            output, self._stream(motion), [*predicted, *own], own, motions, measured, settle))
 
     def _stream(self, topic: str) -> TopicCount:
         return self._streams.setdefault(topic, TopicCount(topic))
@@ -323,30 +306,30 @@ class Coverage:
         if stream is None:
             return False
         worse = False
-        if now - self._looked >= LOOK:
+        if now - self._looked >= COVERAGE_PERIOD:
             # before it counts: what came until now has been worked off
-            before = self.verdict.sight
-            worse = self.look(now).sight > before
+            before = self.verdict.level
+            worse = self.look(now).level > before
         stream.count += 1
         stream.stamp = stamp
         return worse
 
-    def look(self, now: float) -> JudgedShare:
+    def look(self, now: float) -> CoverageReport:
         """Look at the counts, unless the last look was just before; ``now`` is steady [s]."""
-        if now - self._looked >= LOOK:
+        if now - self._looked >= COVERAGE_PERIOD:
             self._looked = now
-            self.verdict = _together([judged.look(now) for judged in self._judged])
+            self.verdict = _together([output.look(now) for output in self._outputs])
         return self.verdict
 
 
-def _together(found: Sequence[JudgedShare]) -> JudgedShare:
+def _together(found: Sequence[CoverageReport]) -> CoverageReport:
     """Give the worst level with the texts that have it, and the largest shares."""
     if not found:
-        return JudgedShare()
-    sight = max(verdict.sight for verdict in found)
+        return CoverageReport()
+    level = max(verdict.level for verdict in found)
     causes: dict[str, float] = {}
     for verdict in found:
         for cause, share in verdict.causes.items():
             causes[cause] = max(share, causes.get(cause, 0.0))
-    texts = dict.fromkeys(v.text for v in found if v.sight == sight and v.text)
-    return JudgedShare(sight, '; '.join(texts), max(v.share for v in found), causes)
+    texts = dict.fromkeys(v.text for v in found if v.level == level and v.text)
+    return CoverageReport(level, '; '.join(texts), max(v.share for v in found), causes)

@@ -22,7 +22,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.online.judged import Coverage, Judged, MEANING, Sight, TopicCount
+from tudor_dynamics.online.coverage import (
+    Coverage, CoverageLevel, MEANING, OutputCoverage, TopicCount)
 from tudor_dynamics.online.streams import StampGate
 
 MS = 1_000_000
@@ -35,12 +36,13 @@ class Robot:
         self.motion, self.strain = TopicCount('joints'), TopicCount('strains')
         self.motions: Counter[str] = Counter()
         self.measured: Counter[str] = Counter()
-        self.judged = Judged('strain', self.motion, [self.strain], [self.strain],
-                             [self.motions], [self.measured], settle)
+        self.judged = OutputCoverage(
+            'strain', self.motion, [self.strain], [self.strain], [self.motions], [self.measured],
+            settle)
         self.now = 0.0
 
     def live(self, seconds: float, *, joints: int = 50, strains: int = 50, offset: float = 0.0,
-             **causes: int) -> list[Sight]:
+             **causes: int) -> list[CoverageLevel]:
         """Look every 0.1 s, so many messages and so many of each cause further."""
         seen = []
         for _ in range(round(10 * seconds)):
@@ -54,53 +56,55 @@ class Robot:
             for cause, n in causes.items():
                 counts = self.measured if cause.startswith('strain_') else self.motions
                 counts[cause.removeprefix('strain_')] += n
-            seen.append(self.judged.look(self.now).sight)
+            seen.append(self.judged.look(self.now).level)
         return seen
 
 
 def test_all_judged() -> None:
     """Nothing is told."""
     robot = Robot()
-    assert set(robot.live(5.0, judged=50)) == {Sight.CLEAR}
+    assert set(robot.live(5.0, judged=50)) == {CoverageLevel.ENOUGH}
     assert robot.judged.verdict.share == 0.0 and robot.judged.verdict.text == ''
 
 
-@pytest.mark.parametrize(('n', 'sight'), [
-    (0, Sight.CLEAR), (1, Sight.DIM), (9, Sight.DIM), (10, Sight.BLIND)])
-def test_limits(n: int, sight: Sight) -> None:
+@pytest.mark.parametrize(('n', 'level'), [
+    (0, CoverageLevel.ENOUGH), (1, CoverageLevel.PARTIAL), (9, CoverageLevel.PARTIAL),
+    (10, CoverageLevel.NONE)])
+def test_limits(n: int, level: CoverageLevel) -> None:
     """A warning from 1 %, an error from 20 %."""
     robot = Robot()
     seen = robot.live(3.0, judged=50 - n, gap=n)
-    assert seen[-1] is sight
+    assert seen[-1] is level
     assert robot.judged.verdict.causes.get('gap', 0.0) == pytest.approx(n / 50)
-    assert robot.live(1.2, judged=50)[-1] is Sight.CLEAR
+    assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
 
 
 def test_settling_is_a_warning_for_its_time_only() -> None:
     """0.7 s behind the start: WARN. A gap every second, with settling: ERROR in the end."""
     robot = Robot()
-    assert set(robot.live(0.7, settling=50)[1:]) == {Sight.DIM}
+    assert set(robot.live(0.7, settling=50)[1:]) == {CoverageLevel.PARTIAL}
     assert 'settling' in robot.judged.verdict.text
-    assert robot.live(1.2, judged=50)[-1] is Sight.CLEAR
-    seen: list[Sight] = []
+    assert robot.live(1.2, judged=50)[-1] is CoverageLevel.ENOUGH
+    seen: list[CoverageLevel] = []
     for _ in range(6):
         seen += robot.live(0.5, settling=50) + robot.live(0.5, judged=50)
-    assert seen[8] is Sight.DIM and seen[-1] is Sight.BLIND
+    assert seen[8] is CoverageLevel.PARTIAL and seen[-1] is CoverageLevel.NONE
 
 
 def test_a_long_settling_is_no_error() -> None:
     """A momentum observer of 3 s: nothing is judged for long, and that is as it should be."""
     robot = Robot(settle=3.0)
-    assert set(robot.live(3.0, settling=50)[1:]) == {Sight.DIM}
+    assert set(robot.live(3.0, settling=50)[1:]) == {CoverageLevel.PARTIAL}
 
 
 def test_an_interruption_is_no_flood_of_lost_samples() -> None:
     """A driver that stood for a minute: a warning while the filters settle, then all is clear."""
     robot = Robot()
     robot.live(3.0, judged=50)
-    assert set(robot.live(60.0, joints=0, strains=0)[20:]) == {Sight.CLEAR}
+    assert set(robot.live(60.0, joints=0, strains=0)[20:]) == {CoverageLevel.ENOUGH}
     seen = robot.live(0.1, gap=30_000) + robot.live(0.4, settling=50) + robot.live(2.0, judged=50)
-    assert Sight.BLIND not in seen and Sight.DIM in seen and seen[-1] is Sight.CLEAR
+    assert CoverageLevel.NONE not in seen and CoverageLevel.PARTIAL in seen
+    assert seen[-1] is CoverageLevel.ENOUGH
 
 
 def test_silence_of_one_topic_names_it() -> None:
@@ -108,7 +112,7 @@ def test_silence_of_one_topic_names_it() -> None:
     robot = Robot()
     robot.live(3.0, judged=50)
     seen = robot.live(1.2, strains=0)
-    assert seen[7] is Sight.CLEAR and seen[-1] is Sight.BLIND
+    assert seen[7] is CoverageLevel.ENOUGH and seen[-1] is CoverageLevel.NONE
     assert 'nothing on strains' in robot.judged.verdict.text
     robot.live(1.2, judged=50)
     robot.live(1.2, joints=0)
@@ -129,15 +133,16 @@ def test_stamps_apart(offset: float) -> None:
     robot = Robot()
     seen = robot.live(3.0, judged=50, offset=offset)
     side = 'behind' if offset > 0 else 'ahead of'
-    assert seen[-1] is Sight.DIM
+    assert seen[-1] is CoverageLevel.PARTIAL
     assert f'strains are {abs(offset) * 1e3:.0f} ms {side}' in robot.judged.verdict.text
-    assert set(Robot().live(3.0, judged=50, offset=0.4 * offset / 10)) == {Sight.CLEAR}
+    assert set(Robot().live(3.0, judged=50, offset=0.4 * offset / 10)) == {CoverageLevel.ENOUGH}
 
 
 def test_slow_topics_are_not_apart() -> None:
     """At 20 Hz the newest stamps differ by up to a period, which means nothing."""
     robot = Robot()
-    assert set(robot.live(5.0, judged=2, joints=2, strains=2, offset=0.05)) == {Sight.CLEAR}
+    seen = robot.live(5.0, judged=2, joints=2, strains=2, offset=0.05)
+    assert set(seen) == {CoverageLevel.ENOUGH}
 
 
 @given(st.lists(st.dictionaries(
@@ -153,10 +158,10 @@ def test_any_counts(steps: list[dict[str, int]]) -> None:
         assert 0.0 <= verdict.share <= 1.0 + 1e-9
         assert all(0.0 <= share <= 1.0 and cause in MEANING
                    for cause, share in verdict.causes.items())
-        assert bool(verdict.text) == (verdict.sight > Sight.CLEAR)
-        assert verdict.sight is not Sight.CLEAR or verdict.share < 0.01
+        assert bool(verdict.text) == (verdict.level > CoverageLevel.ENOUGH)
+        assert verdict.level is not CoverageLevel.ENOUGH or verdict.share < 0.01
     robot.live(4.0, judged=50)
-    assert robot.judged.verdict.sight is Sight.CLEAR and robot.judged.verdict.share == 0.0
+    assert robot.judged.verdict.level is CoverageLevel.ENOUGH and robot.judged.verdict.share == 0.0
 
 
 def test_coverage_takes_the_worst_output() -> None:
@@ -170,7 +175,7 @@ def test_coverage_takes_the_worst_output() -> None:
             told.append(coverage.came(topic, k * 5 * MS, k * 0.005))
         effort['judged'] += 1
         strain['no_neighbour'] += 1
-    assert coverage.verdict.sight is Sight.BLIND and 'strain' in coverage.verdict.text
+    assert coverage.verdict.level is CoverageLevel.NONE and 'strain' in coverage.verdict.text
     assert 'effort' not in coverage.verdict.text
     assert sum(told) in (1, 2)  # to a warning, to an error
 
