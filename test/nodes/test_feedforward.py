@@ -87,7 +87,7 @@ def test_trajectories_states_and_a_load_that_comes(world: World, model: Path) ->
             told = InertiaStamped()
             told.inertia.m = payload
             load.publish(told)
-            assert world.spin(lambda: node._port.load.mass == 0.3)
+            assert world.spin(lambda: node.port.load.mass == 0.3)
         output.publish(message(Q))
         assert world.spin(lambda: len(heard) > k)  # noqa: B023
         expected = Feedforward(bundle, payload=payload).along(Trajectory(JOINTS, T, Q))

@@ -130,7 +130,7 @@ def test_over_topics(world: World, bundle: Path, seen: Recording) -> None:
     assert told[-1].header.frame_id == node.port.load.frame
     assert told[-1].inertia.com.x == pytest.approx(LENGTH_2)
     assert told[-1].inertia.m == pytest.approx(mass, abs=0.1 * std + 1e-9)
-    assert world.spin(lambda: abs(predictor._port.load.mass - told[-1].inertia.m) < 1e-12)
+    assert world.spin(lambda: abs(predictor.port.load.mass - told[-1].inertia.m) < 1e-12)
     status = values_of(world.status('payload_estimator'))
     assert status['payload told by'] == 'strain' and float(status['payload std [kg]']) > 0.0
 
@@ -220,7 +220,7 @@ def test_detector_estimates(world: World, bundle: Path, seen: Recording) -> None
     load = chain[2].port.load
     mass, std = offline(bundle, seen)[-1]
     assert load.mass == pytest.approx(mass, abs=1e-9) and load.std == pytest.approx(std, abs=1e-9)
-    assert world.spin(lambda: abs(chain[1]._port.load.mass - mass) < 0.2 * std)
+    assert world.spin(lambda: abs(chain[1].port.load.mass - mass) < 0.2 * std)
     assert [item.data for item in world.heard['collision']] == [False, True, False]
 
 

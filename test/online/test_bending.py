@@ -27,7 +27,7 @@ from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm
 from tudor_dynamics.models.elastic.model import ElasticModel
-from tudor_dynamics.online.feedforward import BentArm, Feedforward
+from tudor_dynamics.online.feedforward import DeflectedArm, Feedforward
 from tudor_dynamics.signals.motion_profile import states
 from tudor_dynamics.typing import FloatArray
 
@@ -59,7 +59,7 @@ def test_tip_of_the_resting_arm_is_where_it_is_wanted(backlash: float) -> None:
     But for what bending lengthens a linear beam by, 0.4 mm: no joint can take that back.
     """
     arm = blade_arm(backlash=backlash)
-    bent = BentArm(arm, {})
+    bent = DeflectedArm(arm, {})
     led = bent.under(at_rest(POSES), reach=True)
     driven = DrivenArm(arm)
     for k, q in enumerate(POSES):
@@ -81,7 +81,7 @@ def test_springs_in_joints_by_hand() -> None:
     arm = blade_arm(backlash=0.0, links=[
         {'joint': 'j1', 'flexible': stiff}, {'joint': 'j2', 'flexible': stiff}])
     motion = multisine(np.linspace(0.0, 9.0, 40), 2, seed=3)
-    led = BentArm(arm, {}).under(motion, reach=True)
+    led = DeflectedArm(arm, {}).under(motion, reach=True)
     stiffness = np.array([STIFFNESS['j1'], STIFFNESS['j2']])
     assert led.motor - motion[:, :2] == pytest.approx(led.torque / stiffness, abs=2e-5)
     # two links of 0.47 kg/m, 0.2 kg at the end; inertia of the beams' cross sections left out
@@ -119,7 +119,7 @@ def test_a_led_motion_keeps_the_tip_on_its_path() -> None:
         errors.append(float(np.sqrt(np.mean(np.square(off)))))
     assert errors[1] < errors[0] / 30.0
     found = ahead.along(path)
-    bent = BentArm(arm, {}).under(states(path), reach=True)
+    bent = DeflectedArm(arm, {}).under(states(path), reach=True)
     assert found.ddq is not None
     assert found.effort == pytest.approx(0.1 * bent.torque + 0.05 * found.ddq, abs=1e-6)
     assert not found.ddq[[0, -1]].any()
@@ -141,7 +141,7 @@ def test_motors_are_not_led_beyond_their_limits() -> None:
 
 def test_payload_bends_more() -> None:
     """A heavier load leads the motors further; back again it is as before."""
-    bent = BentArm(blade_arm(), {})
+    bent = DeflectedArm(blade_arm(), {})
     before = bent.under(at_rest(POSES), reach=True).motor
     bent.carry(0.6)
     assert bent.payload == 0.6
@@ -153,6 +153,6 @@ def test_payload_bends_more() -> None:
 
 def test_links_that_are_too_weak() -> None:
     """An arm that cannot hold its load says at which point, and does not bend without end."""
-    bent = BentArm(blade_arm(), {'bending(j1)': 0.2, 'bending(j2)': 0.2})
+    bent = DeflectedArm(blade_arm(), {'bending(j1)': 0.2, 'bending(j2)': 0.2})
     with pytest.raises(SimulationError, match='under the load of point 1'):
         bent.under(at_rest(POSES), reach=True)

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
+from functools import partial
 import sys
 from threading import Event, Lock, Thread
 import time
@@ -29,11 +30,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tudor_dynamics.arm.description import load_arm, refuse_interfaces
-from tudor_dynamics.errors import SimulationError, TudorError
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.mechanics.hardware import Floor
 from tudor_dynamics.mechanics.rig import ArmProcess
-from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)
 from tudor_dynamics.nodes.common.messages import joint_state, time_message
@@ -54,29 +54,26 @@ def _by_topic(topics: Iterable[str]) -> dict[str, list[int]]:
 class ArmSimulatorNode(TudorNode):
     """Simulator node; ``**kwargs`` go to rclpy's Node."""
 
+    FIGURES = (Figure('simulated time [s]', lambda arm: f'{arm.t:.1f}', 'arm'),
+               Figure('gave up real time', lambda node: node.arm and node.late))
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('arm_simulator', **kwargs)
         self.arm: ArmProcess | None = None
-        self._robot = ''
         self._stop = Event()
         self._lock = Lock()
         self._thread: Thread | None = None
-        self._late = 0
+        self.late = 0
         try:
-            if not self.value('arm'):
-                msg = 'no arm: set the parameter arm to a description with links and motors'
-                raise SimulationError(msg)
-            description = load_arm(self.value('arm'))
-            refuse_interfaces(description, 'a simulated arm')
+            description = self.described_arm('links and motors', 'a simulated arm')
             self.arm = ArmProcess(
                 description, rate=self.value('rate'), payload=self.value('payload'),
                 damping=self.value('damping'), imperfect=self.value('imperfections'),
                 seed=self.value('seed'))
         except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
+            self.fail(err)
             return
-        self._robot = description.name
+        self.robot = description.name
         self.arm.step()  # loads compiled code, which would make the first sample late
         self.arm.reset()
         self._connect(description)
@@ -175,7 +172,7 @@ class ArmSimulatorNode(TudorNode):
             if wait > 0.0:
                 self._stop.wait(wait)
             elif wait < -BEHIND:
-                self._late += 1
+                self.late += 1
                 due -= wait
                 if not simulated and self.value('factor') == 1.0:
                     # as of an arm that has halted: stamps must not lag behind everybody's clock
@@ -212,23 +209,17 @@ class ArmSimulatorNode(TudorNode):
             fields['effort'] = np.concatenate([effort, missing])
         return joint_state(stamp, self._all + [self._gauges[k] for k in gauges], **fields)
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the arm."""
-        return str(self.value('robot')) or self._robot or 'none'
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell whether the simulation keeps up."""
-        level, message, values = super().status()
+    def verdict(self) -> tuple[bytes, str]:
+        """Say whether the simulation keeps up."""
+        level, message = super().verdict()
         if self.fault or self.arm is None:
-            return level, message, values
-        values['simulated time [s]'] = f'{self.arm.t:.1f}'
-        values['gave up real time'] = str(self._late)
+            return level, message
         if self.arm.failure:
             return ERROR, (f'{self.arm.failure}; the arm rests at its initial pose and takes no '
-                           'commands until ~/reset'), values
+                           'commands until ~/reset')
         if level != OK:
-            return WARN, 'no commands: the joints stand still', values
-        return level, message, values
+            return WARN, 'no commands: the joints stand still'
+        return level, message
 
     def close(self) -> None:
         """End the thread."""
@@ -237,9 +228,7 @@ class ArmSimulatorNode(TudorNode):
             self._thread.join(timeout=2.0)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(ArmSimulatorNode, args)
+main = partial(run, ArmSimulatorNode)
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 from importlib import import_module
 import sys
 from threading import Event, Thread
@@ -30,7 +30,7 @@ from rosgraph_msgs.msg import Clock
 
 from tudor_dynamics.bags.storage import read_track, Track
 from tudor_dynamics.errors import BagError, TudorError
-from tudor_dynamics.nodes.common.base import OK
+from tudor_dynamics.nodes.common.base import Figure, OK
 from tudor_dynamics.nodes.common.interfaces import CLOCK
 from tudor_dynamics.nodes.common.messages import time_message
 from tudor_dynamics.nodes.common.runner import EndingNode, run
@@ -53,6 +53,12 @@ def message_class(msgtype: str) -> Any:
 class BagPlayerNode(EndingNode):
     """Player node; ``**kwargs`` go to rclpy's Node."""
 
+    FIGURES = (
+        Figure('bag', lambda node: node.value('bag')),
+        Figure('skipped', lambda node: ', '.join(node.skipped) or None),
+        Figure('messages in the bag', lambda node: None if node.fault or node.finished
+               or node.track is None else len(node.track.data)))
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('bag_player', **kwargs)
         self.track: Track | None = None
@@ -62,12 +68,11 @@ class BagPlayerNode(EndingNode):
         self._outputs: dict[str, Publisher] = {}
         self._clock_output = (self.create_publisher(Clock, CLOCK, 10)
                               if self.value('clock') else None)
-        self._skipped: list[str] = []
+        self.skipped: list[str] = []
         try:
             self._open()
         except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
+            self.fail(err)
             if self.value('exit_at_end'):
                 self.exit_code = 2
             return
@@ -91,7 +96,7 @@ class BagPlayerNode(EndingNode):
             except BagError:
                 if self.value('topics'):
                     raise
-                self._skipped.append(f'{topic} ({msgtype})')
+                self.skipped.append(f'{topic} ({msgtype})')
                 continue
             # recorded names are absolute; relative ones can be remapped and get the namespace
             self._outputs[topic] = self.publish_on(kind, topic.lstrip('/'))
@@ -139,19 +144,13 @@ class BagPlayerNode(EndingNode):
             publisher.publish(track.data[i])
             self.meter.end(begun)
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell how far the bag is."""
-        level, message, values = super().status()
-        values['bag'] = str(self.value('bag'))
-        if self._skipped:
-            values['skipped'] = ', '.join(self._skipped)
-        if self.finished and not self.fault:
-            return OK, 'at the end', values
-        if self.track is not None and not self.fault:  # it has no input that could be missing
-            waits = self.meter.count == 0
-            level, message = OK, 'waits for subscribers' if waits else 'plays'
-            values['messages in the bag'] = str(len(self.track.data))
-        return level, message, values
+    def verdict(self) -> tuple[bytes, str]:
+        """Say how far the bag is; it has no input that could be missing."""
+        if self.fault or (self.track is None and not self.finished):
+            return super().verdict()
+        if self.finished:
+            return OK, 'at the end'
+        return OK, 'waits for subscribers' if self.meter.count == 0 else 'plays'
 
     def close(self) -> None:
         """End the thread."""
@@ -160,9 +159,7 @@ class BagPlayerNode(EndingNode):
             self._thread.join(timeout=2.0)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(BagPlayerNode, args)
+main = partial(run, BagPlayerNode)
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 import sys
 from typing import Any
@@ -28,6 +28,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from tudor_dynamics.bags.writer import LiveWriter
 from tudor_dynamics.errors import BagError, TudorError
 from tudor_dynamics.nodes.bag_player import message_class
+from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.runner import EndingNode, run
 
 DEPTH = 1000
@@ -41,6 +42,11 @@ IGNORED = ('/rosout', '/parameter_events')
 class BagRecorderNode(EndingNode):
     """Recorder node; ``**kwargs`` go to rclpy's Node."""
 
+    FIGURES = (
+        Figure('bag', lambda node: node.value('bag')),
+        Figure('topics', lambda node: ', '.join(
+            sorted(topic for topic, heard in node.recorded.items() if heard)) or 'none'))
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('bag_recorder', **kwargs)
         self.writer: LiveWriter | None = None
@@ -51,8 +57,7 @@ class BagRecorderNode(EndingNode):
                 raise BagError(msg)
             self.writer = LiveWriter(self.value('bag'), self.value('storage'))
         except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
+            self.fail(err)
             return
         self._wanted = {self.resolve_topic_name(name) for name in self.value('topics')}
         self._look()
@@ -66,8 +71,8 @@ class BagRecorderNode(EndingNode):
             return action(*args)
         except BagError as err:
             self.writer = None
-            self.fault, self.exit_code = str(err), 1
-            self.get_logger().error(self.fault)
+            self.exit_code = 1
+            self.fail(err)
             self.publish_diagnostics()
             self._diagnostics.wait_for_all_acked(DELIVERY)
             return None
@@ -121,13 +126,6 @@ class BagRecorderNode(EndingNode):
             self._to_bag(self.writer.write, topic, self.get_clock().now().nanoseconds, data)
         self.meter.end(begun)
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what is recorded."""
-        level, message, values = super().status()
-        values['bag'] = str(self.value('bag'))
-        values['topics'] = ', '.join(sorted(t for t, s in self.recorded.items() if s)) or 'none'
-        return level, message, values
-
     def close(self) -> None:
         """Finish the bag."""
         writer, self.writer = self.writer, None
@@ -135,9 +133,7 @@ class BagRecorderNode(EndingNode):
             self._to_bag(writer.close)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(BagRecorderNode, args)
+main = partial(run, BagRecorderNode)
 
 
 if __name__ == '__main__':

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict
-from collections.abc import Sequence
 from functools import partial
 import sys
 from typing import Any
@@ -146,9 +145,7 @@ class CollisionDetectorNode(LoadNode):
         return [*super().counters(), self._motion_drops]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(CollisionDetectorNode, args)
+main = partial(run, CollisionDetectorNode)
 
 
 if __name__ == '__main__':

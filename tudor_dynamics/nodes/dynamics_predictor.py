@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 import sys
 from typing import Any
@@ -25,6 +24,7 @@ from sensor_msgs.msg import JointState
 
 from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.nodes.common.base import Figure
 from tudor_dynamics.nodes.common.interfaces import FIELD, JOINT_MOTION, PREDICTED
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateEncoder, ListenedPublishers, MotionReader, NamedReader, PointSample)
@@ -38,12 +38,15 @@ from tudor_dynamics.online.streams import Gathering
 class DynamicsPredictorNode(ModelNode):
     """Predictor node; ``**kwargs`` go to rclpy's Node."""
 
+    FIGURES = (Figure('kind', lambda node: node.value('kind')),
+               Figure('', lambda port: port.values(), 'port'))
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('dynamics_predictor', **kwargs)
         self.predictor: Predictor | None = None
         self._reader: MotionReader | None = None
         self._gauges: list[Any] = []
-        self._port = PayloadPort(self, str(self.value('payload_source')))
+        self.port = PayloadPort(self, str(self.value('payload_source')))
         self._listened = ListenedPublishers()
         self._predicted = {output: self._listened.add(self.publish_on(JointState, topic))
                            for output, topic in PREDICTED.items()}
@@ -53,14 +56,14 @@ class DynamicsPredictorNode(ModelNode):
     def prepare(self, bundle: ModelBundle) -> tuple[Predictor, CarriedLoad | None]:
         """Build the predictor."""
         warm_up(bundle, MonitorSettings(kind=self.value('kind')))
-        load = self._port.prepare(self.of_all or bundle, float(self.value('payload')))
+        load = self.port.prepare(self.of_all or bundle, float(self.value('payload')))
         return Predictor(bundle, self.value('kind'), self.value('observer')), load
 
     def use(self, bundle: ModelBundle, prepared: tuple[Predictor, CarriedLoad | None]) -> None:
         """Put another predictor into use."""
         self.bundle = bundle
         self.predictor, load = prepared
-        self._port.use(load)
+        self.port.use(load)
         if self._reader is None:
             self._reader = MotionReader(bundle.arm.active_joints, self.drops)
         if self.predictor.observing and not self._gauges:
@@ -97,22 +100,14 @@ class DynamicsPredictorNode(ModelNode):
         predicted = self.predictor.step(motion, wanted)
         if predicted is None:
             return
-        if self._port.load is not None:
-            predicted = self._port.load.add_to(predicted, motion.row)
+        if self.port.load is not None:
+            predicted = self.port.load.add_to(predicted, motion.row)
         for output, values in predicted.items():
             self._predicted[output].publish(self._encoders[output].encode(motion.stamp, values))
         self.meter.end(begun)
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell the kind of model."""
-        level, message, values = super().status()
-        values['kind'] = str(self.value('kind'))
-        return level, message, {**values, **self._port.values()}
 
-
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(DynamicsPredictorNode, args)
+main = partial(run, DynamicsPredictorNode)
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 import sys
 from typing import Any
 
@@ -29,7 +29,7 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.load.live import CarriedLoad
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.base import DEPTH, OK, strong, WARN
+from tudor_dynamics.nodes.common.base import DEPTH, Figure, OK, strong, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     STATES_WITH_EFFORT, TRAJECTORY_WITH_EFFORT, WANTED_STATES, WANTED_TRAJECTORY)
 from tudor_dynamics.nodes.common.messages import (
@@ -42,14 +42,20 @@ from tudor_dynamics.online.feedforward import Feedforward
 class FeedforwardNode(ModelNode):
     """Feed-forward node; ``**kwargs`` go to rclpy's Node."""
 
-    depth = DEPTH  # an old command is worth nothing
+    depth = DEPTH  # an old command is of no use
+    FIGURES = (
+        Figure('kind', lambda node: node.ahead and node.value('kind')),
+        Figure('unit', lambda ahead: ', '.join(ahead.units), 'ahead'),
+        Figure('positions', lambda node: node.ahead and node.value('positions')),
+        Figure('payload [kg]', lambda ahead: f'{ahead.payload:g}', 'ahead'),
+        Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('feedforward', **kwargs)
         self.ahead: Feedforward | None = None
         self._reader: NamedReader | None = None
         self._refused = ''
-        self._port = PayloadPort(self, str(self.value('payload_source')))
+        self.port = PayloadPort(self, str(self.value('payload_source')))
         self._trajectories = self.publish_on(JointTrajectory, TRAJECTORY_WITH_EFFORT)
         self._states = self.publish_on(JointState, STATES_WITH_EFFORT)
         self.start()
@@ -74,20 +80,20 @@ class FeedforwardNode(ModelNode):
             payload=None if whole.payload_range is None else payload)
         rest = np.zeros((2, len(ahead.joints)))
         ahead.along(Trajectory(ahead.joints, np.array([0.0, 1.0]), rest, rest))
-        return ahead, self._port.prepare(whole, payload)
+        return ahead, self.port.prepare(whole, payload)
 
     def use(self, bundle: ModelBundle, prepared: tuple[Feedforward, CarriedLoad | None]) -> None:
         """Put another model into use."""
         self.bundle = bundle
         self.ahead, load = prepared
-        self._port.use(load)
+        self.port.use(load)
         self._reader = NamedReader(self.ahead.joints, self.drops)
 
     def _along(self, trajectory: Trajectory) -> Trajectory | None:
         """Give a trajectory its efforts, with the load as it is known now; None if refused."""
         assert self.ahead is not None
         try:
-            load = self._port.load
+            load = self.port.load
             if load is not None and load.mass != self.ahead.payload:
                 self.ahead.carry(load.mass)
             found = self.ahead.along(trajectory)
@@ -160,22 +166,15 @@ class FeedforwardNode(ModelNode):
             velocity=np.zeros_like(q) if dq is None else dq, effort=found.effort[0]))
         self.meter.end(begun)
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what is given, and what was refused last."""
-        level, message, values = super().status()
-        if self.ahead is not None:
-            values.update({'kind': str(self.value('kind')), 'unit': ', '.join(self.ahead.units),
-                           'positions': str(self.value('positions')),
-                           'payload [kg]': f'{self.ahead.payload:g}'})
-        values.update(self._port.values())
+    def verdict(self) -> tuple[bytes, str]:
+        """Say what was refused last."""
+        level, message = super().verdict()
         if self._refused and level == OK:
-            return WARN, f'motion refused: {self._refused}', values
-        return level, message, values
+            return WARN, f'motion refused: {self._refused}'
+        return level, message
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(FeedforwardNode, args)
+main = partial(run, FeedforwardNode)
 
 
 if __name__ == '__main__':

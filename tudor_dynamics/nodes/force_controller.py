@@ -16,100 +16,80 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection
 from functools import partial
 import sys
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 import numpy as np
-from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
-from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, RESET, RETREAT, TIP_FORCE, WANTED_FORCE)
-from tudor_dynamics.nodes.common.messages import joint_state, NamedReader, nanoseconds
+from tudor_dynamics.nodes.common.messages import joint_state, nanoseconds
+from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.online.contact_levers import StaticStrain
-from tudor_dynamics.online.streams import StampGate
+from tudor_dynamics.online.streams import Tick
+from tudor_dynamics.typing import FloatArray
 
 SILENT = 0.1
 """Strains that are older than positions by more are missing; a longer gap between positions is an
 interruption [s]."""
 
 
-class ForceControllerNode(LifecycleNodeMixin, TudorNode):
+class ForceControllerNode(MovingNode):
     """
-    Force control node, a managed one because it commands motion; ``**kwargs`` go to rclpy's Node.
+    Force control node.
 
     Active, it answers every message of positions with a reference, which the damper takes as any
     other. Whatever goes wrong ends in a held pose until ``~/reset``.
     """
 
+    FIGURES = (
+        Figure('state', lambda controller: controller.phase.name.lower(), 'controller'),
+        Figure('cause', lambda controller: controller.cause, 'controller'),
+        Figure('wanted [N]', lambda controller: f'{controller.wanted:.3g}', 'controller'),
+        Figure('force [N]', lambda controller: f'{controller.force:.3g}', 'controller'),
+        Figure('weight by', lambda node: node.controller and node.static.source))
+    ending = 'shut down: no references are given any more'
+
     def __init__(self, **kwargs: Any) -> None:
-        TudorNode.__init__(self, 'force_controller', **kwargs)
-        LifecycleNodeMixin.__init__(self)
+        super().__init__('force_controller', SILENT, **kwargs)
         self.controller: ForceController | None = None
-        self.gate = StampGate(SILENT)
-        self.active = False
-        self._phase = 'unconfigured'
-        self._robot = ''
-        self._inputs: list[Any] = []
-        self._last: int | None = None
         self._reference = self.publish_on(JointState, JOINT_REFERENCE)
-        self._told = self.publish_on(WrenchStamped, TIP_FORCE)
+        self._tip_force = self.publish_on(WrenchStamped, TIP_FORCE)
         self.serve(RESET, self._reset)
         self.serve(RETREAT, self._retreat)
-        if self.value('autostart'):
-            self.trigger_configure()
-            if self.controller is not None:
-                self.trigger_activate()
+        self.autostart()
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read arm and model, subscribe."""
-        try:
-            if not self.value('arm'):
-                msg = 'no arm: set the parameter arm to a description with gauges and sensors'
-                raise ArmError(msg)
-            arm = load_arm(self.value('arm'))
-            refuse_interfaces(arm, 'force control')
-            sign = -1.0 if self.value('normal').startswith('-') else 1.0
-            x, y, z = (sign * float(axis == self.value('normal')[-1]) for axis in 'xyz')
-            names = ('approach_speed', 'reach', 'touch', 'integral', 'proportional', 'give',
-                     'largest', 'lost')
-            self.controller = ForceController(
-                arm, ForceSettings(**{name: float(self.value(name)) for name in names}),
-                (x, y, z))
-            self._static = self._load_static(arm, (x, y, z))
-        except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
-            return TransitionCallbackReturn.FAILURE
-        self.fault = ''
-        self._robot, self._arm = arm.name, arm
-        self._joints = NamedReader(arm.active_joints, self.drops)
-        self._strain = np.full(len(arm.gauges), np.nan)
-        self._heard = np.full(len(arm.gauges), -np.inf)
-        topics: dict[str, list[str]] = {}
-        for gauge in arm.gauges:
-            topics.setdefault(gauge.topic, []).append(gauge.name)
-        self._readers = {
-            topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
-            for topic, names in topics.items()}
-        own = arm.spec.joint_topic
-        self._inputs = [self.subscribe(JointState, own, self._on_joints),
-                        self.subscribe(Float64, WANTED_FORCE, self._on_wanted)]
-        self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
-                         for topic in topics if topic != own]
-        self._phase = 'inactive'
-        return TransitionCallbackReturn.SUCCESS
+    def build(self) -> tuple[Arm, Collection[str]]:
+        """Make the controller, and what knows the weight of the arm."""
+        arm = self.described_arm('gauges and sensors', 'force control')
+        sign = -1.0 if self.value('normal').startswith('-') else 1.0
+        x, y, z = (sign * float(axis == self.value('normal')[-1]) for axis in 'xyz')
+        names = ('approach_speed', 'reach', 'touch', 'integral', 'proportional', 'give',
+                 'largest', 'lost')
+        self.controller = ForceController(
+            arm, ForceSettings(**{name: float(self.value(name)) for name in names}), (x, y, z))
+        self.static = self._load_static(arm, (x, y, z))
+        return arm, arm.gauge_names
+
+    def subscribe_inputs(self) -> list[Subscription]:
+        """Subscribe to forces."""
+        return [self.subscribe(Float64, WANTED_FORCE, self._on_wanted)]
+
+    def stop(self) -> None:
+        """Give no more references: who commands the joints brakes and holds them."""
+        if self.controller is not None:
+            self.controller.stop('deactivated')
 
     def _load_static(self, arm: Arm, normal: tuple[float, float, float]) -> StaticStrain:
         if not self.value('model'):
@@ -117,34 +97,6 @@ class ForceControllerNode(LifecycleNodeMixin, TudorNode):
         models = load_bundle(self.value('model'), arm=arm).beside_robot().models.get('strain', {})
         return StaticStrain(arm, models.get('elastic') or next(iter(models.values()), None),
                             normal)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to give references: the pose where the arm is."""
-        if self.controller is None:
-            return TransitionCallbackReturn.FAILURE
-        self.gate.reset()
-        self.active, self._phase = True, 'active'
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give no more references: who commands the joints brakes and holds them."""
-        if self.controller is not None:
-            self.controller.stop('deactivated')
-        self.active, self._phase = False, 'inactive'
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the arm."""
-        for item in self._inputs:
-            self.destroy_subscription(item)
-        self._inputs, self.controller, self._phase = [], None, 'unconfigured'
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give no more references, for good."""
-        self.active, self._phase = False, 'finalized'
-        self.end('shut down: no references are given any more')
-        return TransitionCallbackReturn.SUCCESS
 
     def _reset(self) -> str:
         if self.controller is None:
@@ -169,83 +121,40 @@ class ForceControllerNode(LifecycleNodeMixin, TudorNode):
             self.drops['force_refused'] += 1
             self.get_logger().error(f'force refused: {why}')
 
-    def _on_strains(self, topic: str, message: JointState) -> None:
-        reader, index = self._readers[topic]
-        values = reader.read(message, 'position')
-        if values is not None:
-            self._strain[index] = values
-            self._heard[index] = nanoseconds(message.header.stamp) * 1e-9
-
-    def _on_joints(self, message: JointState) -> None:
-        begun = self.meter.begin()
+    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+        """Give a reference, and say what force the tip bears."""
         controller = self.controller
-        if not self.active or controller is None:
-            return
-        q = self._joints.read(message, 'position')
-        if q is None:
-            return
-        if not np.isfinite(q).all():
-            self.drops['not_finite'] += 1
-            self.gate.unusable()
-            return
-        if self._arm.spec.joint_topic in self._readers:
-            self._on_strains(self._arm.spec.joint_topic, message)
-        stamp = nanoseconds(message.header.stamp)
-        tick = self.gate.step(stamp)
-        if tick is None:
-            return
+        assert controller is not None
         pose = controller.pose if controller.pose is not None else q
-        readings = self._static.at(pose, controller.force)
-        silent = stamp * 1e-9 - self._heard > SILENT
+        readings = self.static.at(pose, controller.force)
+        silent = nanoseconds(message.header.stamp) * 1e-9 - self._read > SILENT
         strain = np.where(silent, np.nan, self._strain) - readings.weight
         place, speed = controller.step(0.0 if tick.first else tick.dt, q, strain, readings.share)
         self._reference.publish(joint_state(
-            message.header.stamp, list(self._arm.active_joints), position=place, velocity=speed))
-        if self._told.get_subscription_count():
+            message.header.stamp, list(self._joints.names), position=place, velocity=speed))
+        if self._tip_force.get_subscription_count():
             wrench = WrenchStamped()
             wrench.header.stamp, wrench.header.frame_id = message.header.stamp, 'base'
             force = controller.sensing.normal * np.nan_to_num(controller.force)
             wrench.wrench.force.x, wrench.wrench.force.y, wrench.wrench.force.z = (
                 float(value) for value in force)
-            self._told.publish(wrench)
-        self.meter.end(begun)
+            self._tip_force.publish(wrench)
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the arm."""
-        return str(self.value('robot')) or self._robot or 'none'
-
-    def counters(self) -> list[Counter[str]]:
-        """Add the drops by stamps."""
-        return [self.drops, self.gate.drops]
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell phase, force, and why it is held."""
-        level, message, values = super().status()
-        values['phase'] = self._phase
+    def verdict(self) -> tuple[bytes, str]:
+        """Say why the pose is held."""
+        level, message = super().verdict()
         controller = self.controller
-        if controller is None:
-            return level, message, values
-        values['state'] = controller.phase.name.lower()
-        values['cause'] = controller.cause
-        values['wanted [N]'] = f'{controller.wanted:.3g}'
-        values['force [N]'] = f'{controller.force:.3g}'
-        values['weight by'] = self._static.source
-        if not self.active:
-            return WARN, self.ended or self._phase, values
-        if level != OK:
-            return level, message, values
+        if controller is None or level != OK:
+            return level, message
         if controller.phase is Phase.HELD:
-            return (ERROR, f'{controller.cause}: the pose is held, ~/reset takes forces again',
-                    values)
-        if self._static.source == 'none':
+            return ERROR, f'{controller.cause}: the pose is held, ~/reset takes forces again'
+        if self.static.source == 'none':
             return WARN, ('nothing tells what gauges read of the weight: give model, or links in '
-                          'the arm description'), values
-        return OK, controller.cause, values
+                          'the arm description')
+        return OK, controller.cause
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(ForceControllerNode, args)
+main = partial(run, ForceControllerNode)
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from functools import partial
 import sys
 from typing import Any
 
@@ -47,7 +47,6 @@ class JointStateFilterNode(TudorNode):
         topic = JOINT_STATES
         self._names: list[str] = list(self.value('joints'))
         self._reader: NamedReader | None = None
-        self._robot = ''
         spec = self._spec()
         if self.value('model'):
             try:
@@ -57,7 +56,7 @@ class JointStateFilterNode(TudorNode):
             else:
                 spec, topic = bundle.preprocessing, bundle.arm.spec.joint_topic
                 self._names = self._names or list(bundle.arm.active_joints)
-                self._robot = bundle.arm.name
+                self.robot = bundle.arm.name
         warm_up_filter(spec)
         self.filter = StateFilter(spec, self.value('gap'))
         self._effort = LowPass(spec.output_cutoff)
@@ -109,18 +108,12 @@ class JointStateFilterNode(TudorNode):
                 else self._full_encoder.encode(stamp, *states, effort))
         self.meter.end(begun)
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the model's arm."""
-        return str(self.value('robot')) or self._robot or 'none'
-
     def counters(self) -> list[Counter[str]]:
         """Add the filter's drops."""
         return [self.drops, self.filter.drops]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(JointStateFilterNode, args)
+main = partial(run, JointStateFilterNode)
 
 
 if __name__ == '__main__':

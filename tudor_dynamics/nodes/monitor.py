@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from functools import partial
 import sys
 from typing import Any
@@ -135,9 +134,7 @@ class MonitorNode(LoadNode):
         return [*super().counters(), self._joint_drops, *more]
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(MonitorNode, args)
+main = partial(run, MonitorNode)
 
 
 if __name__ == '__main__':

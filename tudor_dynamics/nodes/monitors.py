@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 import sys
 from threading import Thread
 import time
@@ -28,7 +29,7 @@ from rclpy.parameter import Parameter
 from rclpy.validate_namespace import validate_namespace
 
 from tudor_dynamics.errors import TudorError
-from tudor_dynamics.nodes.common.base import ERROR, GuardedNode, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, GuardedNode, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.runner import run
 from tudor_dynamics.nodes.monitor import MonitorNode
 
@@ -105,6 +106,13 @@ class MonitorsNode(TudorNode):
     diagnostics of its own, as if it were a process.
     """
 
+    FIGURES = (
+        Figure('CPU [%]', lambda node: node.cpu()),
+        Figure('arms', lambda node: len(node.arms)),
+        Figure('watched', lambda node: sum(arm.node is not None for arm in node.arms)),
+        Figure('failures ARM', lambda node: {
+            arm.namespace: arm.failures for arm in node.arms if arm.failures}))
+
     def __init__(
         self, *, parameter_overrides: Sequence[Parameter] | None = None, **kwargs: Any,
     ) -> None:
@@ -148,24 +156,21 @@ class MonitorsNode(TudorNode):
         """Add the arms."""
         return {**super().about(), 'arms': ' '.join(arm.namespace for arm in self.arms)}
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell which arms are not watched; what the others see their own monitors say."""
-        level, message, values = super().status()
-        before, (cpu, at) = self._cpu, (time.process_time(), self.steady())
-        self._cpu = cpu, at
-        values['CPU [%]'] = f'{100.0 * (cpu - before[0]) / max(at - before[1], 1e-9):.0f}'
-        values['arms'] = str(len(self.arms))
-        values['watched'] = str(sum(arm.node is not None for arm in self.arms))
-        for arm in self.arms:
-            if arm.failures:
-                values[f'failures {arm.namespace}'] = str(arm.failures)
+    def cpu(self) -> str:
+        """Give the share of a processor since this was last asked for [%]."""
+        (cpu, at), self._cpu = self._cpu, (time.process_time(), self.steady())
+        return f'{100.0 * (self._cpu[0] - cpu) / max(self._cpu[1] - at, 1e-9):.0f}'
+
+    def verdict(self) -> tuple[bytes, str]:
+        """Say which arms are not watched; what the others see their own monitors say."""
+        level, message = super().verdict()
         faults = [f'{arm.namespace} is not watched: {arm.fault}' for arm in self.arms if arm.fault]
         failed = [arm.namespace for arm in self.arms if arm.failures]
         if level == OK and faults:
-            return ERROR, '; '.join(faults), values
+            return ERROR, '; '.join(faults)
         if level == OK and failed:
-            return WARN, f'{", ".join(failed)}: failed before; see the log', values
-        return level, message, values
+            return WARN, f'{", ".join(failed)}: failed before; see the log'
+        return level, message
 
     def close(self) -> None:
         """End the monitors."""
@@ -173,9 +178,7 @@ class MonitorsNode(TudorNode):
             arm.end(self)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(MonitorsNode, args)
+main = partial(run, MonitorsNode)
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 import sys
 import time
@@ -25,21 +25,23 @@ from typing import Any
 
 from geometry_msgs.msg import InertiaStamped
 import numpy as np
-from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from tudor_dynamics.arm.description import load_arm, refuse_interfaces
+from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.damper import MEANING, SEEN, STATUS, Status
 from tudor_dynamics.control.gains import Adaptation, load_schedule
 from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
-from tudor_dynamics.errors import ArmError, TudorError
-from tudor_dynamics.nodes.common.base import ClockWatch, ERROR, latched, STALE, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ClockWatch, ERROR, Figure, latched, STALE, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
-from tudor_dynamics.nodes.common.messages import floats, NamedReader, nanoseconds
+from tudor_dynamics.nodes.common.messages import floats, NamedReader
+from tudor_dynamics.nodes.common.moving import MovingNode
 from tudor_dynamics.nodes.common.runner import run
-from tudor_dynamics.online.streams import StampGate
+from tudor_dynamics.online.streams import Tick
+from tudor_dynamics.typing import FloatArray
 
 BRAKING = 2.0
 """A process that ends waits no longer than this for the arm to stand [s]."""
@@ -47,108 +49,86 @@ LONGEST_GAP = 60.0
 """The controller says itself what an interruption is; this is for clocks that are set [s]."""
 
 
-class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
+def _delay_text(delay: float | None) -> str:
+    return 'unknown before motion' if delay is None else f'{1e3 * delay:.1f}'
+
+
+def _since(now: Counter[str], before: Counter[str]) -> dict[str, str]:
+    """Give what has been counted since the last diagnosis, which then is this one."""
+    since = now - before
+    before.clear()
+    before.update(now)
+    return {cause: str(count) for cause, count in sorted(since.items())}
+
+
+class OscillationDamperNode(MovingNode):
     """
-    Damper node, a managed one because it commands motion; ``**kwargs`` go to rclpy's Node.
+    Damper node.
 
     Active, it answers every message of positions with commands. Where positions fail to come for
     ``timeout``, at deactivation and at the end it brakes to standstill.
     """
 
+    FIGURES = (
+        Figure('state', lambda controller: controller.state.name.lower(), 'controller'),
+        Figure('cause', lambda controller: controller.cause, 'controller'),
+        Figure('loop delay [ms]', lambda controller: _delay_text(controller.gains.delay.delay),
+               'controller'),
+        Figure('age of stamps [ms]', lambda node: node.controller and node.clocks.text()),
+        Figure('damping in use', lambda controller: '{:.2f}'.format(
+            controller.gains.share * controller.gains.allowed_share), 'controller'),
+        Figure('position gain in use [1/s]', lambda controller: '{:.2f}'.format(
+            controller.gains.position_gain_in_use(controller.period)), 'controller'),
+        Figure('', lambda controller: controller.adaptation and controller.adaptation.report(),
+               'controller'),
+        Figure('cut: CAUSE', lambda node: node.controller and _since(
+            node.controller.cuts, node.reported_cuts)),
+        Figure('refused: CAUSE', lambda node: node.controller and _since(
+            node.controller.reference.refused, node.reported_refusals)),
+        Figure('damper JOINT', lambda controller: dict(zip(
+            controller.damper.joints, controller.damper.report(), strict=True)), 'controller'))
+    ending = 'shut down: the joints are braked to standstill, and no more is commanded'
+
     def __init__(self, **kwargs: Any) -> None:
-        TudorNode.__init__(self, 'oscillation_damper', **kwargs)
-        LifecycleNodeMixin.__init__(self)
+        super().__init__('oscillation_damper', LONGEST_GAP, **kwargs)
         self.controller: MotionController | None = None
-        self.gate = StampGate(LONGEST_GAP)
         self.clocks = ClockWatch()
         self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
-        self.active = False
-        self._phase = 'unconfigured'
-        self._strain = np.zeros(0)
-        self._fresh = np.zeros(0, dtype=bool)
-        self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
         self._faults: dict[int, Status] = {}
-        self._cuts: Counter[str] = Counter()
-        self._refused: Counter[str] = Counter()
+        self.reported_cuts: Counter[str] = Counter()
+        self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
-        self._inputs: list[Any] = []
         self._watchdog = self.every(WATCH, self._watch)
-        if self.value('autostart'):
-            self.trigger_configure()
-            if self.controller is not None:
-                self.trigger_activate()
+        self.autostart()
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Read the arm, subscribe."""
-        try:
-            if not self.value('arm'):
-                msg = 'no arm: set the parameter arm to a description with a damper'
-                raise ArmError(msg)
-            arm = load_arm(self.value('arm'))
-            refuse_interfaces(arm, 'the damper')
-            controller = MotionController(arm)
-            if self.value('gain_schedule'):
-                controller.adaptation = Adaptation(
-                    load_schedule(self.value('gain_schedule'), arm),
-                    controller.planned.acceleration)
-            self.controller = controller
-        except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
-            return TransitionCallbackReturn.FAILURE
-        self.fault = ''
-        self._robot = arm.name
-        for text in self.controller.limits.missing:
+    def build(self) -> tuple[Arm, Collection[str]]:
+        """Make the damper."""
+        arm = self.described_arm('a damper', 'the damper')
+        controller = MotionController(arm)
+        if self.value('gain_schedule'):
+            controller.adaptation = Adaptation(
+                load_schedule(self.value('gain_schedule'), arm), controller.planned.acceleration)
+        for text in controller.limits.missing:
             self.get_logger().warning(f'{text}; nothing bounds it: add it to limits: of the joint')
-        self.apply()
-        self._joints = NamedReader(self.controller.joints, self.drops)
-        self._references = NamedReader(self.controller.joints, self.drops)
-        self._strain = np.full(len(arm.gauges), np.nan)
-        self._fresh = np.zeros(len(arm.gauges), dtype=bool)
-        wanted: dict[str, list[str]] = {}
-        for gauge in arm.gauges:
-            if gauge.name in self.controller.damper.gauges:
-                wanted.setdefault(gauge.topic, []).append(gauge.name)
-        self._gauges = {
-            topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
-            for topic, names in wanted.items()}
-        self._own = arm.spec.joint_topic
-        self._inputs = [self.subscribe(JointState, self._own, self._on_joints),
-                        self.subscribe(JointState, JOINT_REFERENCE, self._on_reference)]
-        self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
-                         for topic in wanted if topic != self._own]
-        self._inputs.append(self.create_subscription(
-            InertiaStamped, PAYLOAD_TOPIC, self._on_payload, latched()))
-        self._phase = 'inactive'
-        return TransitionCallbackReturn.SUCCESS
+        self.controller = controller
+        self._references = NamedReader(controller.joints, self.drops)
+        return arm, controller.damper.gauges
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to command: hold the arm where it is."""
-        if self.controller is None:
-            return TransitionCallbackReturn.FAILURE
+    def subscribe_inputs(self) -> list[Subscription]:
+        """Subscribe to references and loads."""
+        return [self.subscribe(JointState, JOINT_REFERENCE, self._on_reference),
+                self.create_subscription(InertiaStamped, PAYLOAD_TOPIC, self._on_payload,
+                                         latched())]
+
+    def begin(self) -> None:
+        """Hold the arm where it is."""
         self._reset()
-        self.active, self._phase = True, 'active'
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Brake to standstill, then command nothing."""
-        self.active, self._phase = False, 'inactive'
-        return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forget the arm."""
+        """Brake to standstill, then forget the arm."""
         self._brake_down()
-        for item in self._inputs:
-            self.destroy_subscription(item)
-        self._inputs, self.controller, self._phase = [], None, 'unconfigured'
-        return TransitionCallbackReturn.SUCCESS
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Brake to standstill, for good."""
-        self.active, self._phase = False, 'finalized'
-        self.end('shut down: the joints are braked to standstill, and no more is commanded')
-        return TransitionCallbackReturn.SUCCESS
+        return super().on_cleanup(state)
 
     def apply(self) -> None:
         """Take changed gains and the timeout into use."""
@@ -168,12 +148,6 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         self._faults = {}
         return 'the arm is held, and the damper fades in anew'
 
-    def _on_strains(self, topic: str, message: JointState) -> None:
-        reader, index = self._gauges[topic]
-        values = reader.read(message, 'position')
-        if values is not None:
-            self._strain[index], self._fresh[index] = values, True
-
     def _on_reference(self, message: JointState) -> None:
         q = self._references.read(message, 'position')
         dq = self._references.read(message, 'velocity')
@@ -185,33 +159,20 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
             if self.controller.adaptation.tell(self.steady(), float(message.inertia.m)):
                 self.drops['payload_refused'] += 1
 
-    def _on_joints(self, message: JointState) -> None:
-        begun = self.meter.begin()
-        controller = self.controller
-        if not self.active or controller is None:
-            return
-        q = self._joints.read(message, 'position')
-        if q is None:
-            return
-        if not np.isfinite(q).all():
-            self.drops['not_finite'] += 1
-            self.gate.unusable()
-            return
-        if self._own in self._gauges:
-            self._on_strains(self._own, message)
-        stamp = nanoseconds(message.header.stamp)
+    def stamped(self, stamp: int) -> None:
+        """Compare stamps with the clock."""
         self.clocks.step(stamp, self.ros_time())
-        tick = self.gate.step(stamp)
-        if tick is None:
-            return
+
+    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+        """Command velocities."""
+        controller = self.controller
+        assert controller is not None
         command = controller.step(self.steady(), tick.dt, q, self._strain, self._fresh)
-        self._fresh[:] = False
         state = controller.damper.state
         for place in np.flatnonzero((state[:, STATUS] >= Status.MISSING) & (state[:, SEEN] > 0)):
             # a jump is over before anybody looks: remembered until the gauge is trusted again
             self._faults[int(place)] = controller.damper.status[place]
         self._publish(command)
-        self.meter.end(begun)
 
     def _publish(self, command: Any) -> bool:
         if command is not None:
@@ -219,7 +180,7 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         return command is not None
 
     def _watch(self) -> None:
-        """Brake where positions fail to come, and behind a deactivation."""
+        """Brake where positions fail to come, and after a deactivation."""
         controller = self.controller
         if controller is not None:
             now = self.steady()
@@ -234,48 +195,12 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
                 break
             time.sleep(WATCH)
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the arm."""
-        return str(self.value('robot')) or getattr(self, '_robot', '') or 'none'
-
-    def counters(self) -> list[Counter[str]]:
-        """Add the drops by stamps."""
-        return [self.drops, self.gate.drops]
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what the joints do, what the loop is like, and what the damper makes of it."""
-        level, message, values = super().status()
-        controller = self.controller
-        values['phase'] = self._phase
-        if controller is None:
-            return level, message, values
-        values['state'] = controller.state.name.lower()
-        values['cause'] = controller.cause
-        values |= self._loop(controller)
-        for joint, text in zip(controller.damper.joints, controller.damper.report(), strict=True):
-            values[f'damper {joint}'] = text
-        if not self.active:
-            return WARN, self.ended or self._phase, values
-        worst = self._worst(controller)
-        return (*(worst or (level, message)), values)
-
-    def _loop(self, controller: MotionController) -> dict[str, str]:
-        """Give figures of the loop, and what was cut and refused since the last diagnosis."""
-        gains, delay = controller.gains, controller.gains.delay.delay
-        values = {
-            'loop delay [ms]': 'unknown before motion' if delay is None else f'{1e3 * delay:.1f}',
-            'age of stamps [ms]': self.clocks.text(),
-            'damping in use': f'{gains.share * gains.allowed_share:.2f}',
-            'position gain in use [1/s]': f'{gains.position_gain_in_use(controller.period):.2f}'}
-        if controller.adaptation is not None:
-            values |= controller.adaptation.report()
-        for name, now, before in (('cut', controller.cuts, self._cuts),
-                                  ('refused', controller.reference.refused, self._refused)):
-            since = now - before
-            values |= {f'{name}: {key}': str(count) for key, count in sorted(since.items())}
-            before.clear()
-            before.update(now)
-        return values
+    def verdict(self) -> tuple[bytes, str]:
+        """Say what matters most of what the arm does."""
+        level, message = super().verdict()
+        if self.controller is None or not self.active:
+            return level, message
+        return self._worst(self.controller) or (level, message)
 
     def _worst(self, controller: MotionController) -> tuple[bytes, str] | None:
         """Give the level and the words of what matters most; None where all is well."""
@@ -320,11 +245,11 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         damper = controller.damper
         faults = self._faults | {place: status for place, status in enumerate(damper.status)
                                  if status >= Status.MISSING}
-        told = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
-                for place, fault in faults.items()]
+        texts = [f'{damper.joints[place]} ({damper.gauges[place]}): {MEANING[fault]}'
+                 for place, fault in faults.items()]
         self._faults = {place: fault for place, fault in self._faults.items()
                         if damper.status[place] not in (Status.DAMPING, Status.SATURATED)}
-        return told
+        return texts
 
     def close(self) -> None:
         """Leave the joints at standstill."""
@@ -332,9 +257,7 @@ class OscillationDamperNode(LifecycleNodeMixin, TudorNode):
         self._brake_down()
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(OscillationDamperNode, args)
+main = partial(run, OscillationDamperNode)
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from functools import partial
 import sys
 from typing import Any
 
@@ -47,9 +47,7 @@ class PayloadEstimatorNode(MonitorNode):
                                   latch=latch)
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(PayloadEstimatorNode, args)
+main = partial(run, PayloadEstimatorNode)
 
 
 if __name__ == '__main__':

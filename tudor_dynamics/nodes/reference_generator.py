@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 import sys
 from typing import Any
 
@@ -29,15 +29,14 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
-from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.control.damper import STRAIN_SCALE
 from tudor_dynamics.control.gains import load_schedule
 from tudor_dynamics.control.references import ReferenceSource, yielding_speed
 from tudor_dynamics.control.shaped_motion import Shaping
-from tudor_dynamics.errors import ArmError, TudorError
+from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.tuning import refiner_of
-from tudor_dynamics.nodes.common.base import latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     COLLISION, DIAGNOSTICS, JOINT_REFERENCE, JOINT_TRAJECTORY, PAYLOAD_TOPIC, RESET, RESIDUALS)
 from tudor_dynamics.nodes.common.messages import joint_state, NamedReader
@@ -56,30 +55,32 @@ class ReferenceGeneratorNode(TudorNode):
     It begins where the joints are: nothing is published before the first joint states.
     """
 
+    FIGURES = (
+        Figure('reaction', lambda node: node.value('reaction')),
+        Figure('shaping', lambda source: source.shaping.kind, 'source'),
+        Figure('not shaped', lambda source: source.shaping.note or None, 'source'),
+        Figure('monitors', lambda node: node.source and (', '.join(node.monitors) or 'none')),
+        Figure('begun again', lambda source: source.note or None, 'source'))
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('reference_generator', **kwargs)
         self.source: ReferenceSource | None = None
         self._last: int | None = None
-        self._robot = ''
         self._heard: dict[str, tuple[float, bool]] = {}
-        self._monitors: list[str] = []
+        self.monitors: list[str] = []
         self._unwatched = ''
         self._output = self.publish_on(JointState, JOINT_REFERENCE)
         self.serve(RESET, self._reset)
         try:
-            if not self.value('arm'):
-                msg = 'no arm: set the parameter arm to a description with limits'
-                raise ArmError(msg)
-            self._arm = load_arm(self.value('arm'))
+            self._arm = self.described_arm('limits')
             self.source = ReferenceSource(
                 self._arm, self.value('reaction'), self.value('retreat_time'),
                 self.value('timeout'), self._shaping())
         except TudorError as err:
-            self.fault = str(err)
-            self.get_logger().error(self.fault)
+            self.fail(err)
             return
         arm = self._arm
-        self._robot = arm.name
+        self.robot = arm.name
         if self.value('mode') == 'aprbs':
             self.source.wander(self.value('seed'))
         self._names = list(arm.active_joints)
@@ -189,16 +190,16 @@ class ReferenceGeneratorNode(TudorNode):
     def _look(self) -> None:
         """See who publishes collisions, and whether they are alive."""
         assert self.source is not None
-        self._monitors = self.publishing(self.resolve_topic_name(COLLISION))
+        self.monitors = self.publishing(self.resolve_topic_name(COLLISION))
         now = self.steady()
-        heard = [self._heard.get(name) for name in self._monitors]
+        heard = [self._heard.get(name) for name in self.monitors]
         alive = [item for item in heard if item is not None and now - item[0] < ALIVE]
         if any(able for _, able in alive):
             self._unwatched = ''
         elif alive:
             self._unwatched = 'the monitor says that it cannot judge the arm'
-        elif self._monitors:
-            self._unwatched = f'{", ".join(self._monitors)} gives no sign of life'
+        elif self.monitors:
+            self._unwatched = f'{", ".join(self.monitors)} gives no sign of life'
         else:
             self._unwatched = f'nobody publishes {COLLISION}'
         self.source.halt(self._unwatched if self.value('require_monitor') else '')
@@ -217,41 +218,25 @@ class ReferenceGeneratorNode(TudorNode):
             q, dq = reference
             self._output.publish(joint_state(stamp.to_msg(), self._names, position=q, velocity=dq))
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the arm."""
-        return str(self.value('robot')) or self._robot or 'none'
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell what the reference does, and who watches the arm."""
-        level, message, values = super().status()
+    def verdict(self) -> tuple[bytes, str]:
+        """Say whether goals are taken, and whether anybody watches the arm."""
+        level, message = super().verdict()
         source = self.source
-        values['reaction'] = str(self.value('reaction'))
-        if source is None:
-            return level, message, values
-        values['shaping'] = source.shaping.kind
-        if source.shaping.note:
-            values['not shaped'] = source.shaping.note
-        values['monitors'] = ', '.join(self._monitors) or 'none'
-        if source.note:
-            values['begun again'] = source.note
-        if level != OK:
-            return level, message, values
+        if source is None or level != OK:
+            return level, message
         if source.reacting or source.collision:
-            return (WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again',
-                    values)
+            return WARN, f'collision: {self.value("reaction")}; ~/reset takes goals again'
         if source.halted:
-            return WARN, f'no goals are taken: {source.halted}', values
-        if len(self._monitors) > 1:
-            return (WARN, f'{len(self._monitors)} nodes publish {COLLISION}: '
-                    f'{", ".join(self._monitors)}', values)
-        if self._unwatched and self._monitors:
-            return WARN, f'nobody watches for collisions any more: {self._unwatched}', values
-        return level, message, values
+            return WARN, f'no goals are taken: {source.halted}'
+        if len(self.monitors) > 1:
+            return WARN, (f'{len(self.monitors)} nodes publish {COLLISION}: '
+                          f'{", ".join(self.monitors)}')
+        if self._unwatched and self.monitors:
+            return WARN, f'nobody watches for collisions any more: {self._unwatched}'
+        return level, message
 
 
-def main(args: Sequence[str] | None = None) -> int:
-    """Run the node as a process."""
-    return run(ReferenceGeneratorNode, args)
+main = partial(run, ReferenceGeneratorNode)
 
 
 if __name__ == '__main__':

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any, NamedTuple
@@ -32,10 +32,11 @@ from tudor_dynamics.online.contact_levers import (
     ACROSS, ALONG, gauge_scale, link_axes, MOMENT, PRESSING, RigidFront, Span, spans_of,
     strain_deviation, torque_scale)
 from tudor_dynamics.online.settings import (
-    CONTACT_STEP, DEVIATION_STEP, EVIDENCE_MEMORY, FORCE_MEMORY, FREE_EVIDENCE_MEMORY,
-    HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE, MOVING_DEVIATIONS, OFFSET_MEMORY,
-    PLACE_CERTAIN, RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION,
-    STANDING_MEMORY, STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED)
+    CONTACT_STEP, DEVIATION_STEP, ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET, EVIDENCE_MEMORY,
+    FORCE_MEMORY, FREE_EVIDENCE_MEMORY, HELD_FORCE_MEMORY, INNOVATION_BOUND, LARGEST_FORCE,
+    MOVING_DEVIATIONS, OFFSET_MEMORY, PLACE_CERTAIN, RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET,
+    RINGING_FLOOR, RINGING_MEMORY, RINGING_SAMPLES, STANDING_DEVIATION, STANDING_MEMORY,
+    STANDING_SPEED, STANDING_VARIANCE, TORQUE_DETECTED, TORQUE_ENDED)
 from tudor_dynamics.typing import FloatArray
 
 
@@ -85,7 +86,7 @@ class ContactRecord:
 
     def __post_init__(self) -> None:
         n = len(self.spans)
-        self._likely = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
+        self._likely = np.log([span.weight for span in self.spans])
         self._moments, self._largest = np.zeros((n, 4)), np.zeros(n)
 
     def add(self, estimate: ContactEstimate) -> None:
@@ -106,12 +107,7 @@ class ContactRecord:
         """
         if self._count == 0 or not self.spans:
             return {}
-        weights = np.exp(self._likely - self._likely.max())
-        weights /= weights.sum()
-        totals = {link: float(sum(w for w, of in zip(weights, self.links, strict=True)
-                                  if of == link)) for link in self.links}
-        link = max(totals, key=lambda name: totals[name])
-        own = [k for k, of in enumerate(self.links) if of == link]
+        link, own, weights = most_likely(self._likely, self.links)
         share = weights[own] / weights[own].sum()
         force = float(share @ (self._moments[own, 3] / self._count))
         largest = float(share @ self._largest[own])
@@ -119,15 +115,16 @@ class ContactRecord:
         place = float(share @ places)
         spread = math.sqrt(float(share @ (spreads**2 + (places - place)**2)))
         prior = prior_spread([self.spans[k] for k in own])
-        told = spread <= PLACE_CERTAIN * prior or prior == 0.0
-        return {'link': link, 'certain': round(totals[link], 4), 'force': force,
-                'largest_force': largest, 'place': place if told else None,
-                'place_deviation': spread if told else None}
+        known = spread <= PLACE_CERTAIN * prior or prior == 0.0
+        certain = float(sum(weights[k] for k in own))
+        return {'link': link, 'certain': round(certain, 4), 'force': force,
+                'largest_force': largest, 'place': place if known else None,
+                'place_deviation': spread if known else None}
 
     def _place(self, k: int) -> tuple[float, float]:
         """Give the place on a span and its standard deviation, by the line through (F, F a)."""
         span, (squares, products, others, _) = self.spans[k], self._moments[k]
-        prior = (span.outer - span.inner) / math.sqrt(12.0)
+        prior = span.spread
         if squares <= 0.0:
             return span.middle, prior
         raw = products / squares
@@ -137,39 +134,44 @@ class ContactRecord:
         return near, min(max(spread, abs(raw - near)), max(prior, 1e-9))
 
 
+def most_likely(likely: FloatArray, names: Sequence[str]) -> tuple[str, list[int], FloatArray]:
+    """
+    Find the name of the likeliest spans.
+
+    likely (spans,): logarithms; gives the name, the spans that have it, and how likely each span
+    is, (spans,), in all 1.
+    """
+    weights = np.exp(likely - likely.max())
+    weights = weights / weights.sum()
+    totals = {name: float(sum(w for w, of in zip(weights, names, strict=True) if of == name))
+              for name in names}
+    best = max(totals, key=lambda name: totals[name])
+    return best, [k for k, of in enumerate(names) if of == best], weights
+
+
 def prior_spread(spans: list[Span]) -> float:
     """Give the standard deviation of a place of which only the link is known [m]."""
     reach = max(span.outer for span in spans) - min(span.inner for span in spans)
     return reach / math.sqrt(12.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Belief:
-    """What is believed of each span at a sample."""
-
-    pressing: FloatArray  # (F, F a, A), (spans, PRESSING) [N, N m, N]
-    covariance: FloatArray  # covariance of what presses on each span, (spans, PRESSING, PRESSING)
-    weight: FloatArray  # how likely each is, in all 1, (spans,)
-
-
-def significance(belief: Belief, k: int) -> float:
+def significance(pressing: FloatArray, covariance: FloatArray) -> float:
     """Give the squared size of (F, F a) on a span, in standard deviations."""
-    value, spread = belief.pressing[k, :ALONG], belief.covariance[k, :ALONG, :ALONG]
+    value, spread = pressing[:ALONG], covariance[:ALONG, :ALONG]
     scale = np.sqrt(np.maximum(np.diag(spread), 1e-300))
     white = spread / np.outer(scale, scale) + 1e-9 * np.eye(ALONG)
     unit = value / scale
     return float(unit @ np.linalg.solve(white, unit))
 
 
-def place_on(belief: Belief, k: int, span: Span) -> tuple[float, float]:
+def place_on(span: Span, pressing: FloatArray, covariance: FloatArray) -> tuple[float, float]:
     """Give the place on a span and its standard deviation, within the span [m]."""
-    prior = (span.outer - span.inner) / math.sqrt(12.0)
-    force, moment = float(belief.pressing[k, ACROSS]), float(belief.pressing[k, MOMENT])
+    prior, force, moment = span.spread, float(pressing[ACROSS]), float(pressing[MOMENT])
     if prior == 0.0 or force == 0.0:
         return span.middle, prior
     raw = moment / force
     line = np.array([-raw, 1.0])
-    spread = math.sqrt(max(float(line @ belief.covariance[k, :ALONG, :ALONG] @ line), 0.0))
+    spread = math.sqrt(max(float(line @ covariance[:ALONG, :ALONG] @ line), 0.0))
     return min(max(raw, span.inner), span.outer), min(spread / abs(force), prior)
 
 
@@ -180,17 +182,17 @@ def place_on(belief: Belief, k: int, span: Span) -> tuple[float, float]:
 # an elastic one also the vibration that the contact causes, which the filters carry along.
 
 
-class Doubt(NamedTuple):
-    """What counts as felt, in squared standard deviations."""
+class Bounds(NamedTuple):
+    """Bounds of what counts as a contact, in squared standard deviations."""
 
-    # From which, and until which, something is felt.
-    felt: float
-    left: float
-    offset: float  # from which what is left over is taken for no offset
+    # From which, and until which, a contact is detected.
+    detected: float
+    ended: float
+    offset: float  # below which a residual is taken for an offset
 
 
-RIGID, ELASTIC = Doubt(49.0, 16.0, 9.0), Doubt(8.0, 3.0, 4.0)
-"""Deviations of elastic models are widened for what rings; beside a rigid one all of it rings."""
+RIGID = Bounds(RIGID_DETECTED, RIGID_ENDED, RIGID_OFFSET)
+ELASTIC = Bounds(ELASTIC_DETECTED, ELASTIC_ENDED, ELASTIC_OFFSET)
 
 
 class ContactEstimator:
@@ -210,7 +212,7 @@ class ContactEstimator:
         Where contacts are looked for.
     links : tuple of str
         Frame of the link of each.
-    scale : Scale
+    scale : GaugeScale
         Of the gauges.
 
     Raises
@@ -238,42 +240,42 @@ class ContactEstimator:
         if not self.spans:
             msg = f'{arm.name}: no link with gauges has an end that the kinematics tells'
             raise ModelError(msg)
-        self._rings, self._doubt = (
+        self._widening, self._bounds = (
             (MOVING_DEVIATIONS, ELASTIC) if isinstance(model, FittedElastic) else (1.0, RIGID))
-        self._deviation = self._rings * np.where(np.isfinite(deviation), deviation, 1e9)
+        self._deviation = self._widening * np.where(np.isfinite(deviation), deviation, 1e9)
         self._front: ElasticFront | RigidFront = (
             ElasticFront(model, self.spans, self._deviation)
             if isinstance(model, FittedElastic) else RigidFront(arm, self.spans))
-        self._offset = (np.array([values[1] for values in model.coefficients_ or ()])
-                        if isinstance(model, FittedElastic) else np.zeros(len(arm.gauges)))
+        self._zero = (np.array([values[1] for values in model.coefficients_ or ()])
+                      if isinstance(model, FittedElastic) else np.zeros(len(arm.gauges)))
         self.links = tuple(link_frame(arm.full_model, span.joint) for span in self.spans)
         self._axes = [link_axes(arm, span.joint) for span in self.spans]
         n = 2 * self._front.modes + PRESSING
         self._state = np.zeros((len(self.spans), n))
         self._covariance = np.zeros((len(self.spans), n, n))
         self._weight = np.zeros(len(self.spans))
-        self._prior = np.log([max(span.outer - span.inner, 1e-3) for span in self.spans])
-        self._tare = np.zeros(len(arm.gauges))
+        self._prior = np.log([span.weight for span in self.spans])
+        self._offset = np.zeros(len(arm.gauges))
         self._spread = self._deviation**2
-        self._rung = np.diag(self._deviation**2)
+        self._ringing = np.diag(self._deviation**2)
         self._size = 0.0
         self._last: int | None = None
-        self._begin_at = True
+        self._restarts = True
         self.felt = False
 
     def record(self) -> ContactRecord:
         """Give a record for a contact that begins."""
         return ContactRecord(self.spans, self.links)
 
-    def _begin(self) -> None:
+    def _restart(self) -> None:
         self._state[:] = 0.0
         self._covariance[:] = 0.0
         for covariance, span in zip(self._covariance, self.spans, strict=True):
             covariance[-PRESSING:, -PRESSING:] = span.covariance
         self._weight = self._prior.copy()
-        self._tare[:] = 0.0
+        self._offset[:] = 0.0
         self._spread[:] = self._deviation**2
-        self._rung = np.diag(self._deviation**2)
+        self._ringing = np.diag(self._deviation**2)
         self._size = 0.0
         self.felt = False
 
@@ -305,80 +307,82 @@ class ContactEstimator:
 
         """
         if self._last is None or begins or stamp <= self._last:
-            self._begin_at = True
-        dt = 0.0 if self._last is None or self._begin_at else (stamp - self._last) * 1e-9
-        if not self._begin_at and dt < CONTACT_STEP:
+            self._restarts = True
+        dt = 0.0 if self._last is None or self._restarts else (stamp - self._last) * 1e-9
+        if not self._restarts and dt < CONTACT_STEP:
             return None
         self._last = stamp
         try:
-            left = self._left(dt, row, measured, residual)
+            moment = self._residual(dt, row, measured, residual)
         except SimulationError:
-            left = None
-        if left is None or self._begin_at:
-            self._begin()
-            self._begin_at = left is None
+            moment = None
+        if moment is None or self._restarts:
+            self._restart()
+            self._restarts = moment is None
             return None
         n = len(row) // 3
         standing = float(np.abs(row[n:2 * n]).max()) < STANDING_SPEED
-        likely = self._correct(dt, row, left - self._tare, self._calm(dt, left, standing))
+        share = self._standing_noise(dt, moment, standing)
+        likely = self._correct(dt, row, moment - self._offset, share)
         if isinstance(self._front, ElasticFront):
-            self._front.settle(left - self._tare, dt, self._state)
+            self._front.settle(moment - self._offset, dt, self._state)
         # free motion says nothing of where a contact is
         kept = math.exp(-dt / (EVIDENCE_MEMORY if self.felt else FREE_EVIDENCE_MEMORY))
         self._weight = (self._weight - self._prior) * kept + self._prior + likely
-        told = self._told(stamp, likely)
-        if not np.abs(told.force).max() < LARGEST_FORCE:  # not a number, too
-            self._begin_at, self.felt = True, False
+        found = self._estimate(stamp, likely)
+        if not np.abs(found.force).max() < LARGEST_FORCE:  # not a number, too
+            self._restarts, self.felt = True, False
             return None
-        return told
+        return found
 
-    def _left(
+    def _residual(
         self, dt: float, row: FloatArray, measured: FloatArray, residual: FloatArray | None,
     ) -> FloatArray | None:
         """Give the moments that the model leaves over [N m]; None where it cannot say."""
         gain = self.scale.gain
         if isinstance(self._front, ElasticFront):
-            return np.asarray((measured - self._offset) / gain - self._front.follow(dt, row))
+            return np.asarray((measured - self._zero) / gain - self._front.follow(dt, row))
         return None if residual is None else np.asarray(residual / gain)
 
-    def _calm(self, dt: float, left: FloatArray, standing: bool) -> FloatArray:
+    def _standing_noise(self, dt: float, moment: FloatArray, standing: bool) -> FloatArray:
         """Learn offset and noise of a standing arm; give the part of its usual variance."""
         usual = self._deviation**2
         if not standing:
             self._spread[:] = usual
-            self._tare *= math.exp(-dt / OFFSET_MEMORY)
-            if self._front.modes and self._size < self._doubt.offset:
-                self._learn(dt, left)
-        elif self._size < self._doubt.offset:
-            off = left - self._tare
-            self._tare += min(dt / OFFSET_MEMORY, 1.0) * off
+            self._offset *= math.exp(-dt / OFFSET_MEMORY)
+            if self._front.modes and self._size < self._bounds.offset:
+                self._learn(dt, moment)
+        elif self._size < self._bounds.offset:
+            off = moment - self._offset
+            self._offset += min(dt / OFFSET_MEMORY, 1.0) * off
             # a push that begins is no noise
             self._spread += min(dt / STANDING_MEMORY, 1.0) * (
                 np.minimum(off**2, 4.0 * self._spread) - self._spread)
-        return np.minimum(1.0, self._spread / usual + (STANDING_DEVIATION / self._rings)**2)
+        return np.minimum(1.0, self._spread / usual + (STANDING_DEVIATION / self._widening)**2)
 
     def _noise(self, share: FloatArray, times: float) -> FloatArray:
         """Give the covariance of a sample, of an arm that stands no larger than it was seen."""
-        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._rung)))
-        return times * np.outer(part, part) * self._rung
+        part = np.sqrt(np.minimum(1.0, share * self._deviation**2 / np.diag(self._ringing)))
+        return times * np.outer(part, part) * self._ringing
 
-    def _learn(self, dt: float, left: FloatArray) -> None:
-        """Learn how what is left over of a moving, untouched arm rings, in all gauges together."""
-        off = np.clip(np.where(np.isfinite(left), left, 0.0), -self._deviation, self._deviation)
-        floor = np.diag((RINGING_FLOOR / self._rings * self._deviation)**2)
-        self._rung += min(dt / RINGING_MEMORY, 1.0) * (
-            RINGING_SAMPLES * (np.outer(off, off) + floor) - self._rung)
+    def _learn(self, dt: float, moment: FloatArray) -> None:
+        """Learn how the residual of a moving, untouched arm rings, in all gauges together."""
+        off = np.clip(np.where(np.isfinite(moment), moment, 0.0), -self._deviation,
+                      self._deviation)
+        floor = np.diag((RINGING_FLOOR / self._widening * self._deviation)**2)
+        self._ringing += min(dt / RINGING_MEMORY, 1.0) * (
+            RINGING_SAMPLES * (np.outer(off, off) + floor) - self._ringing)
 
     def _correct(
-        self, dt: float, row: FloatArray, left: FloatArray, share: FloatArray,
+        self, dt: float, row: FloatArray, moment: FloatArray, share: FloatArray,
     ) -> FloatArray:
         front = self._front
-        known = np.flatnonzero(np.isfinite(left))
+        known = np.flatnonzero(np.isfinite(moment))
         white = np.linalg.inv(np.linalg.cholesky(
             self._noise(share, DEVIATION_STEP / dt if front.modes else 1.0)[np.ix_(known, known)]))
-        left, variance = white @ left[known], np.ones(len(known))
-        calm = float(share.min())
-        moves = front.modes and calm > STANDING_VARIANCE
+        moment, variance = white @ moment[known], np.ones(len(known))
+        quiet = float(share.min())
+        moves = front.modes and quiet > STANDING_VARIANCE
         fade = math.exp(-dt / (FORCE_MEMORY if moves else HELD_FORCE_MEMORY))
         levers = front.rows(row) if isinstance(front, RigidFront) else None
         likely = np.zeros(len(self.spans))
@@ -386,37 +390,31 @@ class ContactEstimator:
             state, covariance = self._state[k], self._covariance[k]
             rise = (1.0 - fade * fade) * span.covariance
             if isinstance(front, ElasticFront):
-                rows = front.carry(k, state, covariance, dt, fade, rise, calm)
+                rows = front.carry(k, state, covariance, dt, fade, rise, quiet)
             else:
                 assert levers is not None
                 rows = levers[k]
                 state *= fade
                 covariance *= fade * fade
                 covariance += rise
-            likely[k] = correct(state, covariance, white @ rows[known], variance, left,
+            likely[k] = correct(state, covariance, white @ rows[known], variance, moment,
                                 INNOVATION_BOUND)
         return likely
 
-    def _told(self, stamp: int, likely: FloatArray) -> ContactEstimate:
-        weight = np.exp(self._weight - self._weight.max())
-        belief = Belief(self._state[:, -PRESSING:].copy(),
-                        self._covariance[:, -PRESSING:, -PRESSING:].copy(), weight / weight.sum())
-        joints = [span.joint for span in self.spans]
-        totals = {joint: float(sum(w for w, of in zip(belief.weight, joints, strict=True)
-                                   if of == joint)) for joint in joints}
-        joint = max(totals, key=lambda name: totals[name])
-        own = [k for k, of in enumerate(joints) if of == joint]
-        best = max(own, key=lambda k: float(belief.weight[k]))
-        size = max(significance(belief, k) for k in range(len(self.spans)))
-        self._size = size
-        self.felt = size > (self._doubt.left if self.felt else self._doubt.felt)
-        share = belief.weight[own] / belief.weight[own].sum()
-        values = share @ belief.pressing[own]
-        spread = sum(part * (belief.covariance[k] + np.outer(
-            belief.pressing[k] - values, belief.pressing[k] - values))
-            for part, k in zip(share, own, strict=True))
+    def _estimate(self, stamp: int, likely: FloatArray) -> ContactEstimate:
+        joint, own, weights = most_likely(self._weight, [span.joint for span in self.spans])
+        pressing = self._state[:, -PRESSING:].copy()
+        covariance = self._covariance[:, -PRESSING:, -PRESSING:].copy()
+        best = max(own, key=lambda k: float(weights[k]))
+        self._size = size = max(map(significance, pressing, covariance))
+        self.felt = size > (self._bounds.ended if self.felt else self._bounds.detected)
+        share = weights[own] / weights[own].sum()
+        values = share @ pressing[own]
+        spread = sum(part * (covariance[k] + np.outer(pressing[k] - values, pressing[k] - values))
+                     for part, k in zip(share, own, strict=True))
         assert not isinstance(spread, int)
-        places, deviations = np.array([place_on(belief, k, self.spans[k]) for k in own]).T
+        places, deviations = np.array(
+            [place_on(self.spans[k], pressing[k], covariance[k]) for k in own]).T
         place = float(share @ places)
         unsure = math.sqrt(float(share @ (deviations**2 + (places - place)**2)))
         prior = prior_spread([self.spans[k] for k in own])
@@ -429,7 +427,7 @@ class ContactEstimator:
             values[ACROSS] * axes.across + values[ALONG] * axes.along,
             values[MOMENT] * axes.bending, math.sqrt(max(float(spread[ACROSS, ACROSS]), 0.0)),
             math.sqrt(max(float(spread[MOMENT, MOMENT]), 0.0)), place, unsure,
-            place * axes.along, belief.pressing, likely)
+            place * axes.along, pressing, likely)
 
 
 # Which link is touched, and with what torque about its joint, from efforts alone.

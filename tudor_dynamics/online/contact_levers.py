@@ -43,7 +43,7 @@ PRESSING = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class GaugeScale:
     """Gains of all gauges."""
 
     # Reading per moment, in units of the gauges; NaN where nobody knows, (gauges,) [1/(N m)].
@@ -56,14 +56,14 @@ class Scale:
         return [bool(value) for value in np.isfinite(self.gain)]
 
 
-def gauge_scale(bundle: ModelBundle, kind: str) -> Scale:
+def gauge_scale(bundle: ModelBundle, kind: str) -> GaugeScale:
     """Find the scale of the gauges."""
     model = bundle.models.get('strain', {}).get(kind)
     if isinstance(model, FittedElastic) and model.coefficients_ is not None:
-        return Scale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
+        return GaugeScale(np.array([values[0] for values in model.coefficients_]), 'elastic model')
     sensors = {sensor.gauge: sensor.gain for sensor in bundle.arm.spec.sensors}
     gain = np.array([sensors.get(name, np.nan) for name in bundle.arm.gauge_names])
-    return Scale(gain, 'sensors of the arm description' if np.isfinite(gain).any() else '')
+    return GaugeScale(gain, 'sensors of the arm description' if np.isfinite(gain).any() else '')
 
 
 def strain_deviation(bundle: ModelBundle, kind: str) -> FloatArray:
@@ -126,9 +126,19 @@ class Span:
         return min(self.inner, self.outer - SPAN_LENGTH), self.outer
 
     @property
+    def spread(self) -> float:
+        """Standard deviation of the place before anything is known [m]."""
+        return (self.outer - self.inner) / math.sqrt(12.0)
+
+    @property
+    def weight(self) -> float:
+        """How likely a contact is here before anything is known, up to a factor [m]."""
+        return max(self.outer - self.inner, SPAN_LENGTH)
+
+    @property
     def covariance(self) -> FloatArray:
         """Covariance of what presses, any place as likely as another [N, N m, N]."""
-        spread = (self.outer - self.inner) / math.sqrt(12.0)
+        spread = self.spread
         return np.array([
             [self.across**2, self.across**2 * self.middle, 0.0],
             [self.across**2 * self.middle, self.across**2 * (self.middle**2 + spread**2), 0.0],

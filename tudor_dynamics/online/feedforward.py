@@ -310,7 +310,7 @@ def invert(
 
 
 @dataclass(frozen=True, eq=False)
-class Bent:
+class Deflection:
     """What an elastic arm needs point by point."""
 
     # Positions of the motors, as their encoders show them, (points, joints) [rad or m].
@@ -318,7 +318,7 @@ class Bent:
     torque: FloatArray  # torque (or force) of each gear on the links, (points, joints) [N m or N]
 
 
-class BentArm:
+class DeflectedArm:
     """An elastic arm under the load of a wanted motion."""
 
     def __init__(self, arm: Arm, values: Mapping[str, float]) -> None:
@@ -355,7 +355,7 @@ class BentArm:
         """Put another mass at the tip: payload [kg]."""
         self._driven.set_parameters({'payload': payload})
 
-    def under(self, motion: FloatArray, *, reach: bool) -> Bent:
+    def under(self, motion: FloatArray, *, reach: bool) -> Deflection:
         """
         Bend the arm under the load of a motion, each point by itself.
 
@@ -368,7 +368,7 @@ class BentArm:
             msg = (f'{self._name}: links and gears do not come to rest under the load of point '
                    f'{done + 1}, q = {np.round(q[done], 3).tolist()}')
             raise SimulationError(msg, remedy='move it more slowly, or correct the stiffnesses')
-        return Bent(motor, torque)
+        return Deflection(motor, torque)
 
 
 # Efforts that a wanted motion needs, for controllers that add them to what errors ask for.
@@ -437,21 +437,21 @@ class Feedforward:
         self._turning = np.array([joint.friction_velocity for joint in arm.joints])
         self._keeps = friction_at_rest == 'kept'
         self._of_all = efforts[kind]
-        self._bent: BentArm | None = None
+        self._deflected: DeflectedArm | None = None
         self._leads = positions == 'motor'
         self._limits = hard_limits(arm)
         if self._leads or kind == 'elastic':
-            self._bent = BentArm(arm, _physical(bundle))
+            self._deflected = DeflectedArm(arm, _physical(bundle))
         known = self._of_all.payload_range
         of_bags = bundle.payload if known is None else known[0]
-        described = 0.0 if self._bent is None else self._bent.payload
+        described = 0.0 if self._deflected is None else self._deflected.payload
         self._known = described if of_bags is None else of_bags
-        self._worth = self._find_worth(bundle, kind)
+        self._per_kilogram = self._find_per_kilogram(bundle, kind)
         self._model: Model = self._of_all
         self.payload = self._known
         self.carry(self._known if payload is None else payload)
 
-    def _find_worth(self, bundle: ModelBundle, kind: str) -> LoadWorth | None:
+    def _find_per_kilogram(self, bundle: ModelBundle, kind: str) -> LoadWorth | None:
         """Give what a kilogram adds, for a model of one payload that does not know itself."""
         if self._of_all.payload_range is not None or kind != 'analytical':
             return None
@@ -480,13 +480,13 @@ class Feedforward:
         elastic = self._of_all.has_memory
         if self._of_all.payload_range is not None or (elastic and abs(more) > SAME):
             self._model = self._of_all.at(payload)
-        elif self._worth is None and abs(more) > SAME:
+        elif self._per_kilogram is None and abs(more) > SAME:
             msg = (f'the model was fitted to a payload of {self._known:g} kg, and nothing tells '
                    f'what {payload:g} kg are in its efforts')
             raise ModelError(msg, remedy='fit a model to bags of two payloads (tudor fit '
                                          '--payload-of), or describe torque constants')
-        if self._bent is not None:
-            self._bent.carry(payload)
+        if self._deflected is not None:
+            self._deflected.carry(payload)
         self.payload = payload
 
     def efforts(self, motion: FloatArray) -> FloatArray:
@@ -505,16 +505,16 @@ class Feedforward:
 
         """
         if isinstance(self._model, ElasticModel):
-            assert self._bent is not None
-            return self._by_torque(self._bent.under(motion, reach=False).torque, motion)
+            assert self._deflected is not None
+            return self._by_torque(self._deflected.under(motion, reach=False).torque, motion)
         return self._by_motion(motion)
 
     def _by_motion(self, motion: FloatArray) -> FloatArray:
         """Give the efforts of a model that has no memory."""
         found = self._model.predict(motion)
         more = self.payload - self._known
-        if self._worth is not None and abs(more) > SAME:
-            found = found + more * self._worth.along(motion)
+        if self._per_kilogram is not None and abs(more) > SAME:
+            found = found + more * self._per_kilogram.along(motion)
         return np.asarray(found * self._factor)
 
     def _by_torque(self, torque: FloatArray, motion: FloatArray) -> FloatArray:
@@ -554,21 +554,21 @@ class Feedforward:
         if not self._leads:
             effort = self._along(motion, None)
             return replace(trajectory, effort=_put(trajectory, None, places, effort))
-        assert self._bent is not None
-        bent = self._bent.under(motion, reach=True)
+        assert self._deflected is not None
+        deflection = self._deflected.under(motion, reach=True)
         n = len(self.joints)
-        self._check_limits(bent.motor, motion[:, :n])
-        further = bent.motor - motion[:, :n]
+        self._check_limits(deflection.motor, motion[:, :n])
+        further = deflection.motor - motion[:, :n]
         rate, rise = _derivatives(trajectory.t, further, motion[:, n:2 * n])
-        led = np.hstack([bent.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
-        effort = self._along(led, bent)
+        led = np.hstack([deflection.motor, motion[:, n:2 * n] + rate, motion[:, 2 * n:] + rise])
+        effort = self._along(led, deflection)
         q, dq, ddq, effort = (
             _put(trajectory, given, places, own) for given, own in zip(
                 (trajectory.q, trajectory.dq, trajectory.ddq, None),
                 (*np.split(led, 3, axis=1), effort), strict=True))
         return replace(trajectory, q=q, dq=dq, ddq=ddq, effort=effort)
 
-    def _along(self, motion: FloatArray, bent: Bent | None) -> FloatArray:
+    def _along(self, motion: FloatArray, deflection: Deflection | None) -> FloatArray:
         """Give the efforts of motors point after point; bent links may be known already."""
         n, felt = len(self.joints), motion
         if self._keeps:
@@ -576,8 +576,8 @@ class Feedforward:
             felt[:, n:2 * n] = kept_speeds(motion[:, n:2 * n], self._turning)
         if not isinstance(self._model, ElasticModel):
             return self._by_motion(felt)
-        assert self._bent is not None
-        torque = (bent or self._bent.under(motion, reach=False)).torque
+        assert self._deflected is not None
+        torque = (deflection or self._deflected.under(motion, reach=False)).torque
         return self._by_torque(torque, felt)
 
     def _check_limits(self, motor: FloatArray, wanted: FloatArray) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 import re
 import time
 import traceback
@@ -40,7 +41,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from tudor_dynamics.errors import TudorError
+from tudor_dynamics.arm.description import Arm, load_arm, refuse_interfaces
+from tudor_dynamics.errors import ArmError, TudorError
 from tudor_dynamics.nodes.common.interfaces import CLOCK, DIAGNOSTICS, NODES, Param, Value
 from tudor_dynamics.nodes.common.messages import (
     JointSample, JointStateDecoder, MotionDecoder, PointSample)
@@ -293,15 +295,43 @@ def _descriptor(param: Param) -> ParameterDescriptor:
     return descriptor
 
 
+@dataclass(frozen=True)
+class Figure:
+    """
+    A figure, or several alike, in a node's diagnostics.
+
+    A key with a word in capitals stands for several: ``give`` returns a mapping of what takes the
+    place of that word. Without a key ``give`` returns keys and texts.
+    """
+
+    key: str
+    give: Callable[[Any], Any]  # from `of` to a text, a mapping, or None for no figure now
+    of: str = ''  # attribute of the node that is asked, the node itself by default; None is not
+
+    def read(self, node: Any) -> dict[str, str]:
+        """Give keys and texts."""
+        asked = getattr(node, self.of) if self.of else node
+        found = None if asked is None else self.give(asked)
+        if found is None:
+            return {}
+        if not isinstance(found, dict):
+            return {self.key: str(found)}
+        word = next((word for word in self.key.split() if word.isupper()), '')
+        return {self.key.replace(word, name) if word else name: str(text)
+                for name, text in found.items()}
+
+
 class TudorNode(Node):
     """
     Base of the nodes.
 
     steady: clock by which the node tells ages, never that of ROS, which stops with a simulator
-    [s]; fault: empty for nothing; ended: empty while it may.
+    [s]; fault: empty for nothing; ended: empty while it may; robot: name of the arm, once known.
     """
 
     depth = DEPTH  # of its queues
+    robot = ''
+    FIGURES: tuple[Figure, ...] = ()
 
     def __init__(
         self, name: str, *, steady: Callable[[], float] = time.monotonic, **kwargs: Any,
@@ -422,8 +452,23 @@ class TudorNode(Node):
         self.create_service(Trigger, name, answer)
 
     def hardware(self) -> str:
-        """Give the hardware_id of the diagnostics."""
-        return str(self.value('robot')) or 'none'
+        """Give the hardware_id of the diagnostics, by default the name of the arm."""
+        return str(self.value('robot')) or self.robot or 'none'
+
+    def fail(self, err: TudorError) -> None:
+        """Keep what makes the node useless, for its diagnostics, and log it."""
+        self.fault = str(err)
+        self.get_logger().error(self.fault)
+
+    def described_arm(self, contents: str, reader: str = '') -> Arm:
+        """Read the parameter ``arm``; a reader takes no interfaces but JointStates."""
+        if not self.value('arm'):
+            msg = f'no arm: set the parameter arm to a description with {contents}'
+            raise ArmError(msg)
+        arm = load_arm(self.value('arm'))
+        if reader:
+            refuse_interfaces(arm, reader)
+        return arm
 
     def counters(self) -> list[Counter[str]]:
         """Give all counters of drops."""
@@ -449,15 +494,24 @@ class TudorNode(Node):
         self.ended = why
         self.publish_diagnostics()
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Give level, message and more values; subclasses add to them."""
+    def verdict(self) -> tuple[bytes, str]:
+        """Give level and message of the diagnosis; subclasses judge further."""
         if self.ended:
-            return WARN, self.ended, {}
+            return WARN, self.ended
         if self.fault:
-            return ERROR, self.fault, {}
+            return ERROR, self.fault
         if 'timeout' in self.params and self.meter.stale(float(self.value('timeout'))):
-            return STALE, 'no input', {}
-        return OK, 'running', {}
+            return STALE, 'no input'
+        return OK, 'running'
+
+    def status(self) -> tuple[bytes, str, dict[str, str]]:
+        """Give level, message and figures."""
+        level, message = self.verdict()
+        values: dict[str, str] = {}
+        for kind in reversed(type(self).__mro__):
+            for figure in kind.__dict__.get('FIGURES', ()):
+                values.update(figure.read(self))
+        return level, message, values
 
     def _unusable(self) -> str:
         """Say why much of what came since the last diagnosis could not be used; empty if not."""

@@ -31,7 +31,7 @@ from std_msgs.msg import Bool, Header
 from tudor_dynamics.compiled import largest_size
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle import ModelBundle
-from tudor_dynamics.nodes.common.base import ERROR, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     CALIBRATE, COLLISION, COLLISION_EVENT, CONTACT, CONTACT_POINT, CONTACT_WRENCH, FIELD, RESET,
     RESIDUALS, THRESHOLDS)
@@ -49,7 +49,7 @@ from tudor_dynamics.online.streams import Gathering
 from tudor_dynamics.online.threshold_learning import Calibration
 
 
-class CollisionTold:
+class CollisionOutput:
     """Publishes levels as they change, and collisions as they come."""
 
     def __init__(self, node: TudorNode) -> None:
@@ -96,7 +96,7 @@ class CollisionTold:
         return self._node.rivals(self._flags[Level.COLLISION])
 
 
-class ContactTold:
+class ContactOutput:
     """Publishes what touches an arm."""
 
     def __init__(self, node: TudorNode) -> None:
@@ -158,6 +158,20 @@ class ContactTold:
 class DetectNode(ModelNode):
     """Base of the nodes that find collisions."""
 
+    FIGURES = (
+        Figure('level', lambda watch: watch.level.name.lower(), 'watch'),
+        Figure('methods', lambda watch: ', '.join(watch.stages) or 'none', 'watch'),
+        Figure('not judged [%]', lambda node: node.watch and (
+            f'{100.0 * node.coverage.verdict.share:.1f}')),
+        Figure('not judged: CAUSE', lambda node: node.watch and {
+            cause: f'{100.0 * share:.1f}'
+            for cause, share in sorted(node.coverage.verdict.causes.items())}),
+        Figure('thresholds widened: METHOD', lambda watch: {
+            method: f'{factor:.2f} ({channel})'
+            for method, (factor, channel) in watch.widened.items()}, 'watch'),
+        Figure('', lambda node: node.watch and node.contact_output.values(node.watch)),
+        Figure('', lambda node: node.watch and node.collision_output.values()))
+
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.watch: Watch | None = None
@@ -175,8 +189,8 @@ class DetectNode(ModelNode):
         self._thresholds = {m: self.listened.add(self.publish_on(JointState, THRESHOLDS[m]))
                             for m in METHODS}
         self._encoders: dict[str, JointStateEncoder] = {}
-        self._collision = CollisionTold(self)
-        self._contact = ContactTold(self)
+        self.collision_output = CollisionOutput(self)
+        self.contact_output = ContactOutput(self)
         self.serve(RESET, self._reset)
         self.serve(CALIBRATE, self._calibrate)
 
@@ -293,12 +307,12 @@ class DetectNode(ModelNode):
             if publisher.wanted:
                 self._publish(publisher, method, excess.residual.motion.stamp, excess.threshold)
         for event in found.events:
-            self._collision.event(event)
+            self.collision_output.event(event)
         for estimate in found.contacts:
             assert self.watch is not None  # which found it
-            self._contact.tell(self.watch, estimate)
+            self.contact_output.tell(self.watch, estimate)
         if self.watch is not None and found.excesses:
-            self._collision.level(self.watch.level)
+            self.collision_output.level(self.watch.level)
 
     def _publish(self, publisher: ListenedPublisher, method: str, stamp: int, values: Any) -> None:
         publisher.publish(self._encoders[method].encode(stamp, values))
@@ -306,7 +320,7 @@ class DetectNode(ModelNode):
     def _reset(self) -> str:
         if self.watch is not None:
             self.watch.detector.reset()
-        self._collision.level(Level.FREE)
+        self.collision_output.level(Level.FREE)
         return 'armed'
 
     def _calibrate(self) -> str:
@@ -368,31 +382,21 @@ class DetectNode(ModelNode):
         methods = self.watch.methods if self.watch is not None else ()
         return {**super().about(), 'methods': ', '.join(methods) or 'none'}
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell level, what was not judged, dead sensors and the last event."""
-        level, message, values = super().status()
+    def verdict(self) -> tuple[bytes, str]:
+        """Say what is not judged, and why."""
+        level, message = super().verdict()
         if self.watch is None:
-            return level, message, values
-        verdict = self.coverage.look(self.steady())
-        values['level'] = self.watch.level.name.lower()
-        values['methods'] = ', '.join(self.watch.stages) or 'none'
-        values['not judged [%]'] = f'{100.0 * verdict.share:.1f}'
-        for cause, share in sorted(verdict.causes.items()):
-            values[f'not judged: {cause}'] = f'{100.0 * share:.1f}'
-        for method, (factor, channel) in self.watch.widened.items():
-            values[f'thresholds widened: {method}'] = f'{factor:.2f} ({channel})'
-        values |= self._contact.values(self.watch) | self._collision.values()
+            return level, message
+        self.coverage.look(self.steady())
         own, text = self._judge_itself()
         if level in (OK, WARN) and own > level:
-            level, message = own, text
-        elif level == own == WARN:
-            message = f'{message}; {text}'
-        return level, message, values
+            return own, text
+        return level, f'{message}; {text}' if level == own == WARN else message
 
     def _judge_itself(self) -> tuple[bytes, str]:
         """Give level and message of a detector that has a model and input."""
         assert self.watch is not None
-        rivals = self._collision.rivals()
+        rivals = self.collision_output.rivals()
         dead = [name for health in self.health.values() for name in health.dead()]
         verdict = self.coverage.verdict
         learning = self._calibration is not None and not self.watch.stages
@@ -412,6 +416,8 @@ class DetectNode(ModelNode):
 
 class LoadNode(DetectNode):
     """Base of the nodes that find collisions and know of a load."""
+
+    FIGURES = (Figure('', lambda port: port.values(), 'port'),)
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -437,8 +443,3 @@ class LoadNode(DetectNode):
             self.get_logger().info(f'no collision but a load: {load.mass:.3f} kg now')
         if found.residuals:
             self.port.tell(found.residuals[-1][1].motion.stamp, len(found.loads))
-
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Add the load."""
-        level, message, values = super().status()
-        return level, message, {**values, **self.port.values()}

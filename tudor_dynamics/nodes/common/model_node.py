@@ -32,7 +32,7 @@ from tudor_dynamics.errors import ModelError, TudorError
 from tudor_dynamics.load.live import CarriedLoad, PayloadStage
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
-from tudor_dynamics.nodes.common.base import DEEP, ERROR, latched, OK, TudorNode, WARN
+from tudor_dynamics.nodes.common.base import DEEP, ERROR, Figure, latched, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import EXPECT_PAYLOAD, GRIPPERS, PAYLOAD_TOPIC, RELOAD
 from tudor_dynamics.nodes.common.messages import ArrayDecoder, JointSample, time_message
 
@@ -198,6 +198,10 @@ class ModelNode(TudorNode):
     """
 
     depth = DEEP
+    FIGURES = (
+        Figure('model', lambda node: 'none' if node.bundle is None else node.source),
+        Figure('arm', lambda bundle: f'{bundle.arm.name} {bundle.arm.digest[:12]}', 'bundle'),
+        Figure('payload [kg]', lambda node: node.payload_known()))
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
@@ -205,7 +209,7 @@ class ModelNode(TudorNode):
         self.ros_time: Callable[[], int] = lambda: int(self.get_clock().now().nanoseconds)
         self._loaded: ModelBundle | None = None
         self.of_all: ModelBundle | None = None
-        self._source = str(self.value('model'))
+        self.source = str(self.value('model'))
         self._payload = float(self.value('payload')) if 'payload' in self.params else 0.0
         self._reload_fault = ''
         self._ready: Callable[[], None] | None = None
@@ -216,7 +220,7 @@ class ModelNode(TudorNode):
         try:
             self._loaded = self._load()
             bundle = self._carrying(self._loaded)
-            self.use(bundle, self.prepare(bundle))
+            self._adopt(bundle, self.prepare(bundle))
         except TudorError as err:
             self.fault = str(err)
         self.create_service(Trigger, RELOAD, self._on_reload)
@@ -224,11 +228,11 @@ class ModelNode(TudorNode):
         self._poll.cancel()
 
     def _load(self) -> ModelBundle:
-        if not self._source:
+        if not self.source:
             msg = 'no model: set the parameter model to a bundle made by tudor fit'
             raise ModelError(msg)
         arm = None if self.bundle is None else self.bundle.arm
-        return self.choose(load_bundle(self._source, arm=arm))
+        return self.choose(load_bundle(self.source, arm=arm))
 
     def choose(self, loaded: ModelBundle) -> ModelBundle:
         """Take what of a bundle works beside a robot that is measured; or refuse it."""
@@ -253,7 +257,11 @@ class ModelNode(TudorNode):
         if payload != self._payload:
             self._payload = payload
             bundle = self._carrying(self._loaded)
-            self.use(bundle, self.prepare(bundle))
+            self._adopt(bundle, self.prepare(bundle))
+
+    def _adopt(self, bundle: ModelBundle, prepared: Any) -> None:
+        self.use(bundle, prepared)
+        self.robot = bundle.arm.name
 
     def prepare(self, bundle: ModelBundle) -> Any:
         """Build what works with a model; slow, in a thread of its own when reloading."""
@@ -286,13 +294,13 @@ class ModelNode(TudorNode):
             def take() -> None:
                 self.fault = self._reload_fault = ''
                 self._loaded = loaded
-                self.use(bundle, prepared)
-                self.get_logger().info(f'model {self._source} in use')
+                self._adopt(bundle, prepared)
+                self.get_logger().info(f'model {self.source} in use')
             self._ready = take
         self._loader = Thread(target=load, daemon=True)
         self._loader.start()
         self._poll.reset()
-        response.success, response.message = True, f'loading {self._source}'
+        response.success, response.message = True, f'loading {self.source}'
         return response
 
     def _take_over(self) -> None:
@@ -322,31 +330,28 @@ class ModelNode(TudorNode):
         return self.subscribe_raw(Float64MultiArray, topic, ArrayDecoder(
             places, lambda: self.ros_time(), self.drops), callback)
 
-    def hardware(self) -> str:
-        """Give the name of the robot, by default that of the model's arm."""
-        arm = '' if self.bundle is None else self.bundle.arm.name
-        return str(self.value('robot')) or arm or 'none'
-
     def about(self) -> dict[str, str]:
         """Add the arm."""
         arm = 'none' if self.bundle is None else self.bundle.arm.name
         return {**super().about(), 'arm': arm}
 
-    def status(self) -> tuple[bytes, str, dict[str, str]]:
-        """Tell which model is in use."""
-        level, message, values = super().status()
-        values['model'] = self._source if self.bundle is not None else 'none'
-        if self.bundle is not None:
-            values['arm'] = f'{self.bundle.arm.name} {self.bundle.arm.digest[:12]}'
+    def payload_known(self) -> str | None:
+        """Give the mass that the model has in it [kg], or that was chosen of all it knows."""
+        if self._loaded is None:
+            return None
+        if self._loaded.payload_range is not None and 'payload' in self.params:
+            return f'{float(self.value("payload")):g}'
+        return None if self._loaded.payload is None else f'{self._loaded.payload:g}'
+
+    def verdict(self) -> tuple[bytes, str]:
+        """Say where the model does not fit the load, and why another one was refused."""
+        level, message = super().verdict()
         known = None if self._loaded is None else self._loaded.payload_range
-        if self._loaded is not None and self._loaded.payload is not None:
-            values['payload [kg]'] = f'{self._loaded.payload:g}'
-        if known is not None and 'payload' in self.params:
+        if known is not None and level == OK and 'payload' in self.params:
             payload = float(self.value('payload'))
-            values['payload [kg]'] = f'{payload:g}'
-            if level == OK and not known[0] <= payload <= known[1]:
+            if not known[0] <= payload <= known[1]:
                 return WARN, (f'payload {payload:g} kg: the model was fitted to {known[0]:g} to '
-                              f'{known[1]:g} kg'), values
+                              f'{known[1]:g} kg')
         if self._reload_fault and level == OK:
-            return ERROR, f'reload refused: {self._reload_fault}', values
-        return level, message, values
+            return ERROR, f'reload refused: {self._reload_fault}'
+        return level, message

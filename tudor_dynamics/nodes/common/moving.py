@@ -1,0 +1,185 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Base of the managed nodes that answer positions of an arm with what moves it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import JointState
+
+from tudor_dynamics.arm.description import Arm
+from tudor_dynamics.errors import TudorError
+from tudor_dynamics.nodes.common.base import Figure, TudorNode, WARN
+from tudor_dynamics.nodes.common.messages import NamedReader, nanoseconds
+from tudor_dynamics.online.streams import StampGate, Tick
+from tudor_dynamics.typing import FloatArray
+
+
+class MovingNode(LifecycleNodeMixin, TudorNode):
+    """
+    A managed node, because it commands motion; ``**kwargs`` go to rclpy's Node.
+
+    A subclass makes its controller in `build`, and moves the arm in `answer`.
+    gap [s]: longer between positions is an interruption.
+    """
+
+    FIGURES = (Figure('phase', lambda node: node.phase),)
+    ending = ''
+    """What a node that was shut down says."""
+
+    def __init__(self, name: str, gap: float, **kwargs: Any) -> None:
+        TudorNode.__init__(self, name, **kwargs)
+        LifecycleNodeMixin.__init__(self)
+        self.controller: Any = None
+        self.gate = StampGate(gap)
+        self.active = False
+        self.phase = 'unconfigured'
+        self._strain = np.zeros(0)
+        self._read = np.zeros(0)  # stamps of the strains [s]
+        self._fresh = np.zeros(0, dtype=bool)  # strains since the last answer
+        self._gauges: dict[str, tuple[NamedReader, list[int]]] = {}
+        self._inputs: list[Subscription] = []
+
+    def autostart(self) -> None:
+        """Configure and activate where that is asked for; at the end of a constructor."""
+        if self.value('autostart'):
+            self.trigger_configure()
+            if self.controller is not None:
+                self.trigger_activate()
+
+    def build(self) -> tuple[Arm, Collection[str]]:
+        """Make the controller; give the arm, and the gauges that the controller needs."""
+        raise NotImplementedError
+
+    def subscribe_inputs(self) -> list[Subscription]:
+        """Subscribe to all but positions and strains."""
+        raise NotImplementedError
+
+    def answer(self, message: JointState, tick: Tick, q: FloatArray) -> None:
+        """Answer positions (joints,) [rad or m]."""
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """Get ready for the first positions after an activation."""
+        self.gate.reset()
+
+    def stop(self) -> None:
+        """Do what a deactivation needs."""
+
+    def stamped(self, stamp: int) -> None:
+        """Take the stamp of usable positions into account [ns]."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Read the arm, subscribe."""
+        try:
+            arm, gauges = self.build()
+        except TudorError as err:
+            self.controller = None
+            self.fail(err)
+            return TransitionCallbackReturn.FAILURE
+        self.fault, self.robot = '', arm.name
+        self.apply()
+        self._joints = NamedReader(arm.active_joints, self.drops)
+        self._strain = np.full(len(arm.gauges), np.nan)
+        self._read = np.full(len(arm.gauges), -np.inf)
+        self._fresh = np.zeros(len(arm.gauges), dtype=bool)
+        topics: dict[str, list[str]] = {}
+        for gauge in arm.gauges:
+            if gauge.name in gauges:
+                topics.setdefault(gauge.topic, []).append(gauge.name)
+        self._gauges = {
+            topic: (NamedReader(names, self.drops), [arm.gauge_names.index(n) for n in names])
+            for topic, names in topics.items()}
+        self._own = arm.spec.joint_topic
+        self._inputs = [self.subscribe(JointState, self._own, self._on_joints),
+                        *self.subscribe_inputs()]
+        self._inputs += [self.subscribe(JointState, topic, partial(self._on_strains, topic))
+                         for topic in topics if topic != self._own]
+        self.phase = 'inactive'
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to answer positions."""
+        if self.controller is None:
+            return TransitionCallbackReturn.FAILURE
+        self.begin()
+        self.active, self.phase = True, 'active'
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer no more."""
+        self.stop()
+        self.active, self.phase = False, 'inactive'
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the arm."""
+        for item in self._inputs:
+            self.destroy_subscription(item)
+        self._inputs, self.controller, self.phase = [], None, 'unconfigured'
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer no more, for good."""
+        self.active, self.phase = False, 'finalized'
+        self.end(self.ending)
+        return TransitionCallbackReturn.SUCCESS
+
+    def _on_strains(self, topic: str, message: JointState) -> None:
+        reader, index = self._gauges[topic]
+        values = reader.read(message, 'position')
+        if values is not None:
+            self._strain[index], self._fresh[index] = values, True
+            self._read[index] = nanoseconds(message.header.stamp) * 1e-9
+
+    def _on_joints(self, message: JointState) -> None:
+        begun = self.meter.begin()
+        if not self.active or self.controller is None:
+            return
+        q = self._joints.read(message, 'position')
+        if q is None:
+            return
+        if not np.isfinite(q).all():
+            self.drops['not_finite'] += 1
+            self.gate.unusable()
+            return
+        if self._own in self._gauges:
+            self._on_strains(self._own, message)
+        stamp = nanoseconds(message.header.stamp)
+        self.stamped(stamp)
+        tick = self.gate.step(stamp)
+        if tick is None:
+            return
+        self.answer(message, tick, q)
+        self._fresh[:] = False
+        self.meter.end(begun)
+
+    def counters(self) -> list[Counter[str]]:
+        """Add the drops by stamps."""
+        return [self.drops, self.gate.drops]
+
+    def verdict(self) -> tuple[bytes, str]:
+        """Say that a node that is not active moves nothing."""
+        level, message = super().verdict()
+        if self.controller is not None and not self.active:
+            return WARN, self.ended or self.phase
+        return level, message
