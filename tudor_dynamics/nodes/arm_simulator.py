@@ -54,8 +54,9 @@ def _by_topic(topics: Iterable[str]) -> dict[str, list[int]]:
 class ArmSimulatorNode(TudorNode):
     """Simulator node; ``**kwargs`` go to rclpy's Node."""
 
-    FIGURES = (Figure('simulated time [s]', lambda arm: f'{arm.t:.1f}', 'arm'),
-               Figure('gave up real time', lambda node: node.arm and node.late))
+    FIGURES: tuple[Figure, ...] = (
+        Figure('simulated time [s]', lambda arm: f'{arm.t:.1f}', 'arm'),
+        Figure('gave up real time', lambda node: node.arm and node.late))
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('arm_simulator', **kwargs)

@@ -53,7 +53,7 @@ def message_class(msgtype: str) -> Any:
 class BagPlayerNode(EndingNode):
     """Player node; ``**kwargs`` go to rclpy's Node."""
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('bag', lambda node: node.value('bag')),
         Figure('skipped', lambda node: ', '.join(node.skipped) or None),
         Figure('messages in the bag', lambda node: None if node.fault or node.finished

@@ -42,7 +42,7 @@ IGNORED = ('/rosout', '/parameter_events')
 class BagRecorderNode(EndingNode):
     """Recorder node; ``**kwargs`` go to rclpy's Node."""
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('bag', lambda node: node.value('bag')),
         Figure('topics', lambda node: ', '.join(
             sorted(topic for topic, heard in node.recorded.items() if heard)) or 'none'))

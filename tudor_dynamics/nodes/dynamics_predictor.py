@@ -38,8 +38,9 @@ from tudor_dynamics.online.streams import Gathering
 class DynamicsPredictorNode(ModelNode):
     """Predictor node; ``**kwargs`` go to rclpy's Node."""
 
-    FIGURES = (Figure('kind', lambda node: node.value('kind')),
-               Figure('', lambda port: port.values(), 'port'))
+    FIGURES: tuple[Figure, ...] = (
+        Figure('kind', lambda node: node.value('kind')),
+        Figure('', lambda port: port.values(), 'port'))
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('dynamics_predictor', **kwargs)

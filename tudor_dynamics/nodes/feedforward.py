@@ -43,7 +43,7 @@ class FeedforwardNode(ModelNode):
     """Feed-forward node; ``**kwargs`` go to rclpy's Node."""
 
     depth = DEPTH  # an old command is of no use
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('kind', lambda node: node.ahead and node.value('kind')),
         Figure('unit', lambda ahead: ', '.join(ahead.units), 'ahead'),
         Figure('positions', lambda node: node.ahead and node.value('positions')),

@@ -53,7 +53,7 @@ class ForceControllerNode(MovingNode):
     other. Whatever goes wrong ends in a held pose until ``~/reset``.
     """
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.phase.name.lower(), 'controller'),
         Figure('cause', lambda controller: controller.cause, 'controller'),
         Figure('wanted [N]', lambda controller: f'{controller.wanted:.3g}', 'controller'),

@@ -106,7 +106,7 @@ class MonitorsNode(TudorNode):
     diagnostics of its own, as if it were a process.
     """
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('CPU [%]', lambda node: node.cpu()),
         Figure('arms', lambda node: len(node.arms)),
         Figure('watched', lambda node: sum(arm.node is not None for arm in node.arms)),

@@ -69,7 +69,7 @@ class OscillationDamperNode(MovingNode):
     ``timeout``, at deactivation and at the end it brakes to standstill.
     """
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('state', lambda controller: controller.state.name.lower(), 'controller'),
         Figure('cause', lambda controller: controller.cause, 'controller'),
         Figure('loop delay [ms]', lambda controller: _delay_text(controller.gains.delay.delay),

@@ -55,7 +55,7 @@ class ReferenceGeneratorNode(TudorNode):
     It begins where the joints are: nothing is published before the first joint states.
     """
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('reaction', lambda node: node.value('reaction')),
         Figure('shaping', lambda source: source.shaping.kind, 'source'),
         Figure('not shaped', lambda source: source.shaping.note or None, 'source'),

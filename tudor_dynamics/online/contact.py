@@ -322,8 +322,9 @@ class ContactEstimator:
             return None
         n = len(row) // 3
         standing = float(np.abs(row[n:2 * n]).max()) < STANDING_SPEED
+        free_of_offset = moment - self._offset  # as it was before this sample
         share = self._standing_noise(dt, moment, standing)
-        likely = self._correct(dt, row, moment - self._offset, share)
+        likely = self._correct(dt, row, free_of_offset, share)
         if isinstance(self._front, ElasticFront):
             self._front.settle(moment - self._offset, dt, self._state)
         # free motion says nothing of where a contact is

@@ -158,7 +158,7 @@ class ContactOutput:
 class DetectNode(ModelNode):
     """Base of the nodes that find collisions."""
 
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('level', lambda watch: watch.level.name.lower(), 'watch'),
         Figure('methods', lambda watch: ', '.join(watch.stages) or 'none', 'watch'),
         Figure('not judged [%]', lambda node: node.watch and (
@@ -417,7 +417,7 @@ class DetectNode(ModelNode):
 class LoadNode(DetectNode):
     """Base of the nodes that find collisions and know of a load."""
 
-    FIGURES = (Figure('', lambda port: port.values(), 'port'),)
+    FIGURES: tuple[Figure, ...] = (Figure('', lambda port: port.values(), 'port'),)
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)

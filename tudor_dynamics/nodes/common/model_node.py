@@ -198,7 +198,7 @@ class ModelNode(TudorNode):
     """
 
     depth = DEEP
-    FIGURES = (
+    FIGURES: tuple[Figure, ...] = (
         Figure('model', lambda node: 'none' if node.bundle is None else node.source),
         Figure('arm', lambda bundle: f'{bundle.arm.name} {bundle.arm.digest[:12]}', 'bundle'),
         Figure('payload [kg]', lambda node: node.payload_known()))

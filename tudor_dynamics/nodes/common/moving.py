@@ -42,7 +42,7 @@ class MovingNode(LifecycleNodeMixin, TudorNode):
     gap [s]: longer between positions is an interruption.
     """
 
-    FIGURES = (Figure('phase', lambda node: node.phase),)
+    FIGURES: tuple[Figure, ...] = (Figure('phase', lambda node: node.phase),)
     ending = ''
     """What a node that was shut down says."""
 
