@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.control.gains import Schedule
     from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
     from tudor_dynamics.errors import TudorError
+    from tudor_dynamics.fleet.cluster import on_cluster
     from tudor_dynamics.identification.fit import FitSettings
     from tudor_dynamics.identification.validation import score
     from tudor_dynamics.library import carried, detect, fit, predict
@@ -54,7 +55,6 @@ if TYPE_CHECKING:
     from tudor_dynamics.online.feedforward import Feedforward
     from tudor_dynamics.online.force_rig import ForceRig
     from tudor_dynamics.online.monitor import follow_load, Monitor, MonitorSettings
-    from tudor_dynamics.parallel import on_cluster
     from tudor_dynamics.show.pictures import draw_schedule
     from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
     from tudor_dynamics.signals.preprocessing import prepare
@@ -81,6 +81,7 @@ _HOMES = {
     'tudor_dynamics.control.gains': ('Schedule',),
     'tudor_dynamics.control.shaped_motion': ('ShapedPlanner', 'Shaping'),
     'tudor_dynamics.errors': ('TudorError',),
+    'tudor_dynamics.fleet.cluster': ('on_cluster',),
     'tudor_dynamics.identification.fit': ('FitSettings',),
     'tudor_dynamics.identification.validation': ('score',),
     'tudor_dynamics.library': ('carried', 'detect', 'fit', 'predict'),
@@ -101,7 +102,6 @@ _HOMES = {
     'tudor_dynamics.online.feedforward': ('Feedforward',),
     'tudor_dynamics.online.force_rig': ('ForceRig',),
     'tudor_dynamics.online.monitor': ('follow_load', 'Monitor', 'MonitorSettings'),
-    'tudor_dynamics.parallel': ('on_cluster',),
     'tudor_dynamics.show.pictures': ('draw_schedule',),
     'tudor_dynamics.signals.motion_profile': ('follow_targets', 'motion_limits'),
     'tudor_dynamics.signals.preprocessing': ('prepare',),

@@ -17,11 +17,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, TYPE_CHECKING, TypeVar
 import warnings
 
@@ -42,6 +40,7 @@ from tudor_dynamics.identification.loads import bundle_of, payload_of
 from tudor_dynamics.identification.many_bags import (
     fit_many, Streaming, streams, with_recorded_gauges)
 from tudor_dynamics.identification.next_steps import assess
+from tudor_dynamics.identification.passes import Spool
 from tudor_dynamics.identification.validation import part_errors, validate, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -205,17 +204,16 @@ def fit(
     if preprocessing is not None:  # what is given is meant, defaults included
         spec = PreprocessingSpec.model_validate(spec.model_dump())
     masses = _by_path(payloads or {}, [*training, *judging])
-    with ExitStack() as stack:
-        if streams(len(training), settings, asked=streaming is not None):
-            if streaming is None:
-                streaming = Streaming(Path(stack.enter_context(TemporaryDirectory())))
-            result = fit_many(arm, training, judging, spec, settings, masses, streaming, progress,
-                              ignore_payload=ignore_payload)
-        else:
-            arm = with_recorded_gauges(arm, [*training, *judging])
-            data, test_data = read_bags(arm, training, judging, spec, masses, progress)
-            result = fit_bags(arm, data, test_data, spec, settings, progress,
-                              ignore_payload=ignore_payload)
+    if streams(len(training), settings, asked=streaming is not None):
+        if streaming is None:
+            streaming = Streaming(Spool())
+        result = fit_many(arm, training, judging, spec, settings, masses, streaming, progress,
+                          ignore_payload=ignore_payload)
+    else:
+        arm = with_recorded_gauges(arm, [*training, *judging])
+        data, test_data = read_bags(arm, training, judging, spec, masses, progress)
+        result = fit_bags(arm, data, test_data, spec, settings, progress,
+                          ignore_payload=ignore_payload)
     progress('collision thresholds')
     assessment = assess(result)
     bundle = bundle_of(result, assessment)

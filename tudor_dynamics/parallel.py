@@ -12,182 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pieces of work in threads, processes or on other machines, with the same results."""
+"""Pieces of work in threads or processes, by joblib, with the same results."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from functools import lru_cache, partial
-from importlib.metadata import version
+from functools import partial
 import os
 from pathlib import Path
-import re
 import shutil
 import signal
 from tempfile import TemporaryDirectory
 import threading
 import time
-from typing import Any, TypeVar
-import warnings
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from tudor_dynamics.errors import ProcessError, TudorWarning, UsageError
-from tudor_dynamics.files import PACKAGE, source_digest
+from tudor_dynamics.errors import ProcessError
 from tudor_dynamics.typing import Progress
 
-
-# -- Pieces of work on other machines, by Dask; what runs them makes no difference to results.
-#
-# A worker that dies takes no piece with it: the scheduler gives it to another one. One that comes
-# later takes its share. Names of files in a piece have to mean the same on all machines.
+# No process outlives the one that began it, also where that was killed and ended nothing itself.
 
 Piece = TypeVar('Piece')
 Result = TypeVar('Result')
-ClusterCount = Callable[[int], None]
-"""Told the number of steps that a piece of work has done since it was last told."""
-
-ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
-TIMEOUT = 10.0
-"""For a scheduler to answer [s]."""
-AHEAD = 4
-"""Pieces that are under way, for each of the cluster's threads."""
-BEHIND = ('numpy', 'scipy', 'numba', 'pin')
-"""What results depend on, beside the package itself."""
-
-_client: Any = None
-_sends = False
-
-
-@contextmanager
-def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
-    """
-    Let the pieces of work that are begun meanwhile go to a cluster.
-
-    Parameters
-    ----------
-    address : str or None
-        Of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for this machine alone.
-    send : bool, default=False
-        Send bags with the work on them, to workers that do not see the same paths.
-
-    Raises
-    ------
-    UsageError
-        If no scheduler answers there, or Dask is not installed.
-
-    """
-    global _client, _sends
-    if address is None:
-        if send:
-            raise UsageError('--send-bags is for the workers of a cluster', remedy='give '
-                             '--cluster as well')
-        yield
-        return
-    if not ADDRESS.fullmatch(address):
-        raise UsageError(f'--cluster {address}: no address of a scheduler', remedy='give one such '
-                         'as tcp://10.0.0.1:8786')
-    try:
-        from distributed import Client
-    except ImportError:
-        raise UsageError('--cluster needs the package distributed', remedy='install '
-                         'tudor_dynamics[cluster], here and on all machines') from None
-    try:
-        client = Client(address, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as err:
-        raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
-                         'with `dask scheduler`, and give the address that it prints') from None
-    _client, _sends = client, send
-    try:
-        if not threads():
-            warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
-                          TudorWarning, stacklevel=3)
-        yield
-    finally:
-        _client, _sends = None, False
-        client.close()
-
-
-def active() -> bool:
-    """Say whether pieces of work go to a cluster."""
-    return _client is not None
-
-
-def sends() -> bool:
-    """Say whether bags go with the work on them."""
-    return _sends
-
-
-def threads() -> int:
-    """Give the number of pieces that the cluster does at a time, now."""
-    return sum(_client.nthreads().values())
-
-
-def in_cluster(
-    work: Callable[[Piece, ClusterCount], Result], pieces: Sequence[Piece],
-    progress: Callable[[int], None],
-) -> list[Result]:
-    """Do pieces of work on the cluster."""
-    from distributed import as_completed, KilledWorker
-    known, steps, taken = versions(), 0, 0
-    results: dict[int, Result] = {}
-    running: dict[Any, int] = {}
-    done = as_completed(loop=_client.loop)
-    try:
-        while len(results) < len(pieces):
-            # a piece may be large: no more than a few are on their way
-            room = AHEAD * (1 + threads()) - len(running)
-            for number in range(taken, min(taken + max(room, 0), len(pieces))):
-                future = _client.submit(_piece, work, pieces[number], known, pure=False)
-                running[future] = number
-                done.add(future)
-            taken = len(results) + len(running)
-            future = next(done)
-            results[running.pop(future)], more = future.result()
-            steps += more
-            progress(steps)
-        return [results[number] for number in range(len(pieces))]
-    except KilledWorker:
-        raise ProcessError('a piece of work ended several workers, one after the other',
-                           remedy='look whether their memory is enough') from None
-    except (CancelledError, OSError) as err:
-        raise ProcessError(f'the cluster has gone ({err})', remedy='start it and the command '
-                           'again') from None
-    finally:
-        _client.cancel([future for future in running if not future.done()])
-
-
-@lru_cache
-def versions() -> dict[str, str]:
-    """Give the versions that results depend on: of the package, by its sources, and of others."""
-    rooms = tuple(sorted(folder.name for folder in PACKAGE.iterdir()
-                         if (folder / '__init__.py').exists()))
-    return {'tudor_dynamics': source_digest(rooms), **{name: version(name) for name in BEHIND}}
-
-
-def _piece(
-    work: Callable[[Piece, ClusterCount], Result], piece: Piece, known: dict[str, str],
-) -> tuple[Result, int]:
-    own = versions()
-    other = [f'{name} {own[name]}, not {value}' for name, value in known.items()
-             if own[name] != value]
-    if other:
-        raise ProcessError(f'a worker has {", ".join(other)}', remedy='install the same versions '
-                           'on all machines, and start the workers again')
-    steps: list[int] = []
-    return work(piece, steps.append), sum(steps)
-
-
-# -- Pieces of work in threads or processes, by joblib; what runs them makes no difference to
-#    results.
-#
-# Where a cluster was named (`on_cluster`), it does what processes would have done.
-#
-# No process outlives the one that began it, also where that was killed and told nobody.
-
-Count = ClusterCount
+Count = Callable[[int], None]
+"""Called with the number of steps that a piece of work has done since the last call."""
 
 GRACE = 10.0
 """For a worker to end by itself once its parent has gone [s]."""
@@ -195,9 +47,44 @@ LOOK = 0.2
 """Time between two looks at the progress, or for the parent [s]."""
 STEPS, PROCESS = range(2)
 QUIET = 'ignore:resource_tracker:UserWarning'
-"""Loky clears away what a killed process has left; to be told so is of no use to anybody."""
+"""Loky clears away what a killed process has left; a warning of it is of no use to anybody."""
 
+
+class Workers(Protocol):
+    """Other machines, which do pieces of work in place of processes of this one."""
+
+    @property
+    def send(self) -> Callable[..., list[Any]] | None:
+        """Work on bags that are sent with it; None where the machines see the same paths."""
+
+    def width(self) -> int:
+        """Give the number of pieces that they do at a time, now."""
+
+    def run(
+        self, work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
+        progress: Callable[[int], None],
+    ) -> list[Result]:
+        """Do pieces of work, in their order."""
+
+
+_workers: Workers | None = None
 _watched = False
+
+
+@contextmanager
+def given_to(others: Workers) -> Iterator[None]:
+    """Let the pieces of work that are begun meanwhile go to other machines."""
+    global _workers
+    _workers = others
+    try:
+        yield
+    finally:
+        _workers = None
+
+
+def workers() -> Workers | None:
+    """Give the other machines that do the work; None where it is done here."""
+    return _workers
 
 
 def in_threads(
@@ -212,20 +99,21 @@ def in_threads(
 
 
 def shared_out(
-    work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], told: Progress,
+    work: Callable[[Piece, Progress], Result], pieces: Sequence[Piece], progress: Progress,
 ) -> list[Result]:
-    """Do pieces of work that are mostly compiled: in threads, or on the named cluster."""
+    """Do pieces of work that are mostly compiled: in threads, or on other machines."""
     count = len(pieces)
     if count == 1:
-        return [work(pieces[0], told)]
-    if active():
-        return in_cluster(partial(_untold, work), pieces, lambda done: told(
+        return [work(pieces[0], progress)]
+    if _workers is not None:
+        return _workers.run(partial(_silently, work), pieces, lambda done: progress(
             f'{done} of {count} searches done'))
-    return in_threads(lambda k: work(pieces[k], lambda text: told(f'{text} ({k + 1} of {count})')),
-                      range(count), len(os.sched_getaffinity(0)))
+    return in_threads(
+        lambda k: work(pieces[k], lambda text: progress(f'{text} ({k + 1} of {count})')),
+        range(count), len(os.sched_getaffinity(0)))
 
 
-def _untold(work: Callable[[Piece, Progress], Result], piece: Piece, count: Count) -> Result:
+def _silently(work: Callable[[Piece, Progress], Result], piece: Piece, count: Count) -> Result:
     result = work(piece, lambda _: None)
     count(1)
     return result
@@ -233,16 +121,16 @@ def _untold(work: Callable[[Piece, Progress], Result], piece: Piece, count: Coun
 
 def width(jobs: int) -> int:
     """Say how many pieces are done at a time."""
-    return max(1, threads()) if active() else jobs
+    return jobs if _workers is None else max(1, _workers.width())
 
 
 def in_processes(
     work: Callable[[Piece, Count], Result], pieces: Sequence[Piece], jobs: int,
     progress: Callable[[int], None] = lambda _: None,
 ) -> list[Result]:
-    """Do pieces of work in processes, or on the cluster that was named."""
-    if active():
-        return in_cluster(work, pieces, progress)
+    """Do pieces of work in processes, or on other machines."""
+    if _workers is not None:
+        return _workers.run(work, pieces, progress)
     if min(jobs, len(pieces)) <= 1:
         done: list[int] = []
         results = []

@@ -21,6 +21,7 @@ import pytest
 
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.fleet import pieces
+from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.dataset import BagChoice
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.passes import Sight, Task
@@ -37,7 +38,8 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> Task:
     base, arm = tmp_path_factory.mktemp('fleet'), lone_arm()
     for number in (3, 4):
         write_bag(base / f'bag_{number}', recording_series(lone_recording(number), arm))
-    return Task(arm, (arm.spec.preprocessing,), ('strain',), FitSettings(), base, base / 'sums')
+    return Task(arm, (arm.spec.preprocessing,), ('strain',), FitSettings(), base,
+                Folder(base / 'sums'))
 
 
 def test_stiffness_over_time(task: Task) -> None:
@@ -70,7 +72,7 @@ def test_what_was_found_is_not_searched_for_again(
     monkeypatch.setattr(pieces, 'identify', counted)
     both = {when: bags for when, bags in ALL.items() if when[1] != DAYS[2]}
     found = pieces.stiffnesses({'cell': task}, both, 1, lambda _: None)
-    last, = task.folder.glob('b' * 24 + '*')
+    last, = task.store.path.glob('b' * 24 + '*')
     searches.clear()
     assert pieces.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
     assert not searches

@@ -30,17 +30,20 @@ import numpy as np
 from patience import PATIENCE
 import pytest
 
-from tudor_dynamics import fit, load_arm, parallel
+from tudor_dynamics import fit, load_arm
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, FitError, TudorWarning, UsageError
+from tudor_dynamics.fleet.cluster import Cluster, packed, unpacked
+from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, Unused
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
-from tudor_dynamics.identification.passes import _gather, packed, Sight, Task, Trial, unpacked
+from tudor_dynamics.identification.passes import _gather, Sight, Task, Trial
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.parallel import given_to
 
 PARTS = ('@0-50%', '@50-100%')
 
@@ -53,7 +56,8 @@ def parts(root: Path) -> list[str]:
 
 def fitted(parts: Sequence[str], root: Path, folder: Path | None, **more: object) -> ModelBundle:
     """Fit bag by bag, or all at once."""
-    streaming = None if folder is None else Streaming(folder, **more)  # type: ignore[arg-type]
+    streaming = None if folder is None else Streaming(
+        Folder(folder), **more)  # type: ignore[arg-type]
     return fit(list(parts), load_arm(root / 'config/two_blade_arm.yaml'), streaming=streaming)
 
 
@@ -76,6 +80,21 @@ def test_one_by_one_is_as_all_at_once(parts: list[str], root: Path, tmp_path: Pa
     assert_same(fitted(parts, root, tmp_path / 'sums', jobs=2), fitted(parts, root, None))
 
 
+class Post(Cluster):
+    """A cluster of this process, which sends bags."""
+
+    def __init__(self) -> None:
+        super().__init__(None, send=True)
+
+    def width(self) -> int:
+        """Do one piece at a time."""
+        return 1
+
+    def run(self, work: object, pieces: object, progress: object) -> list:
+        """Do the work here."""
+        return [work(piece, lambda _: None) for piece in pieces]  # type: ignore[operator]
+
+
 def test_bags_that_are_sent(
     parts: list[str], root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -90,13 +109,13 @@ def test_bags_that_are_sent(
         places.append(task.place(seen))
         return read(task, seen)
 
-    monkeypatch.setattr(parallel, 'sends', lambda: True)
     monkeypatch.setattr(Task, 'read', noted)
-    assert_same(fitted(parts, root, tmp_path / 'other', jobs=1), usual)
+    with given_to(Post()):
+        assert_same(fitted(parts, root, tmp_path / 'other', jobs=1), usual)
     sent = [place for place in places if root not in place.parents]
     assert len(sent) == 2 * len(parts) and not any(place.exists() for place in sent)
     trial = Trial(Task(usual.arm, (usual.preprocessing,), ('effort',), FitSettings(), tmp_path,
-                       tmp_path / 'sums'), (Sight(BagChoice('bad.mcap'), 'none'),), {}, {})
+                       Folder(tmp_path / 'sums')), (Sight(BagChoice('bad.mcap'), 'none'),), {}, {})
     parcel = packed(_gather, trial)
     bad.unlink()
     (unused,), files = unpacked(parcel, lambda _: None)
@@ -111,7 +130,7 @@ def test_test_bags_judge(root: Path, tmp_path: Path) -> None:
     arm = load_arm(root / 'config/two_blade_arm.yaml')
     bags = [f'{root}/bags/two_blade_train_{number}' for number in (1, 2)]
     ways = [fit(bags, arm, test=root / 'bags/two_blade_test', streaming=streaming)
-            for streaming in (Streaming(tmp_path / 'sums'), None)]
+            for streaming in (Streaming(Folder(tmp_path / 'sums')), None)]
     one, other = (bundle.facts for bundle in ways)
     assert one['validation'] == other['validation'] and one['test'] == other['test']
     assert one['validation']['strain']['analytical']['validation']['fit'] > 91.0
@@ -122,7 +141,7 @@ def test_groups_are_left_out_together(root: Path, tmp_path: Path) -> None:
     bag = f'{root}/bags/two_blade_train_1'
     parts = [f'{bag}@{first}-{first + 8}%' for first in range(0, 96, 8)]
     facts = fit(parts, load_arm(root / 'config/two_blade_arm.yaml'), out=tmp_path / 'model',
-                streaming=Streaming(tmp_path / 'sums')).facts
+                streaming=Streaming(Folder(tmp_path / 'sums'))).facts
     found = facts['validation']['strain']['analytical']
     assert found['method'] == 'leave one of 10 groups of bags out, 12 bags'
     assert found['validation']['fit'] > 80.0
@@ -212,7 +231,7 @@ def test_payloads(root: Path, tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', TudorWarning)
         ways = [fit(bags, arm, streaming=streaming)
-                for streaming in (Streaming(tmp_path / 'sums'), None)]
+                for streaming in (Streaming(Folder(tmp_path / 'sums')), None)]
     assert_same(*ways)
     assert ways[0].models['strain']['analytical'].payload_range == (0.0, 0.1)
 
@@ -235,7 +254,7 @@ def test_load_friction_is_refused(parts: list[str], root: Path, tmp_path: Path) 
         {name: {'friction': ('viscous', 'load'), 'asymmetric': False}
          for name in ('joint2', 'joint3')})
     with pytest.raises(UsageError, match='leave the term load out'):
-        fit(parts, arm, streaming=Streaming(tmp_path / 'sums'))
+        fit(parts, arm, streaming=Streaming(Folder(tmp_path / 'sums')))
 
 
 def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
@@ -244,4 +263,4 @@ def test_a_copy_is_no_test(root: Path, tmp_path: Path) -> None:
     shutil.copytree(bags[0], tmp_path / 'copy')
     with pytest.raises(FitError, match='a copy is no test'):
         fit(bags, load_arm(root / 'config/two_blade_arm.yaml'), test=tmp_path / 'copy',
-            streaming=Streaming(tmp_path / 'sums'))
+            streaming=Streaming(Folder(tmp_path / 'sums')))

@@ -32,13 +32,15 @@ from tudor_dynamics.cli.console import (
 from tudor_dynamics.cli.excite import print_comparison
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import read_bounded
+from tudor_dynamics.fleet.cluster import on_cluster
+from tudor_dynamics.fleet.sums import Folder, SUFFIX
 from tudor_dynamics.identification.dataset import check_choices, found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
     check_kinds, choices_to_list, DEFAULT_KINDS, FitResult, FitSettings)
 from tudor_dynamics.identification.loads import bundle_of, figures
 from tudor_dynamics.identification.many_bags import (
-    fit_many, FROM, Streaming, streams, SUFFIX, with_recorded_gauges)
+    fit_many, FROM, Streaming, streams, with_recorded_gauges)
 from tudor_dynamics.identification.next_steps import assess, Assessment, compare_with_plan
 from tudor_dynamics.identification.validation import Grade
 from tudor_dynamics.library import change_bags, fit_bags, read_bags
@@ -46,7 +48,6 @@ from tudor_dynamics.models.bundle_io import check_target, load_bundle, save_bund
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units, STRAIN_FORMS
-from tudor_dynamics.parallel import on_cluster
 
 EXAMPLES = """\
 examples:
@@ -212,9 +213,10 @@ def run(args: argparse.Namespace) -> int:
              len(training) + len(test)) + 4 * len(settings.kinds) + 4
     with steps(total) as step, on_cluster(args.cluster, send=args.send_bags):
         if streamed:
-            result = fit_many(arm, training, test, preprocessing, settings, payloads, Streaming(
-                out.with_name(out.name + SUFFIX), args.jobs, strict=args.strict), step,
-                ignore_payload=args.ignore_payload)
+            sums = Folder(out.with_name(out.name + SUFFIX).absolute())
+            result = fit_many(arm, training, test, preprocessing, settings, payloads,
+                              Streaming(sums, args.jobs, strict=args.strict), step,
+                              ignore_payload=args.ignore_payload)
         else:
             arm = with_recorded_gauges(arm, [*training, *test])
             data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)

@@ -27,7 +27,7 @@ import warnings
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError, TudorWarning
-from tudor_dynamics.files import read_bounded, source_digest, write_whole
+from tudor_dynamics.files import source_digest, write_whole
 from tudor_dynamics.fleet.comparison import Quantity, rings, Seen, stiffness_quantities
 from tudor_dynamics.identification.dataset import BagChoice, load, Unused
 from tudor_dynamics.identification.elastic_problem import records_of
@@ -125,8 +125,6 @@ def _stands(out: Path) -> bool:
 
 BEHIND = (*PARTS, 'mechanics')
 """Parts of the package that a search depends on."""
-LARGEST = 1_000_000
-"""Bytes of what a search has found."""
 Physical = tuple[PhysicalParameter, ...]
 
 
@@ -178,20 +176,19 @@ def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
 
 def _known(task: Task, bags: Sequence[Sight], warm: dict[str, float] | None) -> Physical:
     """Take up what was found in the bags of a date, or search for it and keep it."""
-    file = task.file(bags[0], '.json', json.dumps(
-        ['elastic', source_digest(BEHIND), warm, [task.file(bag, '').name for bag in bags[1:]]]))
-    known = _read(file)
+    name = task.name(bags[0], '.json', json.dumps(
+        ['elastic', source_digest(BEHIND), warm, [task.name(bag, '') for bag in bags[1:]]]))
+    known = _read(task.store.read(name))
     if known is None:
         known = identify(task.arm, records_of([task.read(bag) for bag in bags]),
                          warm=warm).physical
-        write_whole(file, json.dumps([asdict(item) for item in known]).encode())
+        task.store.write(name, json.dumps([asdict(item) for item in known]).encode())
     return known
 
 
-def _read(file: Path) -> Physical | None:
+def _read(content: bytes | None) -> Physical | None:
     """Read what a search has found; None where nothing whole is there."""
     try:
-        return tuple(PhysicalParameter(**item)
-                     for item in json.loads(read_bounded(file, LARGEST))) or None
-    except (OSError, ValueError, TypeError):
+        return tuple(PhysicalParameter(**item) for item in json.loads(content or b'')) or None
+    except (ValueError, TypeError):
         return None

@@ -35,14 +35,15 @@ from tudor_dynamics.fleet.comparison import (
     aged, Fleet, Measure, measures, Named, named_aged, named_beside, parted, quantities,
     ring_quantities, Seen, WORDS)
 from tudor_dynamics.fleet.pieces import Model, model_pieces, ring_pieces, stiffnesses
+from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, common_outputs, filtered, found_choices, load, Unused)
 from tudor_dynamics.identification.elastic_trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings, RowTrainer
-from tudor_dynamics.identification.many_bags import FoldSums, gone
+from tudor_dynamics.identification.many_bags import FoldSums
 from tudor_dynamics.identification.next_steps import Change
-from tudor_dynamics.identification.passes import gather, Part, read_bag, Sight, survey, Task
+from tudor_dynamics.identification.passes import gather, Part, Sight, survey, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.show.figures import (
     BLUE, label, new_figure, on_page, plain_text, VERMILION)
@@ -396,7 +397,7 @@ class _Study:
         self, spec: PreprocessingSpec, settings: FitSettings, outputs: tuple[str, ...],
     ) -> dict[str, Task]:
         return {name: Task(arm, (spec,), outputs, settings, self.run.base.absolute(),
-                           (self.run.out / 'sums').absolute())
+                           Folder((self.run.out / 'sums').absolute()))
                 for name, arm in self.arms.items()}
 
     def _gather(
@@ -433,10 +434,7 @@ class _Study:
             date.models[place[1]] = model
             date.others[place[1]] = list(others.values())
         for sight in date.sights:
-            kept = read_bag(task.file(sight, '.npz'))
-            if kept is None:
-                raise gone(task.file(sight, '.npz'))
-            for (_, output), part in kept.parts.items():
+            for (_, output), part in task.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)
 
     def _rings(self, spec: PreprocessingSpec) -> list[Seen]:

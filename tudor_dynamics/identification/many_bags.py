@@ -33,8 +33,7 @@ from tudor_dynamics.identification.doctor.between import examine_bags
 from tudor_dynamics.identification.fit import (
     blank, Case, ENOUGH, FitResult, FitSettings, FittedOutput)
 from tudor_dynamics.identification.passes import (
-    files_of, forget, gather, judge, Part, Place, read_bag, read_judged, Sight, survey, Task,
-    Trial)
+    gather, judge, names_of, Part, Place, Sight, Store, survey, Task, Trial)
 from tudor_dynamics.identification.ringdowns import find_ringing
 from tudor_dynamics.identification.validation import (
     judge_model, noise_floor, Tally, trace, Validation)
@@ -66,10 +65,7 @@ class FoldSums:
 
     def add(self, seen: Sight) -> None:
         """Add what was kept of a bag."""
-        file = self.task.file(seen, '.npz')
-        kept = read_bag(file)
-        if kept is None:
-            raise gone(file)
+        kept = self.task.kept(seen)
         for place, part in kept.parts.items():
             folds = self.parts.setdefault(place, {})
             known = folds.get(seen.fold)
@@ -105,21 +101,12 @@ class ErrorSums:
     unseen: dict[Place, Tally] = field(default_factory=dict)
     seen: dict[Place, Tally] = field(default_factory=dict)
 
-    def add(self, file: Path) -> None:
+    def add(self, trial: Trial, seen: Sight) -> None:
         """Add what was kept of a bag."""
-        judged = read_judged(file)
-        if judged is None:
-            raise gone(file)
+        judged = trial.kept(seen)
         for total, found in ((self.unseen, judged.unseen), (self.seen, judged.seen)):
             for place, tally in found.items():
                 total[place] = total[place] + tally if place in total else tally
-
-
-def gone(file: Path) -> FitError:
-    """Say that what was kept is not there any more."""
-    return FitError('what a bag came to cannot be read any more', place=file,
-                    remedy='fit again, leave that directory alone meanwhile, and let all machines '
-                           'see it')
 
 
 def name_of(fold: int) -> str:
@@ -253,16 +240,14 @@ SAMPLE = 8
 """Bags that stay in memory, for choices, thresholds and figures."""
 TOLD = 5
 """Bags left out that are warned of one by one."""
-SUFFIX = '.sums'
-"""Of the directory beside a bundle in which sums are kept."""
 
 
 @dataclass(frozen=True)
 class Streaming:
     """How many bags are gone through."""
 
-    # Where sums of each bag are kept, to go on after an interruption; made where it is not.
-    folder: Path
+    # Where what each bag came to is kept; to go on after an interruption, where that outlives it.
+    store: Store
     jobs: int = 1  # number of processes
     strict: bool = False  # refuse a bag that cannot be used, in place of leaving it out
 
@@ -351,7 +336,7 @@ class _Many:
         if chosen.preprocessing.filter == 'zero_phase':  # causal ones run beside the robot
             specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
         task = Task(chosen.arm, tuple(specs), outputs, chosen.settings, self.base,
-                    self.streaming.folder.absolute())
+                    self.streaming.store)
         done = self._streamed(task, training, test, bags, test_bags)
         result = replace(done.result(0), findings=findings, choices=chosen.made)
         return result if len(specs) == 1 else replace(result, causal=done.result(1))
@@ -387,11 +372,11 @@ class _Many:
         if test and not judged:
             raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
         errors = ErrorSums()
-        files = [trial.file(seen) for trial in trials for seen in trial.bags]
-        for file, item in zip(files, told, strict=True):
+        for (trial, seen), item in zip(
+                [(trial, seen) for trial in trials for seen in trial.bags], told, strict=True):
             if not isinstance(item, Unused):
-                errors.add(file)
-        forget(task.folder, files_of(trials))
+                errors.add(trial, seen)
+        task.store.forget(names_of(trials))
         folds = {str(item.choice): item.fold for item in known}
         return Streamed(
             task, models, others, tuple(item for _, item in used), tuple(judged),

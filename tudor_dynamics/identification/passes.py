@@ -12,30 +12,34 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Passes over many bags, kept on disk and continued, locally or on other machines."""
+"""
+Passes over many bags: survey, products, errors of models; one bag after the other.
+
+What a bag comes to is bytes in a store, under a name of all that it depends on: in memory, or
+wherever else a caller keeps them (`Store`), so that an interrupted fit goes on.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 import hashlib
 import json
+from os import SEEK_END
 from pathlib import Path
-import re
-from tempfile import TemporaryDirectory
-from typing import Any, overload, TypeVar
+from tempfile import SpooledTemporaryFile
+from typing import Any, Protocol, TypeVar
 import warnings
 
 import numpy as np
 
-from tudor_dynamics import parallel
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.errors import BagError, TudorError, TudorWarning
-from tudor_dynamics.files import open_regular, read_bounded, source_digest, write_whole
+from tudor_dynamics.errors import BagError, FitError, TudorError, TudorWarning
+from tudor_dynamics.files import source_digest
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, BagFacts, facts_of, filtered, load, model_for, OUTPUTS, training_blocks,
     Unused)
@@ -44,16 +48,77 @@ from tudor_dynamics.identification.validation import Tally, trace
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle_io import dump_npz, load_npz
 from tudor_dynamics.models.estimation import Products
-from tudor_dynamics.parallel import Count, in_processes, in_threads, width
+from tudor_dynamics.parallel import Count, in_processes, in_threads, width, workers
 from tudor_dynamics.typing import FloatArray
 
 
-# -- What is asked of every bag of many, and under which name what it came to is kept
-
 PARTS = ('arm', 'bags', 'signals', 'models', 'identification')
 """Parts of the package that sums depend on."""
+SPOOLED = 256_000_000
+"""Bytes of what bags came to that stay in memory."""
 Place = tuple[int, str]
 """Number of the filters among those of a task, and the output."""
+
+
+class Store(Protocol):
+    """Where what bags came to is kept."""
+
+    @property
+    def shared(self) -> bool:
+        """Say whether other processes write into it; else what they found is sent back."""
+
+    def read(self, name: str) -> bytes | None:
+        """Read what was kept; None where nothing is."""
+
+    def write(self, name: str, content: bytes) -> None:
+        """Keep something, whole or not at all."""
+
+    def forget(self, used: Collection[str]) -> None:
+        """Remove what bags came to under settings or sources of before."""
+
+    def place(self, name: str) -> str:
+        """Say where something is kept, in words."""
+
+
+class Memory(dict[str, bytes]):
+    """What bags came to, in memory."""
+
+    shared = False
+
+    def read(self, name: str) -> bytes | None:
+        """Read what was kept; None where nothing is."""
+        return self.get(name)
+
+    def write(self, name: str, content: bytes) -> None:
+        """Keep something."""
+        self[name] = content
+
+    def forget(self, used: Collection[str]) -> None:
+        """Keep all: nothing is there from before."""
+
+    def place(self, name: str) -> str:
+        """Say where something is kept, in words."""
+        return f'{name} in memory'
+
+
+class Spool(Memory):
+    """The same for many bags: what is more than memory should hold is in a nameless file."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._file = SpooledTemporaryFile(SPOOLED)
+        self._places: dict[str, tuple[int, int]] = {}
+
+    def read(self, name: str) -> bytes | None:
+        """Read what was kept; None where nothing is."""
+        begin, size = self._places.get(name, (0, 0))
+        self._file.seek(begin)
+        return self._file.read(size) or None
+
+    def write(self, name: str, content: bytes) -> None:
+        """Keep something."""
+        self._places[name] = self._file.seek(0, SEEK_END), len(content)
+        self._file.write(content)
 
 
 @dataclass(frozen=True)
@@ -76,7 +141,7 @@ class Task:
     outputs: tuple[str, ...]  # outputs that every bag must have
     settings: FitSettings  # settings with nothing left open
     base: Path  # directory that the names of bags are relative to
-    folder: Path  # where sums are kept
+    store: Store  # where sums are kept
     # Version of the package, by its sources.
     source: str = field(default_factory=lambda: source_digest(PARTS))
     # Bags, by the names they were given by, that stand elsewhere than these say.
@@ -97,13 +162,17 @@ class Task:
         bag = load(there, self.arm, self.specs[0], learn=True, payload=seen.payload)
         return replace(bag, choice=replace(bag.choice, path=seen.choice.path))
 
-    def file(self, seen: Sight, suffix: str, depends: str = '') -> Path:
-        """Name the file of what a bag comes to; other settings or sources are another file."""
+    def name(self, seen: Sight, suffix: str, depends: str = '') -> str:
+        """Name what a bag comes to; by other settings or sources it has another name."""
         choice = seen.choice
         own = json.dumps([choice.begin, choice.end, choice.seconds, choice.path, seen.payload,
                           self._digest, depends])
-        return self.folder / (f'{seen.checksum[:24]}-'
-                              f'{hashlib.sha256(own.encode()).hexdigest()[:16]}{suffix}')
+        return f'{seen.checksum[:24]}-{hashlib.sha256(own.encode()).hexdigest()[:16]}{suffix}'
+
+    def kept(self, seen: Sight) -> KeptBag:
+        """Read what a bag came to, which has to be there."""
+        name = self.name(seen, '.npz')
+        return _there(read_bag(self.store, name), self.store, name)
 
     @cached_property
     def _digest(self) -> str:
@@ -135,21 +204,21 @@ class Trial:
     unseen: Models
     seen: Models
 
-    def file(self, seen: Sight) -> Path:
-        """Name the file of how the models did on a bag."""
-        return self.task.file(seen, '.json', self._digest)
+    def name(self, seen: Sight) -> str:
+        """Name how the models did on a bag."""
+        return self.task.name(seen, '.json', self._digest)
+
+    def kept(self, seen: Sight) -> Judged:
+        """Read how the models did on a bag, which has to be there."""
+        name = self.name(seen)
+        return _there(read_judged(self.task.store, name), self.task.store, name)
 
     @cached_property
     def _digest(self) -> str:
         return digest_of(self.unseen) + digest_of(self.seen)
 
 
-# -- What bags came to, in files that a fit takes up again: whole, or as if they were not there
-
-LARGEST = 200_000_000
-"""Bytes of what one bag came to."""
-NAME = re.compile(r'[0-9a-f]{24}-[0-9a-f]{16}\.(npz|json)')
-"""Of a file: checksum of the bag, digest of settings and sources."""
+Item = TypeVar('Item')
 Part = list[list[Products]]
 """Products of each group and channel."""
 
@@ -173,21 +242,21 @@ class Judged:
     seen: Mapping[Place, Tally]
 
 
-def write_bag(path: Path, bag: KeptBag) -> None:
-    """Write what a bag came to, whole or not at all."""
+def write_bag(store: Store, name: str, bag: KeptBag) -> None:
+    """Keep what a bag came to."""
     arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
         asdict(bag.facts)).encode(), np.uint8)}
     for (number, output), part in bag.parts.items():
         for i, group in enumerate(part):
             arrays[f'{number} {output} {i}'] = np.array([_matrices(item) for item in group])
             arrays[f'{number} {output} {i} n'] = np.array([item.n for item in group])
-    write_whole(path, dump_npz(arrays))
+    store.write(name, dump_npz(arrays))
 
 
-def read_bag(path: Path) -> KeptBag | None:
-    """Read what a bag came to."""
+def read_bag(store: Store, name: str) -> KeptBag | None:
+    """Read what a bag came to; None where nothing whole is kept."""
     try:
-        arrays = load_npz(read_bounded(path, LARGEST), path)
+        arrays = load_npz(store.read(name) or b'', Path(name))
         facts = _facts(json.loads(arrays.pop('facts').astype(np.uint8).tobytes()))
         parts: dict[Place, Part] = {}
         for name, values in arrays.items():
@@ -200,39 +269,36 @@ def read_bag(path: Path) -> KeptBag | None:
             parts.setdefault((int(number), output), []).append(
                 [Products(gram, int(n), factor) for (gram, factor), n in
                  zip(values, counts, strict=True)])
-    except (TudorError, OSError, ValueError, KeyError, TypeError):
+    except (TudorError, ValueError, KeyError, TypeError):
         return None
     return KeptBag(facts, parts)
 
 
-def write_judged(path: Path, judged: Judged) -> None:
-    """Write how models did on a bag, whole or not at all."""
-    write_whole(path, json.dumps({'facts': asdict(judged.facts)} | {
-        name: [[*place, _plain(tally)] for place, tally in getattr(judged, name).items()]
-        for name in ('unseen', 'seen')}).encode())
+def write_judged(store: Store, name: str, judged: Judged) -> None:
+    """Keep how models did on a bag."""
+    store.write(name, json.dumps({'facts': asdict(judged.facts)} | {
+        models: [[*place, _plain(tally)] for place, tally in getattr(judged, models).items()]
+        for models in ('unseen', 'seen')}).encode())
 
 
-def read_judged(path: Path) -> Judged | None:
-    """
-    Read how models did on a bag.
-
-    path: None is given for one that is not there, as by `read_bag`.
-    """
+def read_judged(store: Store, name: str) -> Judged | None:
+    """Read how models did on a bag; None where nothing whole is kept."""
     try:
-        content = json.loads(read_bounded(path, LARGEST))
+        content = json.loads(store.read(name) or b'')
         unseen, seen = ({(int(number), str(output)): _tally(values)
-                         for number, output, values in content[name]}
-                        for name in ('unseen', 'seen'))
+                         for number, output, values in content[models]}
+                        for models in ('unseen', 'seen'))
         return Judged(_facts(content['facts']), unseen, seen)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return None
 
 
-def forget(folder: Path, used: Collection[Path]) -> None:
-    """Remove what bags came to under settings or sources of before."""
-    for file in folder.iterdir():
-        if file not in used and NAME.fullmatch(file.name):
-            file.unlink(missing_ok=True)
+def _there(found: Item | None, store: Store, name: str) -> Item:
+    if found is None:
+        raise FitError('what a bag came to cannot be read any more', place=store.place(name),
+                       remedy='fit again, leave that directory alone meanwhile, and let all '
+                              'machines see it')
+    return found
 
 
 def _facts(content: dict[str, Any]) -> BagFacts:
@@ -258,108 +324,12 @@ def _matrices(product: Products) -> FloatArray:
     return np.array([product.gram, factor])
 
 
-# -- Bags that travel with the work to be done on them, to workers that do not see the same paths.
-#
-# A parcel is packed when its turn comes, so that only a few bags are held at a time. What a worker
-# keeps of a bag comes back, and stands where it would stand had the worker seen this path.
-
-Found = list[BagFacts | Unused]
-Work = Callable[[Trial, Count], Found]
-
-
-@dataclass(frozen=True, eq=False)
-class Parcel:
-    """A bag, and what is to be done on it."""
-
-    work: Work  # does it; a function of a module
-    trial: Trial  # what is asked of the only bag in it
-    name: str  # name of the bag's directory or file
-    files: Mapping[str, bytes]  # its files; under no name if the bag is a file itself
-
-
-class _Parcels(Sequence[Parcel]):
-    """Parcels that are packed when they are taken."""
-
-    def __init__(self, work: Work, trials: Sequence[Trial]) -> None:
-        self._work, self._trials = work, trials
-
-    def __len__(self) -> int:
-        return len(self._trials)
-
-    @overload
-    def __getitem__(self, number: int) -> Parcel: ...
-
-    @overload
-    def __getitem__(self, number: slice) -> list[Parcel]: ...
-
-    def __getitem__(self, number: int | slice) -> Parcel | list[Parcel]:
-        if isinstance(number, slice):
-            return [self[k] for k in range(*number.indices(len(self)))]
-        return packed(self._work, self._trials[number])
-
-
-def send(
-    work: Work, trials: Sequence[Trial], kept: Callable[[Trial, Sight], Path],
-    progress: Callable[[int], None],
-) -> Found:
-    """Do work on the cluster, each bag sent with it; here, where it was done before."""
-    single = [(replace(trial, bags=(seen,)), kept(trial, seen).exists())
-              for trial in trials for seen in trial.bags]
-    away = [trial for trial, done in single if not done]
-    before = len(single) - len(away)
-    answers = iter(in_processes(unpacked, _Parcels(work, away), 1,
-                                lambda more: progress(before + more)))
-    found: Found = []
-    for trial, done in single:
-        if done:
-            found += work(trial, lambda _: None)
-            continue
-        facts, files = next(answers)
-        for name, content in files.items():
-            write_whole(trial.task.folder / name, content)
-        found += facts
-    return found
-
-
-def packed(work: Work, trial: Trial) -> Parcel:
-    """Pack a bag."""
-    seen, = trial.bags
-    path = trial.task.place(seen)
-    try:
-        files = ({file.name: _content(file) for file in sorted(path.iterdir()) if file.is_file()}
-                 if path.is_dir() else {'': _content(path)})
-    except OSError as err:
-        raise BagError(f'cannot be read ({err.strerror})', place=str(seen.choice),
-                       remedy='leave the bags where they are until the fit is done') from None
-    return Parcel(work, trial, path.name, files)
-
-
-def unpacked(parcel: Parcel, count: Count) -> tuple[Found, dict[str, bytes]]:
-    """Unpack a bag, and do the work on it."""
-    seen, = parcel.trial.bags
-    with TemporaryDirectory(prefix='tudor_') as scratch:
-        bag, kept = Path(scratch) / 'sent' / Path(parcel.name).name, Path(scratch) / 'kept'
-        (bag.parent if '' in parcel.files else bag).mkdir(parents=True)
-        for name, content in parcel.files.items():
-            (bag / Path(name).name if name else bag).write_bytes(content)
-        kept.mkdir()
-        task = replace(parcel.trial.task, folder=kept, sent={seen.choice.path: bag})
-        found = parcel.work(replace(parcel.trial, task=task), count)
-        files = {file.name: file.read_bytes() for file in kept.iterdir()}
-    return [replace(item, why=item.why.replace(str(bag), seen.choice.path))
-            if isinstance(item, Unused) else item for item in found], files
-
-
-def _content(file: Path) -> bytes:
-    with open_regular(file) as opened:
-        return opened.read()
-
-
-# -- The passes over many bags: seen, multiplied out, judged; one bag after the other, and kept
-
 EACH = 8
 """Pieces of work for each process."""
-Item = TypeVar('Item')
+Found = list[BagFacts | Unused]
+Work = Callable[[Trial, Count], Found]
+Answer = tuple[Found, Mapping[str, bytes]]
+"""What is known of bags, and what is to be kept of them."""
 Result = TypeVar('Result')
 Progress = Callable[[int], None]
 
@@ -394,13 +364,13 @@ def survey(
 def gather(
     asked: Sequence[tuple[Task, Sequence[Sight]]], jobs: int, progress: Progress,
 ) -> list[BagFacts | Unused]:
-    """Multiply out many bags, and keep what each came to in its file."""
+    """Multiply out many bags, and keep what each came to."""
     trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
     return _gone_through(_gather, trials, _sums, jobs, progress)
 
 
-def _sums(trial: Trial, seen: Sight) -> Path:
-    return trial.task.file(seen, '.npz')
+def _sums(trial: Trial, seen: Sight) -> str:
+    return trial.task.name(seen, '.npz')
 
 
 def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
@@ -408,15 +378,15 @@ def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     models: dict[str, AnalyticalModel] = {}
 
     def products(seen: Sight) -> BagFacts:
-        file = _sums(trial, seen)
-        kept = read_bag(file)
+        name = _sums(trial, seen)
+        kept = read_bag(task.store, name)
         if kept is None:
             for output in () if models else task.outputs:  # only where there is anything to do
                 model = blank('analytical', task.arm, output, task.settings)
                 assert isinstance(model, AnalyticalModel)
                 models[output] = model
             kept = _multiplied(task, _complete(task, task.read(seen)), models)
-            write_bag(file, kept)
+            write_bag(task.store, name, kept)
         return kept.facts
     return _each(trial.bags, products, count, task.base)
 
@@ -441,27 +411,50 @@ def _complete(task: Task, bag: BagData) -> BagData:
 
 
 def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFacts | Unused]:
-    """Let models predict many bags, and keep how they did in files."""
-    return _gone_through(_judge, trials, Trial.file, jobs, progress)
+    """Let models predict many bags, and keep how they did."""
+    return _gone_through(_judge, trials, Trial.name, jobs, progress)
 
 
 def _gone_through(
-    work: Work, trials: Sequence[Trial], kept: Callable[[Trial, Sight], Path], jobs: int,
+    work: Work, trials: Sequence[Trial], name: Callable[[Trial, Sight], str], jobs: int,
     progress: Progress,
-) -> list[BagFacts | Unused]:
-    if parallel.sends():
-        return send(work, trials, kept, progress)
+) -> Found:
+    store, others = trials[0].task.store, workers()
+    if others is not None and others.send is not None:
+        single = [replace(trial, bags=(seen,)) for trial in trials for seen in trial.bags]
+        kept = [store.read(name(trial, trial.bags[0])) is not None for trial in single]
+        away = [trial for trial, known in zip(single, kept, strict=True) if not known]
+        before = len(single) - len(away)
+        answers = iter(others.send(work, away, lambda more: progress(before + more)))
+        return _joined([work(trial, lambda _: None) if known else _taken(store, next(answers))
+                        for trial, known in zip(single, kept, strict=True)])
     pieces = [replace(trial, bags=tuple(part)) for trial in trials
               for part in _divided(trial.bags, width(jobs), len(trials))]
-    return _joined(in_processes(work, pieces, jobs, progress))
+    if store.shared:
+        return _joined(in_processes(work, pieces, jobs, progress))
+    return _joined([_taken(store, answer) for answer in in_processes(
+        partial(_returned, work), [replace(piece, task=replace(piece.task, store=Memory()))
+                                   for piece in pieces], jobs, progress)])
+
+
+def _returned(work: Work, trial: Trial, count: Count) -> Answer:
+    assert isinstance(trial.task.store, Memory)
+    return work(trial, count), trial.task.store
+
+
+def _taken(store: Store, answer: Answer) -> Found:
+    found, files = answer
+    for name, content in files.items():
+        store.write(name, content)
+    return found
 
 
 def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     task = trial.task
 
     def tallies(seen: Sight) -> BagFacts:
-        file = trial.file(seen)
-        judged = read_judged(file)
+        name = trial.name(seen)
+        judged = read_judged(task.store, name)
         if judged is None:
             bag = _complete(task, task.read(seen))
             data = [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
@@ -469,18 +462,15 @@ def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
                 {(number, output): trace(model_for(model, bag), data[number], output).tally()
                  for (number, output), model in models.items()}
                 for models in (trial.unseen, trial.seen)))
-            write_judged(file, judged)
+            write_judged(task.store, name, judged)
         return judged.facts
     return _each(trial.bags, tallies, count, task.base)
 
 
-def files_of(trials: Sequence[Trial]) -> set[Path]:
-    """Name the files that a fit has used."""
-    found = set()
-    for trial in trials:
-        for seen in trial.bags:
-            found |= {_sums(trial, seen), trial.file(seen)}
-    return found
+def names_of(trials: Sequence[Trial]) -> set[str]:
+    """Name all that a fit has used."""
+    return {name for trial in trials for seen in trial.bags
+            for name in (_sums(trial, seen), trial.name(seen))}
 
 
 def _each(

@@ -32,14 +32,15 @@ from patience import PATIENCE
 from piece_making import held, killed, spelled, square
 import pytest
 
-from tudor_dynamics import parallel
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
-from tudor_dynamics.parallel import in_processes, on_cluster, shared_out, width
+from tudor_dynamics.fleet import cluster
+from tudor_dynamics.fleet.cluster import Cluster, on_cluster
+from tudor_dynamics.parallel import in_processes, shared_out, width, workers
 
 pytest.importorskip('distributed', reason='pip install tudor_dynamics[cluster] for work on '
                                           'other machines')
-TESTS = Path(__file__).parent
+TESTS = Path(__file__).parents[1]
 PIECES = 20
 """Enough for whoever comes late to get some."""
 
@@ -57,7 +58,7 @@ class Machines:
                     self.address.rpartition(':')[2], '--no-dashboard', '--no-show')
 
     def worker(self) -> None:
-        """Begin a worker with a nanny, which begins it anew when it dies."""
+        """Begin a worker with a nanny, which begins it again when it dies."""
         self._workers += 1
         self._begin('worker', self.address, '--nworkers', '1', '--nthreads', '1',
                     '--no-dashboard', '--local-directory', '/tmp')
@@ -95,9 +96,16 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
+def here() -> Cluster:
+    """Give the cluster that the work goes to."""
+    found = workers()
+    assert isinstance(found, Cluster)
+    return found
+
+
 def states() -> list[str]:
     """Give the states of the nannies."""
-    found = parallel._client.run(lambda dask_worker: dask_worker.status.name, nanny=True)
+    found = here().client.run(lambda dask_worker: dask_worker.status.name, nanny=True)
     return list(found.values())
 
 
@@ -126,7 +134,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
         os.kill(int(pid), signal.SIGKILL)
         machines.worker()
         # both are there, and one of them has begun a piece: which, is the scheduler's business
-        wait_for(lambda: (parallel.threads() == 2 and len(processes(tmp_path)) > 1)
+        wait_for(lambda: (here().width() == 2 and len(processes(tmp_path)) > 1)
                  or not thread.is_alive())
         (tmp_path / 'go').touch()
         thread.join(PATIENCE)
@@ -136,7 +144,7 @@ def test_a_worker_dies_and_another_comes_late(machines: Machines, tmp_path: Path
     assert len(processes(tmp_path)) == 3
     begun = [file.name.partition('-')[0] for file in tmp_path.iterdir()]
     assert begun.count(number) == 2  # the piece of the dead worker
-    assert width(7) == 7 and not parallel.active()
+    assert width(7) == 7 and workers() is None
 
 
 def test_errors_come_back(machines: Machines) -> None:
@@ -163,7 +171,7 @@ def test_other_versions_are_refused(
 ) -> None:
     """A worker that would compute something else computes nothing."""
     with on_cluster(machines.ready()):
-        monkeypatch.setattr(parallel, 'versions', lambda: {'numpy': '1.0'})
+        monkeypatch.setattr(cluster, 'versions', lambda: {'numpy': '1.0'})
         with pytest.raises(ProcessError, match=r'a worker has numpy [0-9.]+, not 1\.0'):
             in_processes(square, [1], 1)
 
@@ -175,7 +183,7 @@ def test_no_cluster(
     capsys: pytest.CaptureFixture[str], root: Path, tmp_path: Path,
 ) -> None:
     """One line, exit code 2."""
-    monkeypatch.setattr(parallel, 'TIMEOUT', 0.5)
+    monkeypatch.setattr(cluster, 'TIMEOUT', 0.5)
     with pytest.raises(UsageError, match=words), on_cluster(address):
         pass
     assert main(['record', '--arm', str(root / 'config/tudor.yaml'), '--stimuli', '1', '--seconds',

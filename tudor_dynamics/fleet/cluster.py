@@ -1,0 +1,233 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Pieces of work on other machines, by Dask; what runs them makes no difference to results.
+
+A worker that dies takes no piece with it: the scheduler gives it to another one. One that comes
+later takes its share. Names of files in a piece mean the same on all machines, or bags travel with
+the work on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+import re
+from tempfile import TemporaryDirectory
+from typing import Any, overload
+import warnings
+
+from tudor_dynamics.errors import BagError, ProcessError, TudorWarning, UsageError
+from tudor_dynamics.files import open_regular, PACKAGE, source_digest
+from tudor_dynamics.identification.dataset import Unused
+from tudor_dynamics.identification.passes import Answer, Memory, Trial, Work
+from tudor_dynamics.parallel import Count, given_to, Piece, Result
+
+ADDRESS = re.compile(r'(tcp|tls|ws|wss)://(\[[0-9a-fA-F:.]+\]|[^\s/:\[\]]+):\d{1,5}')
+TIMEOUT = 10.0
+"""For a scheduler to answer [s]."""
+AHEAD = 4
+"""Pieces that are under way, for each of the cluster's threads."""
+LIBRARIES = ('numpy', 'scipy', 'numba', 'pin')
+"""What results depend on, besides the package itself."""
+
+
+@contextmanager
+def on_cluster(address: str | None, *, send: bool = False) -> Iterator[None]:
+    """
+    Let the pieces of work that are begun meanwhile go to a cluster.
+
+    Parameters
+    ----------
+    address : str or None
+        Of a Dask scheduler, such as ``tcp://10.0.0.1:8786``; None for this machine alone.
+    send : bool, default=False
+        Send bags with the work on them, to workers that do not see the same paths.
+
+    Raises
+    ------
+    UsageError
+        If no scheduler answers there, or Dask is not installed.
+
+    """
+    if address is None:
+        if send:
+            raise UsageError('--send-bags is for the workers of a cluster', remedy='give '
+                             '--cluster as well')
+        yield
+        return
+    if not ADDRESS.fullmatch(address):
+        raise UsageError(f'--cluster {address}: no address of a scheduler', remedy='give one such '
+                         'as tcp://10.0.0.1:8786')
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UsageError('--cluster needs the package distributed', remedy='install '
+                         'tudor_dynamics[cluster], here and on all machines') from None
+    try:
+        client = Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as err:
+        raise UsageError(f'--cluster {address}: no scheduler answers ({err})', remedy='start one '
+                         'with `dask scheduler`, and give the address that it prints') from None
+    cluster = Cluster(client, send=send)
+    try:
+        if not cluster.width():
+            warnings.warn(f'--cluster {address} has no workers yet, and waits for some',
+                          TudorWarning, stacklevel=3)
+        with given_to(cluster):
+            yield
+    finally:
+        client.close()
+
+
+class Cluster:
+    """The workers of a scheduler."""
+
+    def __init__(self, client: Any, *, send: bool) -> None:
+        self.client = client
+        self.send = self._send if send else None
+
+    def width(self) -> int:
+        """Give the number of pieces that they do at a time, now."""
+        return sum(self.client.nthreads().values())
+
+    def run(
+        self, work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
+        progress: Callable[[int], None],
+    ) -> list[Result]:
+        """Do pieces of work, in their order."""
+        from distributed import as_completed, KilledWorker
+        known, steps, taken = versions(), 0, 0
+        results: dict[int, Result] = {}
+        running: dict[Any, int] = {}
+        done = as_completed(loop=self.client.loop)
+        try:
+            while len(results) < len(pieces):
+                # a piece may be large: no more than a few are on their way
+                room = AHEAD * (1 + self.width()) - len(running)
+                for number in range(taken, min(taken + max(room, 0), len(pieces))):
+                    future = self.client.submit(_piece, work, pieces[number], known, pure=False)
+                    running[future] = number
+                    done.add(future)
+                taken = len(results) + len(running)
+                future = next(done)
+                results[running.pop(future)], more = future.result()
+                steps += more
+                progress(steps)
+            return [results[number] for number in range(len(pieces))]
+        except KilledWorker:
+            raise ProcessError('a piece of work ended several workers, one after the other',
+                               remedy='look whether their memory is enough') from None
+        except (CancelledError, OSError) as err:
+            raise ProcessError(f'the cluster has gone ({err})', remedy='start it and the command '
+                               'again') from None
+        finally:
+            self.client.cancel([future for future in running if not future.done()])
+
+    def _send(
+        self, work: Work, trials: Sequence[Trial], progress: Callable[[int], None],
+    ) -> list[Answer]:
+        """Send each bag with the work on it, as its turn comes."""
+        return self.run(unpacked, Parcels(work, trials), progress)
+
+
+@lru_cache
+def versions() -> dict[str, str]:
+    """Give the versions that results depend on: of the package, by its sources, and of others."""
+    rooms = tuple(sorted(folder.name for folder in PACKAGE.iterdir()
+                         if (folder / '__init__.py').exists()))
+    return {'tudor_dynamics': source_digest(rooms),
+            **{name: version(name) for name in LIBRARIES}}
+
+
+def _piece(
+    work: Callable[[Piece, Count], Result], piece: Piece, known: dict[str, str],
+) -> tuple[Result, int]:
+    own = versions()
+    other = [f'{name} {own[name]}, not {value}' for name, value in known.items()
+             if own[name] != value]
+    if other:
+        raise ProcessError(f'a worker has {", ".join(other)}', remedy='install the same versions '
+                           'on all machines, and start the workers again')
+    steps: list[int] = []
+    return work(piece, steps.append), sum(steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Parcel:
+    """A bag, and what is to be done on it."""
+
+    work: Work  # does it; a function of a module
+    trial: Trial  # what is asked of the only bag in it
+    name: str  # name of the bag's directory or file
+    files: Mapping[str, bytes]  # its files; under no name if the bag is a file itself
+
+
+class Parcels(Sequence[Parcel]):
+    """Parcels that are packed when they are taken, so that few bags are held at a time."""
+
+    def __init__(self, work: Work, trials: Sequence[Trial]) -> None:
+        self._work, self._trials = work, trials
+
+    def __len__(self) -> int:
+        return len(self._trials)
+
+    @overload
+    def __getitem__(self, number: int) -> Parcel: ...
+
+    @overload
+    def __getitem__(self, number: slice) -> list[Parcel]: ...
+
+    def __getitem__(self, number: int | slice) -> Parcel | list[Parcel]:
+        if isinstance(number, slice):
+            return [self[k] for k in range(*number.indices(len(self)))]
+        return packed(self._work, self._trials[number])
+
+
+def packed(work: Work, trial: Trial) -> Parcel:
+    """Pack a bag."""
+    seen, = trial.bags
+    path = trial.task.place(seen)
+    try:
+        files = ({file.name: _content(file) for file in sorted(path.iterdir()) if file.is_file()}
+                 if path.is_dir() else {'': _content(path)})
+    except OSError as err:
+        raise BagError(f'cannot be read ({err.strerror})', place=str(seen.choice),
+                       remedy='leave the bags where they are until the fit is done') from None
+    return Parcel(work, trial, path.name, files)
+
+
+def unpacked(parcel: Parcel, count: Count) -> Answer:
+    """Unpack a bag, and do the work on it."""
+    seen, = parcel.trial.bags
+    with TemporaryDirectory(prefix='tudor_') as scratch:
+        bag, kept = Path(scratch) / 'sent' / Path(parcel.name).name, Memory()
+        (bag.parent if '' in parcel.files else bag).mkdir(parents=True)
+        for name, content in parcel.files.items():
+            (bag / Path(name).name if name else bag).write_bytes(content)
+        task = replace(parcel.trial.task, store=kept, sent={seen.choice.path: bag})
+        found = parcel.work(replace(parcel.trial, task=task), count)
+    return [replace(item, why=item.why.replace(str(bag), seen.choice.path))
+            if isinstance(item, Unused) else item for item in found], kept
+
+
+def _content(file: Path) -> bytes:
+    with open_regular(file) as opened:
+        return opened.read()
