@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import os
 from pathlib import Path
+import time
 from typing import Any, TYPE_CHECKING, TypeVar
 import warnings
 
@@ -28,18 +29,19 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import check_type, ModelError, TudorWarning, UsageError
-from tudor_dynamics.identification.choice import choose
+from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
     BagChoice, BagData, check_choices, choices, common_outputs, facts_of, filtered, load,
-    parse_choice, Paths, payload_range, refuse_copies, split_bag, training_blocks)
+    parse_choice, Paths, payload_range, refuse_copies, split_bag, training_blocks,
+    with_recorded_gauges)
 from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
 from tudor_dynamics.identification.doctor.between import examine_bags
-from tudor_dynamics.identification.elastic_trainer import Searches
+from tudor_dynamics.identification.excitation_plan import PlanFolder
 from tudor_dynamics.identification.fit import check_kinds, fit_models, FitResult, FitSettings
 from tudor_dynamics.identification.loads import bundle_of, payload_of
-from tudor_dynamics.identification.many_bags import (
-    fit_many, Streaming, streams, with_recorded_gauges)
-from tudor_dynamics.identification.next_steps import assess
+from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
+from tudor_dynamics.identification.next_steps import (
+    assess, Assessment, compare_with_plan, Comparison)
 from tudor_dynamics.identification.passes import Spool
 from tudor_dynamics.identification.validation import part_errors, validate, Validation
 from tudor_dynamics.load.offline import PayloadEstimate
@@ -57,65 +59,74 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# -- From the names of bags to fitted models: what ``tudor fit`` and ``td.fit`` have in common
+# -- From the names of bags to judged models: what ``tudor fit`` and ``td.fit`` have in common
 
 HELD_OUT = 0.4
 """Part at the end of an only bag that is kept for validation."""
 
 
-def read_bags(
-    arm: Arm,
-    training: Sequence[BagChoice],
-    test: Sequence[BagChoice],
-    preprocessing: PreprocessingSpec,
-    payloads: Mapping[str, float],
-    progress: Progress = lambda _: None,
-) -> tuple[list[BagData], list[BagData]]:
-    """Read and filter the bags of a fit: payloads [kg]."""
-    def read(choice: BagChoice, *, learn: bool) -> BagData:
-        progress(f'read {choice}')
-        return load(choice, arm, preprocessing, learn=learn,
-                    payload=payloads.get(str(Path(choice.path).resolve())))
+class HeldBags:
+    """Bags of a fit that all stay in memory, for models of any kind; ``ManyBags`` has the same."""
 
-    training_data = [read(choice, learn=True) for choice in training]
-    test_data = [read(choice, learn=False) for choice in test]
-    refuse_copies(training_data, test_data)
-    return training_data, test_data
+    def __init__(
+        self, arm: Arm, training: Sequence[BagChoice], test: Sequence[BagChoice],
+        spec: PreprocessingSpec, payloads: Mapping[str, float], progress: Progress,
+    ) -> None:
+        """Read and filter the bags: payloads [kg]."""
+        self.arm, self.spec = with_recorded_gauges(arm, [*training, *test]), spec
+        self.progress = progress
+
+        def read(choice: BagChoice, *, learn: bool) -> BagData:
+            progress(f'read {choice}')
+            return load(choice, self.arm, spec, learn=learn,
+                        payload=payloads.get(str(Path(choice.path).resolve())))
+
+        self.training = self.held = [read(choice, learn=True) for choice in training]
+        self.test = self.held_test = [read(choice, learn=False) for choice in test]
+        refuse_copies(self.held, self.held_test)
+
+    def _holdout(self, spec: PreprocessingSpec) -> tuple[BagData, BagData] | None:
+        if len(self.held) > 1 or self.held_test:
+            return None
+        return split_bag(self.held[0], HELD_OUT, spec)
+
+    def choose(self, settings: FitSettings) -> Choices:
+        """Choose what is left open by all bags, but for what is held out."""
+        holdout = self._holdout(self.spec)
+        return choose(self.arm, self.held if holdout is None else holdout[:1], self.spec, settings,
+                      self.progress)
+
+    def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
+        """Fit and judge the models, by each of several filters."""
+        results: list[FitResult] = []
+        for spec in specs:
+            if results:
+                self.progress('causal models for the robot')
+            training, test = ([filtered(bag, spec) for bag in bags]
+                              for bags in (self.held, self.held_test))
+            results.append(fit_models(
+                chosen.arm, training, test, self._holdout(spec), spec, chosen.settings,
+                self.progress, results[0].searches if results else None))
+        return results
 
 
 def fit_bags(
-    arm: Arm,
-    training: Sequence[BagData],
-    test: Sequence[BagData],
-    preprocessing: PreprocessingSpec,
-    settings: FitSettings,
-    progress: Progress = lambda _: None,
-    *,
+    bags: HeldBags | ManyBags, settings: FitSettings, progress: Progress = lambda _: None, *,
     ignore_payload: bool = False,
 ) -> FitResult:
-    """Fit models to bags that were read, of all payloads where the bags have several."""
-    found = None if ignore_payload else payload_range(training, test)
+    """Fit models to bags, of all payloads where the bags have several."""
+    found = None if ignore_payload else payload_range(bags.training, bags.test)
     if found is not None:
         settings = _of_all_payloads(settings, found)
-    alone = len(training) == 1 and not test
-    known = [split_bag(training[0], HELD_OUT, preprocessing)[0]] if alone else training
-    chosen = choose(arm, known, preprocessing, settings, progress)
-
-    def fitted(spec: PreprocessingSpec, known: Searches | None = None) -> FitResult:
-        seen, unseen = ([filtered(bag, spec) for bag in bags] for bags in (training, test))
-        holdout = split_bag(training[0], HELD_OUT, spec) if alone else None
-        return fit_models(chosen.arm, seen, unseen, holdout, spec, chosen.settings, progress,
-                          known)
-
+    chosen = bags.choose(settings)
     progress('doctor')
-    findings = examine_bags(arm, [*training, *test])
-    result = fitted(chosen.preprocessing)
-    causal = None
-    if chosen.preprocessing.filter == 'zero_phase':
-        progress('causal models for the robot')
-        causal = fitted(chosen.preprocessing.model_copy(update={'filter': 'causal'}),
-                        result.searches)
-    return replace(result, findings=findings, choices=chosen.made, causal=causal)
+    findings = examine_bags(bags.arm, [*bags.held, *bags.held_test])
+    specs = [chosen.preprocessing]
+    if chosen.preprocessing.filter == 'zero_phase':  # causal ones run on the robot
+        specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
+    result, *causal = bags.fits(chosen, specs)
+    return replace(result, findings=findings, choices=chosen.made,
+                   causal=causal[0] if causal else None)
 
 
 def _of_all_payloads(settings: FitSettings, payloads: tuple[float, float]) -> FitSettings:
@@ -195,35 +206,81 @@ def fit(
     check_type(arm, Arm, 'arm', "read a description with load_arm('arm.yaml')")
     check_type(settings, FitSettings, 'settings', "such as FitSettings(kinds=('elastic',))")
     training, judging = choices(bags), choices(test, 'test')
-    check_choices(training, judging)
-    if out is not None:
-        check_target(Path(out), overwrite=overwrite)
-    check_kinds(settings.kinds, arm)
     spec = arm.spec.preprocessing if preprocessing is None else preprocessing
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
     if preprocessing is not None:  # what is given is meant, defaults included
         spec = PreprocessingSpec.model_validate(spec.model_dump())
-    masses = _by_path(payloads or {}, [*training, *judging])
+    return fit_choices(
+        arm, training, judging, spec, settings, _by_path(payloads or {}, [*training, *judging]),
+        ignore_payload=ignore_payload, out=None if out is None else Path(out),
+        overwrite=overwrite, streaming=streaming, progress=progress).bundle
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fit with all that was found, for who wants more than the models."""
+
+    result: FitResult
+    assessment: Assessment
+    bundle: ModelBundle
+    plan: Comparison | None  # errors that a plan expected, next to those that came
+    seconds: dict[str, float]  # what took how long [s]
+
+
+def fit_choices(
+    arm: Arm, training: Sequence[BagChoice], test: Sequence[BagChoice],
+    preprocessing: PreprocessingSpec, settings: FitSettings, payloads: Mapping[str, float], *,
+    ignore_payload: bool = False, plan: PlanFolder | None = None, out: Path | None = None,
+    overwrite: bool = False, streaming: Streaming | None = None,
+    progress: Progress = lambda _: None,
+) -> Fit:
+    """
+    Fit, judge and write: the one way from bags to a bundle, of ``td.fit`` and ``tudor fit``.
+
+    payloads: of bags by their resolved paths [kg].
+    """
+    check_choices(training, test)
+    if out is not None:
+        check_target(out, overwrite=overwrite)
+    check_kinds(settings.kinds, arm)
+    clock = Clock()
     if streams(len(training), settings, asked=streaming is not None):
-        if streaming is None:
-            streaming = Streaming(Spool())
-        result = fit_many(arm, training, judging, spec, settings, masses, streaming, progress,
-                          ignore_payload=ignore_payload)
+        bags: HeldBags | ManyBags = ManyBags(
+            arm, training, test, preprocessing, payloads, streaming or Streaming(Spool()),
+            progress)
     else:
-        arm = with_recorded_gauges(arm, [*training, *judging])
-        data, test_data = read_bags(arm, training, judging, spec, masses, progress)
-        result = fit_bags(arm, data, test_data, spec, settings, progress,
-                          ignore_payload=ignore_payload)
+        bags = HeldBags(arm, training, test, preprocessing, payloads, progress)
+    clock.lap('read and filter')
+    result = fit_bags(bags, settings, progress, ignore_payload=ignore_payload)
+    clock.lap('fit and validate')
+    planned = None if plan is None else compare_with_plan(result, plan)
     progress('collision thresholds')
     assessment = assess(result)
     bundle = bundle_of(result, assessment)
+    clock.lap('collision thresholds')
     if out is not None:
         from tudor_dynamics.show.page import report_bytes  # plots are slow to import
 
         progress('report')
-        save_bundle(bundle, out, overwrite=overwrite,
-                    extra={'report.html': report_bytes(result, assessment)})
-    return bundle
+        save_bundle(bundle, out, overwrite=overwrite, extra={
+            'report.html': report_bytes(result, assessment, planned=planned)})
+        clock.lap('save and report')
+    return Fit(result, assessment, bundle, planned, clock.seconds)
+
+
+class Clock:
+    """What took how long."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._last = self._begun = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """End a stage."""
+        now = time.perf_counter()
+        self.seconds[name] = round(now - self._last, 3)
+        self.seconds['total'] = round(now - self._begun, 3)
+        self._last = now
 
 
 def _by_path(payloads: Mapping[str, float], bags: Sequence[BagChoice]) -> dict[str, float]:

@@ -64,7 +64,24 @@ class Workers(Protocol):
         self, work: Callable[[Piece, Count], Result], pieces: Sequence[Piece],
         progress: Callable[[int], None],
     ) -> list[Result]:
-        """Do pieces of work, in their order."""
+        """
+        Do pieces of work.
+
+        Parameters
+        ----------
+        work : callable
+            Does a piece, and counts its steps; a function of a module.
+        pieces : sequence
+            Pieces, each of which may be taken several times.
+        progress : callable
+            Called with the number of steps that all pieces have done.
+
+        Returns
+        -------
+        list
+            What came of each piece, in their order.
+
+        """
 
 
 _workers: Workers | None = None

@@ -34,16 +34,15 @@ from tudor_dynamics.errors import UsageError
 from tudor_dynamics.files import read_bounded
 from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.fleet.sums import Folder, SUFFIX
-from tudor_dynamics.identification.dataset import check_choices, found_choices, parse_payloads
+from tudor_dynamics.identification.dataset import found_choices, parse_payloads
 from tudor_dynamics.identification.excitation_plan import read_plan
 from tudor_dynamics.identification.fit import (
-    check_kinds, choices_to_list, DEFAULT_KINDS, FitResult, FitSettings)
-from tudor_dynamics.identification.loads import bundle_of, figures
-from tudor_dynamics.identification.many_bags import (
-    fit_many, FROM, Streaming, streams, with_recorded_gauges)
-from tudor_dynamics.identification.next_steps import assess, Assessment, compare_with_plan
+    choices_to_list, DEFAULT_KINDS, FitResult, FitSettings)
+from tudor_dynamics.identification.loads import figures
+from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
+from tudor_dynamics.identification.next_steps import Assessment
 from tudor_dynamics.identification.validation import Grade
-from tudor_dynamics.library import change_bags, fit_bags, read_bags
+from tudor_dynamics.library import change_bags, fit_choices
 from tudor_dynamics.models.bundle_io import check_target, load_bundle, save_bundle
 from tudor_dynamics.models.estimation import ESTIMATORS
 from tudor_dynamics.models.kinds import KINDS
@@ -73,21 +72,6 @@ CURRENTS = {'shared': True, 'separate': False}
 """Words for whether currents of unknown torque constants share the inertial parameters."""
 LARGEST_REPORT = 50_000_000
 """Bytes of a report that is kept."""
-
-
-class Clock:
-    """What took how long, for the JSON."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self._last = self._begun = time.perf_counter()
-
-    def lap(self, name: str) -> None:
-        """End a stage."""
-        now = time.perf_counter()
-        self.seconds[name] = round(now - self._last, 3)
-        self.seconds['total'] = round(now - self._begun, 3)
-        self._last = now
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -194,63 +178,47 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f'there is {lacking}',
                          remedy='tudor fit BAG --arm YAML --out MODEL, or --to MODEL --add BAG')
     check_running(args)
-    clock = Clock()
     out = Path(args.out)
     check_target(out, overwrite=args.overwrite)
     arm = described(args)
     preprocessing = chosen_preprocessing(args, arm)
     plan = None if args.plan is None else read_plan(args.plan)
     training, test = found_choices(args.bags), found_choices(args.test)
-    check_choices(training, test)
-    check_kinds(args.models, arm)
     settings = FitSettings(
         kinds=tuple(args.models), estimator=args.estimator, strain_form=args.strain_form,
         elm_hidden=args.elm_hidden, elm_ridge=args.elm_ridge, elm_seed=args.elm_seed,
         random_split=args.random_split, shared=CURRENTS.get(args.currents))
     payloads = parse_payloads(args.payload_of, training + test)
-    streamed = streams(len(training), settings, asked=args.stream)
-    total = (4 * len(training) + 2 * len(test) if streamed else
-             len(training) + len(test)) + 4 * len(settings.kinds) + 4
-    with steps(total) as step, on_cluster(args.cluster, send=args.send_bags):
-        if streamed:
-            sums = Folder(out.with_name(out.name + SUFFIX).absolute())
-            result = fit_many(arm, training, test, preprocessing, settings, payloads,
-                              Streaming(sums, args.jobs, strict=args.strict), step,
-                              ignore_payload=args.ignore_payload)
-        else:
-            arm = with_recorded_gauges(arm, [*training, *test])
-            data, test_data = read_bags(arm, training, test, preprocessing, payloads, step)
-            clock.lap('read and filter')
-            result = fit_bags(arm, data, test_data, preprocessing, settings, step,
-                              ignore_payload=args.ignore_payload)
-        clock.lap('fit and validate')
-        comparison = None if plan is None else compare_with_plan(result, plan)
-        step('collision thresholds')
-        assessment = assess(result)
-        bundle = bundle_of(result, assessment)
-        clock.lap('collision thresholds')
-        from tudor_dynamics.show.page import headline, report_bytes  # plots are slow to import
+    streaming = None
+    total = len(training) + len(test)
+    if streams(len(training), settings, asked=args.stream):
+        sums = Folder(out.with_name(out.name + SUFFIX).absolute())
+        streaming = Streaming(sums, args.jobs, strict=args.strict)
+        total = 4 * len(training) + 2 * len(test)
+    with (steps(total + 4 * len(settings.kinds) + 4) as step,
+          on_cluster(args.cluster, send=args.send_bags)):
+        fit = fit_choices(arm, training, test, preprocessing, settings, payloads,
+                          ignore_payload=args.ignore_payload, plan=plan, out=out,
+                          overwrite=args.overwrite, streaming=streaming, progress=step)
+    result, assessment = fit.result, fit.assessment
+    from tudor_dynamics.show.page import headline  # plots are slow to import
 
-        step('report')
-        save_bundle(bundle, out, overwrite=args.overwrite,
-                    extra={'report.html': report_bytes(result, assessment, planned=comparison)})
-    clock.lap('save and report')
     report = out / 'report.html'
     levels = [item.verdict.level for item in headline(result.fitted)]
     if assessment.detects is Grade.GOOD:
         levels.append(Grade.USABLE)  # to detect collisions, whatever its figures are
     if args.json:
         print_json(finite({'model': str(out), 'report': str(report),
-                           'seconds': clock.seconds,
+                           'seconds': fit.seconds,
                            'findings': [item.as_dict() for item in result.findings],
                            'choices': choices_to_list(result.choices),
-                           **({} if comparison is None else {'plan': comparison.content()}),
+                           **({} if fit.plan is None else {'plan': fit.plan.content()}),
                            'unused': [asdict(bag) for bag in result.unused],
                            **assessment.as_dict(), **figures(result)}))
     else:
         _print(result, assessment, report)
-        if comparison is not None:
-            print_comparison(comparison)
+        if fit.plan is not None:
+            print_comparison(fit.plan)
     if any(level is not Grade.DO_NOT_USE for level in levels) or args.force:
         return 0
     return 1

@@ -23,15 +23,17 @@ import os
 from pathlib import Path
 import re
 from typing import Any, Protocol
+import warnings
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
+from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.storage import bags_below, natural
-from tudor_dynamics.errors import check_type, FitError, UsageError
+from tudor_dynamics.errors import check_type, FitError, TudorWarning, UsageError
 from tudor_dynamics.models.base import Blocks, Inputs, Model, Range, SAME, TrainingBlock
 from tudor_dynamics.signals.preprocessing import prepare, retimed, Stretch, Timing
 from tudor_dynamics.typing import FloatArray
@@ -184,6 +186,24 @@ def check_choices(training: Sequence[BagChoice], test: Sequence[BagChoice]) -> N
                 raise UsageError(msg)
         if number < len(training):
             same.append(other)
+
+
+def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
+    """Leave out gauges of the description that no bag has, where bags have others."""
+    if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
+                                  for gauge in arm.gauges):
+        return arm
+    topics = {gauge.topic for gauge in arm.gauges}
+    found = frozenset[str]().union(*(recorded_names(path, topics)
+                                     for path in dict.fromkeys(bag.path for bag in bags)))
+    missing = [name for name in arm.gauge_names if name not in found]
+    damped = () if arm.spec.damper is None else arm.spec.damper.joints
+    if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
+        return arm
+    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
+           'models are of the others alone')
+    warnings.warn(msg, TudorWarning, stacklevel=2)
+    return arm.with_gauges(found)
 
 
 # -- Recordings made ready for models: which bags, which part of them, filtered how

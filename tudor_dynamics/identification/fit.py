@@ -113,18 +113,25 @@ def unseen_cases(
     others: Sequence[Left], output: str,
 ) -> tuple[Case, ...]:
     """Collect bags with models that have not seen them, until there is enough motion."""
-    cases = list(validation.cases)
+    cases = validation.cases
     if model.has_memory:
-        return tuple(cases)
+        return cases
     judged = {bag.choice.path for _, bag in cases}
     if others and all(bag.choice.path in judged for _, bag in others):
         if len({bag.choice.path for _, bag in others}) > 1:
-            return tuple(cases)  # each was left out already
-        cases = []
-    for known, bag in others:
-        if sum(float(item.recording.t[-1]) for _, item in cases) >= ENOUGH:
+            return cases  # each was left out already
+        cases = ()
+    return enough(((model_for(fit(known), bag), bag) for known, bag in others), cases)
+
+
+def enough(more: Iterable[Case], kept: Sequence[Case] = ()) -> tuple[Case, ...]:
+    """Add bags with their models to those that are kept, until there is enough motion."""
+    cases, rest = list(kept), iter(more)
+    while sum(float(bag.recording.t[-1]) for _, bag in cases) < ENOUGH:
+        case = next(rest, None)
+        if case is None:
             break
-        cases.append((model_for(fit(known), bag), bag))
+        cases.append(case)
     return tuple(cases)
 
 
@@ -304,6 +311,16 @@ class FittedOutput:
     # unknown.
     noise: FloatArray = field(default_factory=lambda: np.zeros(0))
 
+    @classmethod
+    def judged(
+        cls, output: str, kind: str, model: Model, training: Validation, validation: Validation,
+        unseen: Sequence[Case], noise: FloatArray, random: Validation | None = None,
+    ) -> FittedOutput:
+        """Judge a model by its figures."""
+        verdict = judge_model(model, validation, training.score.fit, noise.tolist())
+        return cls(output, kind, model, training, validation, random, verdict, tuple(unseen),
+                   noise)
+
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
@@ -375,20 +392,30 @@ def fit_models(
             fitted.append(_fit_one(
                 arm, training, test, holdout, others, output, kind, settings, trainers[kind],
                 noise))
+    result = result_of(arm, preprocessing, settings, fitted, training, test,
+                       [facts_of(bag) for bag in training], [facts_of(bag) for bag in test], notes)
+    return replace(
+        result, elastic=next((found for trainer in trainers.values()
+                              if (found := trainer.identified) is not None), None),
+        searches={names: found for trainer in trainers.values()
+                  for names, found in trainer.searches.items()})
+
+
+def result_of(
+    arm: Arm, preprocessing: PreprocessingSpec, settings: FitSettings,
+    fitted: Sequence[FittedOutput], training: Sequence[BagData], test: Sequence[BagData],
+    learned: Sequence[BagFacts], judged: Sequence[BagFacts], notes: Sequence[str] = (),
+) -> FitResult:
+    """Collect the models of a fit, with what bags in memory and facts of all of them show."""
     ringing: tuple[Ringing, ...] = ()
     rigid = [item for item in fitted if item.kind == 'analytical']
     if rigid:
         last = rigid[-1]
         ringing = find_ringing(last.model, [*training, *test], last.output)
-    read = [warning for bag in (*training, *test) for warning in bag.recording.warnings]
+    said = [text for bag in (*learned, *judged) for text in bag.warnings]
     return FitResult(arm, preprocessing, settings, tuple(fitted), tuple(training), tuple(test),
-                     ringing, tuple(dict.fromkeys(read + notes)),
-                     next((found for trainer in trainers.values()
-                           if (found := trainer.identified) is not None), None),
-                     {names: found for trainer in trainers.values()
-                      for names, found in trainer.searches.items()},
-                     learned=tuple(facts_of(bag) for bag in training),
-                     judged=tuple(facts_of(bag) for bag in test))
+                     ringing, tuple(dict.fromkeys([*said, *notes])), learned=tuple(learned),
+                     judged=tuple(judged))
 
 
 def _fit_one(
@@ -416,6 +443,5 @@ def _fit_one(
     # single samples have no past: a model with a memory has no random split
     split = (random_split(fit_arrays, training, output, inputs=model.inputs)
              if settings.random_split and not model.has_memory else None)
-    verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
     unseen = unseen_cases(fit_bags, model, validation, others, output)
-    return FittedOutput(output, kind, model, seen, validation, split, verdict, unseen, noise)
+    return FittedOutput.judged(output, kind, model, seen, validation, unseen, noise, split)

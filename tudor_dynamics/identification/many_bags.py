@@ -24,27 +24,23 @@ import warnings
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.info import recorded_names
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
-from tudor_dynamics.identification.choice import choose
+from tudor_dynamics.identification.choice import Choices, choose
 from tudor_dynamics.identification.dataset import (
-    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, payload_range, Unused)
-from tudor_dynamics.identification.doctor.between import examine_bags
+    BagChoice, BagData, BagFacts, filtered, load, model_for, OUTPUTS, Unused,
+    with_recorded_gauges)
 from tudor_dynamics.identification.fit import (
-    blank, Case, ENOUGH, FitResult, FitSettings, FittedOutput)
+    blank, enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
     gather, judge, names_of, Part, Place, Sight, Store, survey, Task, Trial)
-from tudor_dynamics.identification.ringdowns import find_ringing
 from tudor_dynamics.identification.validation import (
-    judge_model, noise_floor, Tally, trace, Validation)
+    method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.base import TrainingBlock
 from tudor_dynamics.models.estimation import ESTIMATORS, Products, summed
 from tudor_dynamics.models.friction import term_names
 from tudor_dynamics.typing import Progress
 
-
-# -- Sums over many bags, by groups that are left out together, and models of such sums
 
 FOLDS = 10
 """Groups of bags that are left out, one after the other."""
@@ -135,8 +131,6 @@ def light(model: AnalyticalModel) -> AnalyticalModel:
     return other
 
 
-# -- From sums over many bags to judged models, in the shape of any other fit
-
 @dataclass(frozen=True, eq=False)
 class Streamed:
     """What the passes over many bags came to."""
@@ -156,89 +150,39 @@ class Streamed:
     test: tuple[BagData, ...]
     folds: Mapping[str, int]  # bag to the group that it is left out with
 
-    @property
-    def method(self) -> str:
-        """Say how it was judged, in words."""
-        if len(self.judged) == 1:
-            return f'test bag {self.judged[0].bag}'
-        if self.judged:
-            return f'{len(self.judged)} test bags'
-        groups, bags = len({*self.folds.values()}), len(self.learned)
-        return (f'leave one bag out, {bags} bags' if groups == bags else
-                f'leave one of {groups} groups of bags out, {bags} bags')
-
     def result(self, number: int) -> FitResult:
-        """Give the fit behind some of the filters."""
+        """Give the fit by some of the filters."""
         task, spec = self.task, self.task.specs[number]
         training, test = (tuple(filtered(bag, spec) for bag in bags)
                           for bags in (self.training, self.test))
-        fitted = tuple(self._output(number, output, training, test) for output in task.outputs)
-        ringing = find_ringing(fitted[-1].model, [*training, *test], fitted[-1].output)
-        told = [text for bag in (*self.learned, *self.judged) for text in bag.warnings]
-        return FitResult(task.arm, spec, task.settings, fitted, training, test, ringing,
-                         tuple(dict.fromkeys(told)), learned=self.learned, judged=self.judged,
-                         unused=self.unused)
+        fitted = [self._output(number, output, training, test) for output in task.outputs]
+        return replace(result_of(task.arm, spec, task.settings, fitted, training, test,
+                                 self.learned, self.judged), unused=self.unused)
 
     def _output(
         self, number: int, output: str, training: Sequence[BagData], test: Sequence[BagData],
     ) -> FittedOutput:
         place = number, output
-        model = self.models[place]
-        left = self._cases(place, training)
+        model, others = self.models[place], self.others[place]
+        left = [(model_for(others[self.folds[str(bag.choice)]], bag), bag) for bag in training]
         cases = [(model_for(model, bag), bag) for bag in test] if test else left
+        method = method_of([bag.bag for bag in self.judged], len(self.learned),
+                           len({*self.folds.values()}))
         validation = Validation(
-            self.method, self.unseen[place].score(model.channels),
+            method, self.unseen[place].score(model.channels),
             tuple(trace(at, bag, output) for at, bag in cases), model.channels, tuple(cases))
         seen = Validation('the training bags themselves',
                           self.seen[place].score(model.channels), (), model.channels)
         noise = noise_floor(test or training, output, self.task.specs[number])
-        verdict = judge_model(model, validation, seen.score.fit, noise.tolist())
-        return FittedOutput(output, 'analytical', model, seen, validation, None, verdict,
-                            _enough([*cases, *(left if test else ())]), noise)
+        return FittedOutput.judged(output, 'analytical', model, seen, validation,
+                                   enough([*cases, *(left if test else ())]), noise)
 
-    def _cases(self, place: Place, bags: Sequence[BagData]) -> list[Case]:
-        """Pair bags of the sample with models that have not seen them."""
-        others = self.others[place]
-        return [(model_for(others[self.folds[str(bag.choice)]], bag), bag) for bag in bags]
-
-
-def _enough(cases: Sequence[Case]) -> tuple[Case, ...]:
-    """Take no more than thresholds profit from."""
-    taken: list[Case] = []
-    for case in cases:
-        if sum(float(bag.recording.t[-1]) for _, bag in taken) >= ENOUGH:
-            break
-        taken.append(case)
-    return tuple(taken)
-
-
-# -- An arm with the gauges that its recordings have
-
-def with_recorded_gauges(arm: Arm, bags: Sequence[BagChoice]) -> Arm:
-    """Leave out gauges of the description that no bag has, where bags have others."""
-    if len(arm.gauges) < 2 or any(gauge.interface or gauge.index is not None
-                                  for gauge in arm.gauges):
-        return arm
-    topics = {gauge.topic for gauge in arm.gauges}
-    found = frozenset[str]().union(*(recorded_names(path, topics)
-                                     for path in dict.fromkeys(bag.path for bag in bags)))
-    missing = [name for name in arm.gauge_names if name not in found]
-    damped = () if arm.spec.damper is None else arm.spec.damper.joints
-    if not missing or len(missing) == len(arm.gauges) or {*missing} & {i.gauge for i in damped}:
-        return arm
-    msg = (f'{arm.name}: no bag has the gauges {", ".join(missing)} of the description; the '
-           'models are of the others alone')
-    warnings.warn(msg, TudorWarning, stacklevel=2)
-    return arm.with_gauges(found)
-
-
-# -- A fit to more bags than memory holds: which of them, in how many passes, kept where
 
 FROM = 33
 """Bags from which a fit is streamed without being asked to."""
 SAMPLE = 8
 """Bags that stay in memory, for choices, thresholds and figures."""
-TOLD = 5
+WARNED = 5
 """Bags left out that are warned of one by one."""
 
 
@@ -272,79 +216,51 @@ def streams(bags: int, settings: FitSettings, *, asked: bool = False) -> bool:
     return True
 
 
-def fit_many(
-    arm: Arm,
-    training: Sequence[BagChoice],
-    test: Sequence[BagChoice],
-    preprocessing: PreprocessingSpec,
-    settings: FitSettings,
-    payloads: Mapping[str, float],
-    streaming: Streaming,
-    progress: Progress = lambda _: None,
-    *,
-    ignore_payload: bool = False,
-) -> FitResult:
+class ManyBags:
     """
-    Fit analytical models to any number of bags.
+    Bags of a fit that are gone through one by one.
 
-    What is left open is chosen by a sample of the bags, which thresholds and figures come from as
-    well. Models and validation are of all of them.
-
-    payloads [kg].
+    Models and validation are of all of them. A sample stays in memory, for choices, thresholds
+    and figures.
     """
-    many = _Many(arm, settings, preprocessing, streaming, progress)
-    return many.fit(training, test, payloads, ignore_payload=ignore_payload)
-
-
-class _Many:
-    """The steps of a fit to many bags, and what they share."""
 
     def __init__(
-        self, arm: Arm, settings: FitSettings, spec: PreprocessingSpec, streaming: Streaming,
+        self, arm: Arm, training: Sequence[BagChoice], test: Sequence[BagChoice],
+        spec: PreprocessingSpec, payloads: Mapping[str, float], streaming: Streaming,
         progress: Progress,
     ) -> None:
-        self.arm, self.settings, self.spec = arm, settings, spec
-        self.streaming, self.progress, self.base = streaming, progress, Path.cwd()
+        """See all bags, and read the sample: payloads [kg]."""
+        self.arm, self.spec, self.streaming = arm, spec, streaming
+        self.progress, self.base = progress, Path.cwd()
         self.unused: list[Unused] = []
-
-    def fit(
-        self, choices: Sequence[BagChoice], tests: Sequence[BagChoice],
-        payloads: Mapping[str, float], *, ignore_payload: bool,
-    ) -> FitResult:
-        """Go through all bags three times: seen, multiplied out, judged."""
-        seen = survey([*choices, *tests], payloads, self.base, self.streaming.jobs,
+        seen = survey([*training, *test], payloads, self.base, streaming.jobs,
                       self._count('see bags'))
-        training, test = self._told_apart(seen[:len(choices)], seen[len(choices):])
-        found = None if ignore_payload else payload_range(training, test)
-        if found is not None:
-            self.settings = replace(self.settings, payloads=found)
-        bags, test_bags = self._sample(training), self._sample(test)
-        recorded = with_recorded_gauges(self.arm, [bag.choice for bag in (*bags, *test_bags)])
-        if recorded is not self.arm:
+        self.training, self.test = self._usable(seen[:len(training)], seen[len(training):])
+        bags, test_bags = self._sample(self.training), self._sample(self.test)
+        recorded = with_recorded_gauges(arm, [bag.choice for bag in (*bags, *test_bags)])
+        if recorded is not arm:
             self.arm = recorded
-            bags, test_bags = self._sample(training), self._sample(test)
-        outputs = self._outputs([*bags, *test_bags])
-        bags, test_bags = ([bag for bag in some if all(map(bag.has, outputs))]
-                           for some in (bags, test_bags))
-        chosen = choose(self.arm, bags, self.spec, self.settings, self.progress, summable=True)
+            bags, test_bags = self._sample(self.training), self._sample(self.test)
+        self.outputs = self._outputs([*bags, *test_bags])
+        self.held = [bag for bag in bags if all(map(bag.has, self.outputs))]
+        self.held_test = [bag for bag in test_bags if all(map(bag.has, self.outputs))]
+
+    def choose(self, settings: FitSettings) -> Choices:
+        """Choose what is left open by the sample."""
+        chosen = choose(self.arm, self.held, self.spec, settings, self.progress, summable=True)
         if any(term_names(joint, loaded=True) for joint in chosen.arm.joints):
             raise UsageError('friction that grows with the load is not fitted bag by bag: its '
                              'rows depend on all of them', remedy='leave the term load out')
-        self.progress('doctor')
-        findings = examine_bags(chosen.arm, [*bags, *test_bags])
-        specs = [chosen.preprocessing]
-        if chosen.preprocessing.filter == 'zero_phase':  # causal ones run beside the robot
-            specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
-        task = Task(chosen.arm, tuple(specs), outputs, chosen.settings, self.base,
-                    self.streaming.store)
-        done = self._streamed(task, training, test, bags, test_bags)
-        result = replace(done.result(0), findings=findings, choices=chosen.made)
-        return result if len(specs) == 1 else replace(result, causal=done.result(1))
+        return chosen
 
-    def _streamed(
-        self, task: Task, training: Sequence[Sight], test: Sequence[Sight],
-        bags: Sequence[BagData], test_bags: Sequence[BagData],
-    ) -> Streamed:
+    def fits(self, chosen: Choices, specs: Sequence[PreprocessingSpec]) -> list[FitResult]:
+        """Go through all bags twice more: multiplied out, judged."""
+        done = self._streamed(Task(chosen.arm, tuple(specs), self.outputs, chosen.settings,
+                                   self.base, self.streaming.store))
+        return [done.result(number) for number in range(len(specs))]
+
+    def _streamed(self, task: Task) -> Streamed:
+        training, test = self.training, self.test
         facts = gather([(task, training)], self.streaming.jobs, self._count('multiply out'))
         used = [(seen, item) for seen, item in zip(training, facts, strict=True)
                 if not isinstance(item, Unused)]
@@ -362,18 +278,18 @@ class _Many:
         for place in sums.parts:
             models[place], others[place] = sums.models(place)
         trials = _trials(task, known, test, models, others)
-        told = judge(trials, self.streaming.jobs, self._count('judge'))
-        lost = [item for item in told[:len(known)] if isinstance(item, Unused)]
+        answers = judge(trials, self.streaming.jobs, self._count('judge'))
+        lost = [item for item in answers[:len(known)] if isinstance(item, Unused)]
         if lost:
             raise FitError(f'{lost[0]}, though it could be read before',
                            remedy='fit again, and leave the bags alone meanwhile')
-        judged = [item for item in told[len(known):] if not isinstance(item, Unused)]
-        self._leave_out([item for item in told[len(known):] if isinstance(item, Unused)])
+        judged = [item for item in answers[len(known):] if not isinstance(item, Unused)]
+        self._leave_out([item for item in answers[len(known):] if isinstance(item, Unused)])
         if test and not judged:
             raise FitError(f'no test bag can be used: {self.unused[-1]}', remedy='give others')
         errors = ErrorSums()
         for (trial, seen), item in zip(
-                [(trial, seen) for trial in trials for seen in trial.bags], told, strict=True):
+                [(trial, seen) for trial in trials for seen in trial.bags], answers, strict=True):
             if not isinstance(item, Unused):
                 errors.add(trial, seen)
         task.store.forget(names_of(trials))
@@ -381,9 +297,10 @@ class _Many:
         return Streamed(
             task, models, others, tuple(item for _, item in used), tuple(judged),
             tuple(self.unused), errors.unseen, errors.seen,
-            tuple(bag for bag in bags if str(bag.choice) in folds), tuple(test_bags), folds)
+            tuple(bag for bag in self.held if str(bag.choice) in folds), tuple(self.held_test),
+            folds)
 
-    def _told_apart(
+    def _usable(
         self, training: Sequence[Sight | Unused], test: Sequence[Sight | Unused],
     ) -> tuple[list[Sight], list[Sight]]:
         """Leave out what cannot be opened, and copies; a copy of a training bag is no test."""
@@ -420,15 +337,15 @@ class _Many:
         if wrong and self.streaming.strict:
             more = f' (and {len(wrong) - 1} more)' if len(wrong) > 1 else ''
             raise FitError(f'--strict: {wrong[0]}{more}', remedy='leave it out, or --strict')
-        for item in wrong[:max(0, TOLD - len(self.unused))]:
+        for item in wrong[:max(0, WARNED - len(self.unused))]:
             warnings.warn(f'left out: {item}', TudorWarning, stacklevel=2)
         self.unused += wrong
-        if wrong and len(self.unused) > TOLD:
+        if wrong and len(self.unused) > WARNED:
             warnings.warn(f'{len(self.unused)} bags are left out; the bundle and --json name all',
                           TudorWarning, stacklevel=2)
 
     def _sample(self, seen: Sequence[Sight]) -> list[BagData]:
-        """Read some bags, evenly among all; those that cannot be read are told of later."""
+        """Read some bags, evenly among all; those that cannot be read are named later."""
         edges = [i * len(seen) // SAMPLE for i in range(SAMPLE + 1)]
         found = []
         with warnings.catch_warnings():
@@ -453,14 +370,14 @@ class _Many:
         return outputs
 
     def _count(self, text: str) -> Callable[[int], None]:
-        """Tell each bag that is done."""
-        told = 0
+        """Report each bag that is done."""
+        reported = 0
 
         def count(done: int) -> None:
-            nonlocal told
-            for _ in range(told, done):
+            nonlocal reported
+            for _ in range(reported, done):
                 self.progress(text)
-            told = max(told, done)
+            reported = max(reported, done)
         return count
 
 

@@ -387,7 +387,15 @@ def leave_one_bag_out(
         model = model_for(fit([other for j, other in enumerate(data) if j != i]), bag)
         traces.append(trace(model, bag, output))
         cases.append((model, bag))
-    return _summary(traces, model.channels, f'leave one bag out, {len(data)} bags', cases)
+    return _summary(traces, model.channels, method_of([], len(data), len(data)), cases)
+
+
+def method_of(tests: Sequence[str], bags: int, groups: int) -> str:
+    """Say how a model is judged: by test bags, or by groups of bags that are left out."""
+    if tests:
+        return f'test bag {tests[0]}' if len(tests) == 1 else f'{len(tests)} test bags'
+    return (f'leave one bag out, {bags} bags' if groups == bags else
+            f'leave one of {groups} groups of bags out, {bags} bags')
 
 
 def validate_unseen(
@@ -397,9 +405,8 @@ def validate_unseen(
 ) -> Validation:
     """Judge by what a model has not seen: test bags, each bag left out, or a part held out."""
     if test:
-        names = ', '.join(str(bag.choice) for bag in test)
-        return validate(model, test, output, f'test bag {names}' if len(test) == 1
-                        else f'{len(test)} test bags')
+        return validate(model, test, output, method_of(
+            [str(bag.choice) for bag in test], len(training), len(training)))
     if len(training) > 1:
         return leave_one_bag_out(fit, training, output)
     if holdout is None:
