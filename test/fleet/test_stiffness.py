@@ -24,12 +24,12 @@ from tudor_dynamics.fleet import pieces
 from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.dataset import BagChoice
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import Sight, Task
+from tudor_dynamics.identification.passes import SurveyedBag, Task
 
 DAYS = [datetime.date(2026, 1, day) for day in (1, 2, 3)]
-ALL = {('cell', DAYS[1]): [Sight(BagChoice('bag_4'), 'b' * 64, 0.2)],
-       ('cell', DAYS[2]): [Sight(BagChoice('none'), 'c' * 64)],
-       ('cell', DAYS[0]): [Sight(BagChoice('bag_3'), 'a' * 64, 0.2)]}
+ALL = {('cell', DAYS[1]): [SurveyedBag(BagChoice('bag_4'), 'b' * 64, 0.2)],
+       ('cell', DAYS[2]): [SurveyedBag(BagChoice('none'), 'c' * 64)],
+       ('cell', DAYS[0]): [SurveyedBag(BagChoice('bag_3'), 'a' * 64, 0.2)]}
 
 
 @pytest.fixture(scope='module')
@@ -80,6 +80,6 @@ def test_what_was_found_is_not_searched_for_again(
     assert pieces.stiffnesses({'cell': task}, both, 1, lambda _: None) == found
     assert len(searches) == 1 and searches[0]  # begins where the first date ended
     searches.clear()
-    other = {**both, ('cell', DAYS[0]): [Sight(BagChoice('bag_3'), 'd' * 64, 0.2)]}
+    other = {**both, ('cell', DAYS[0]): [SurveyedBag(BagChoice('bag_3'), 'd' * 64, 0.2)]}
     pieces.stiffnesses({'cell': task}, other, 1, lambda _: None)
     assert searches == [None]  # ends where it ended, so the next date is the same

@@ -25,7 +25,7 @@ import pytest
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.fleet.study import load_plan, Run, study
+from tudor_dynamics.fleet.study import load_plan, study, StudySettings
 from tudor_dynamics.identification.choice import Choices
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.passes import Task
@@ -71,14 +71,14 @@ def test_who_is_unlike_is_named(
 def test_alike_arms_are_not_named(tmp_path: Path) -> None:
     """Where nothing is wrong, nobody is named."""
     plan = write_fleet(tmp_path, 4, lambda number, date: 1.0, dates=3)
-    fleet = study(load_plan(plan), Run(plan.parent, tmp_path / 'out', models=False))
+    fleet = study(load_plan(plan), StudySettings(plan.parent, tmp_path / 'out', models=False))
     assert not fleet.named and not fleet.unused and not fleet.models
 
 
 def test_each_arm_has_a_model(tmp_path: Path) -> None:
     """Of its last date, by the choices of all; made once."""
     plan = write_fleet(tmp_path, 2, lambda number, date: 1.0, dates=2)
-    run = Run(plan.parent, tmp_path / 'out')
+    run = StudySettings(plan.parent, tmp_path / 'out')
     fleet = study(load_plan(plan), run)
     assert fleet.models == {'cell_1': 'models/cell_1', 'cell_2': 'models/cell_2'}
     reports = [tmp_path / 'out' / model / 'report.html' for model in fleet.models.values()]
@@ -100,7 +100,7 @@ def test_what_was_done_is_not_done_again(plan: Path, tmp_path: Path) -> None:
     damaged.write_bytes(damaged.read_bytes()[:4000])
     shutil.copytree(folder / 'cell_1/2026-01-10/run', folder / 'cell_4/2026-01-10/copy')
     plan = folder / 'plan.yaml'
-    run = Run(folder, tmp_path / 'out', models=False)
+    run = StudySettings(folder, tmp_path / 'out', models=False)
     first = study(load_plan(plan), run)
     sums = {file: file.stat().st_mtime_ns for file in (tmp_path / 'out/sums').iterdir()}
     assert len(sums) == 6 * (6 * 4 - 1)
@@ -148,7 +148,7 @@ def test_all_that_was_chosen_of_friction_is_taken(
     monkeypatch.setattr('tudor_dynamics.fleet.study.choose', chosen)
     monkeypatch.setattr('tudor_dynamics.fleet.study.gather', taken := Taken())
     with pytest.raises(Taken.Here):
-        study(load_plan(plan), Run(plan.parent, tmp_path, models=False))
+        study(load_plan(plan), StudySettings(plan.parent, tmp_path, models=False))
     assert taken.joints == given[0].joints
 
 

@@ -19,17 +19,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tudor_dynamics.fleet.comparison import day_scatter, drifts, Series, unlike
+from tudor_dynamics.fleet.comparison import day_scatter, drifts, History, unlike
 
 OWN, ERROR = 0.05, 0.03
 """Scatter from arm to arm, and standard error of a value."""
 
 
-def fleet(seed: int, arms: int = 8, dates: int = 4, scatter: float = 1.5) -> list[Series]:
+def fleet(seed: int, arms: int = 8, dates: int = 4, scatter: float = 1.5) -> list[History]:
     """Draw arms that are alike; values scatter more from date to date than their errors tell."""
     generator = np.random.default_rng(seed)
     days = 30.0 * np.arange(dates)
-    return [Series(days, generator.normal(1.0, OWN) + scatter * ERROR * generator.normal(
+    return [History(days, generator.normal(1.0, OWN) + scatter * ERROR * generator.normal(
         size=dates), np.full(dates, ERROR)) for _ in range(arms)]
 
 
@@ -59,9 +59,9 @@ def test_who_differs_is_named() -> None:
 def test_little_is_not_named_however_certain() -> None:
     """Five percent are nothing to mend."""
     days = np.array([0.0, 30.0, 60.0])
-    series = [Series(days, np.full(3, value), np.full(3, 1e-6))
+    series = [History(days, np.full(3, value), np.full(3, 1e-6))
               for value in (1.0, 1.0, 1.0, 1.0, 1.05)]
-    series.append(Series(days, np.array([1.0, 1.025, 1.05]), np.full(3, 1e-6)))
+    series.append(History(days, np.array([1.0, 1.025, 1.05]), np.full(3, 1e-6)))
     for told in (unlike(series), drifts(series)):
         assert not any(item is not None and item.named for item in told)
     last = unlike(series)[4]

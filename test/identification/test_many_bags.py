@@ -40,7 +40,7 @@ from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.dataset import BagChoice, BagData, cut, Unused
 from tudor_dynamics.identification.fit import FitSettings
 from tudor_dynamics.identification.many_bags import FROM, Streaming, streams
-from tudor_dynamics.identification.passes import _gather, Sight, Task, Trial
+from tudor_dynamics.identification.passes import _gather, SurveyedBag, Task, Trial
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.parallel import given_to
@@ -105,7 +105,7 @@ def test_bags_that_are_sent(
     places: list[Path] = []
     read = Task.read
 
-    def noted(task: Task, seen: Sight) -> BagData:
+    def noted(task: Task, seen: SurveyedBag) -> BagData:
         places.append(task.place(seen))
         return read(task, seen)
 
@@ -115,7 +115,8 @@ def test_bags_that_are_sent(
     sent = [place for place in places if root not in place.parents]
     assert len(sent) == 2 * len(parts) and not any(place.exists() for place in sent)
     trial = Trial(Task(usual.arm, (usual.preprocessing,), ('effort',), FitSettings(), tmp_path,
-                       Folder(tmp_path / 'sums')), (Sight(BagChoice('bad.mcap'), 'none'),), {}, {})
+                       Folder(tmp_path / 'sums')),
+                  (SurveyedBag(BagChoice('bad.mcap'), 'none'),), {}, {})
     parcel = packed(_gather, trial)
     bad.unlink()
     (unused,), files = unpacked(parcel, lambda _: None)

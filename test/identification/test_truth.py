@@ -30,7 +30,7 @@ from tudor_dynamics.bags.reader import BOOL
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.detection import (
     alarms_at, find_truth, FREE, KnownPush, push_of, score, table_of_pushes, Truth, truth_of_table,
-    Watched)
+    WatchedBag)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +83,8 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     truth = find_truth(str(bag))
     assert not truth.known and truth.pushes == ()
     stamp = times(1000)
-    watched = [Watched('a', stamp, np.zeros(1000), truth, ()),
-               Watched('b', stamp, np.zeros(1000), Truth('x', (KnownPush(
+    watched = [WatchedBag('a', stamp, np.zeros(1000), truth, ()),
+               WatchedBag('b', stamp, np.zeros(1000), Truth('x', (KnownPush(
                    int(stamp[500]), int(stamp[550])),)), ())]
     alarms = [stamp[[10, 20]], stamp[[30, 505]]]
     alone = score(watched[:1], alarms[:1])
@@ -93,7 +93,7 @@ def test_a_bag_without_truth_is_unknown(tmp_path: Path) -> None:
     both = score(watched, alarms)
     assert (both.events, both.pushes, both.found, both.false_alarms) == (4, 1, 1, 1)
     assert both.latency_median == pytest.approx(0.05)
-    free = score([Watched('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
+    free = score([WatchedBag('a', stamp, np.zeros(1000), FREE, ())], alarms[:1])
     assert free.false_alarms == 2
     # marked by eye a moment too late: the push is found at once, and the alarm is no false one
     early, soon = (score(watched[1:], [stamp[[place]]]) for place in (485, 495))
@@ -140,6 +140,6 @@ def test_alarms_at_another_threshold() -> None:
     stamp = times(100)
     ratio = np.zeros(100)
     ratio[[10, 12, 60]] = 3.0
-    item = Watched('a', stamp, ratio, FREE, ())
+    item = WatchedBag('a', stamp, ratio, FREE, ())
     assert alarms_at(item, 2.0, 0.3).tolist() == stamp[[10, 60]].tolist()
     assert not len(alarms_at(item, 4.0, 0.3))

@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.identification.detection import (
-    CollisionScore, KnownPush, MethodResult, Sighting, Truth, Watched)
+    CollisionScore, DetectedEvent, KnownPush, MethodResult, Truth, WatchedBag)
 from tudor_dynamics.online.detector import CollisionEvent
 from tudor_dynamics.show.pictures import _draw, LOWEST, MOST, write_events
 
@@ -36,24 +36,24 @@ def at(seconds: float) -> int:
     return BEGIN + round(seconds * 1e9)
 
 
-def watched(name: str = 'run', *, found: bool = True, settled: float = 1.0) -> Watched:
+def watched(name: str = 'run', *, found: bool = True, settled: float = 1.0) -> WatchedBag:
     """Give 10 s of ratios with a push at 4 s, seen at 4.2 s; the first second is left out."""
     t = np.arange(settled, 10.0, 0.01)
     ratio = np.where((t > 4.0) & (t < 4.5), 3.0, 0.01)
     event = CollisionEvent(at(4.1), at(4.2), 'strain', 'link2', {'g': 9.0}, {'g': 3.0})
-    sightings = (Sighting(event, 4.2, 'g', 3.0, 0.4, 0),) if found else ()
-    return Watched(name, (BEGIN + np.round(t * 1e9)).astype(np.int64), ratio,
-                   Truth('marks', (KnownPush(at(4.0), at(4.5)),)), sightings)
+    sightings = (DetectedEvent(event, 4.2, 'g', 3.0, 0.4, 0),) if found else ()
+    return WatchedBag(name, (BEGIN + np.round(t * 1e9)).astype(np.int64), ratio,
+                      Truth('marks', (KnownPush(at(4.0), at(4.5)),)), sightings)
 
 
-def result(*bags: Watched, method: str = 'strain') -> MethodResult:
+def result(*bags: WatchedBag, method: str = 'strain') -> MethodResult:
     """Give what a method made of bags."""
     found = sum(len(bag.sightings) for bag in bags)
     score = CollisionScore(found, len(bags), found, 1.0, 0.2, 0.2, 0, 0.01, 0.0)
     return MethodResult(method, score, bags, ())
 
 
-def axes_of(bag: Watched) -> Any:
+def axes_of(bag: WatchedBag) -> Any:
     """Draw one bag."""
     axes = Figure().subplots()
     _draw(axes, result(bag), 0, first=True, last=True)
@@ -86,7 +86,7 @@ def test_nothing_found_and_nothing_watched() -> None:
     """No triangle; a bag without samples leaves its place empty."""
     axes = axes_of(watched(found=False))
     assert len(axes.lines[2].get_xdata()) == 0 and ' 0 events in run' in axes.get_title()
-    empty = Watched('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
+    empty = WatchedBag('run', np.zeros(0, np.int64), np.zeros(0), Truth(), ())
     assert not axes_of(empty).lines
 
 

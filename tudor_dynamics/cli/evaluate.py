@@ -35,9 +35,9 @@ from tudor_dynamics.files import write_whole
 from tudor_dynamics.identification.dataset import BagData, load, parse_choice
 from tudor_dynamics.identification.detection import (
     evaluate_collisions, find_truth, FREE, MethodResult, table_of_pushes, Truth, truth_of_table,
-    Watched)
+    WatchedBag)
 from tudor_dynamics.identification.doctor.between import Evaluated, examine_evaluation
-from tudor_dynamics.identification.next_steps import Change, changes
+from tudor_dynamics.identification.next_steps import changes, ErrorChange
 from tudor_dynamics.identification.validation import rounded, Validation
 from tudor_dynamics.library import predict_bags, warn_of_training
 from tudor_dynamics.models.bundle import ModelBundle
@@ -208,7 +208,7 @@ def _contact(found: dict[str, Any] | None) -> tuple[str, str, str]:
             'not told' if place is None else f'{1e3 * place:.0f} +- {1e3 * spread:.0f}')
 
 
-def _push(watched: Watched, place: int | None) -> str:
+def _push(watched: WatchedBag, place: int | None) -> str:
     if not watched.truth.known:
         return '?'
     if place is None:
@@ -361,7 +361,7 @@ def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
         print_table(table)
 
 
-def _counts(change: Change, compared: Sequence[Change]) -> bool:
+def _counts(change: ErrorChange, compared: Sequence[ErrorChange]) -> bool:
     """Say whether a change decides: an ELM does where it is all that there is."""
     return change.kind != 'elm' or all(other.kind == 'elm' for other in compared)
 

@@ -27,7 +27,7 @@ from tudor_dynamics.errors import FitError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.fleet.cluster import on_cluster
 from tudor_dynamics.fleet.comparison import Fleet, WORDS
-from tudor_dynamics.fleet.study import load_plan, page_of, Run, study
+from tudor_dynamics.fleet.study import load_plan, page_of, study, StudySettings
 
 EXAMPLES = """\
 examples:
@@ -77,8 +77,8 @@ def run(args: argparse.Namespace) -> int:
     begun = time.perf_counter()
     total = 4 * sum(len(arm.bags) for arm in plan.arms) + 3
     with steps(total) as step, on_cluster(args.cluster):
-        fleet = study(plan, Run(path.parent, out, args.jobs, models=not args.no_models,
-                                elastic=args.elastic), step)
+        fleet = study(plan, StudySettings(path.parent, out, args.jobs, models=not args.no_models,
+                                          elastic=args.elastic), step)
     if args.strict and fleet.unused:
         raise FitError(f'--strict: {fleet.unused[0]}', remedy='leave it out, or --strict')
     content = finite(fleet.as_dict())

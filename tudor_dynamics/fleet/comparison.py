@@ -25,8 +25,8 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData, Unused
-from tudor_dynamics.identification.next_steps import Change, change_of, LEAST, SIGMAS
-from tudor_dynamics.identification.passes import Sight
+from tudor_dynamics.identification.next_steps import change_of, ErrorChange, LEAST, SIGMAS
+from tudor_dynamics.identification.passes import SurveyedBag
 from tudor_dynamics.identification.ringdowns import clear_ring, standstills
 from tudor_dynamics.identification.validation import part_errors, PartErrors
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -199,7 +199,7 @@ Part = list[list[Products]]
 def aged(
     output: str, model: AnalyticalModel, others: Sequence[AnalyticalModel],
     then: Sequence[Part], now: Sequence[Part],
-) -> list[Change]:
+) -> list[ErrorChange]:
     """Compare the errors of a model on a later date with those on the date that it is of."""
     old = [part_errors(blind, part) for blind, part in zip(others, then, strict=True)]
     new = [part_errors(model, part) for part in now]
@@ -240,7 +240,7 @@ FEW = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Series:
+class History:
     """A quantity of one arm over time."""
 
     days: FloatArray  # time since the first date of the fleet, (dates,) [d]
@@ -260,7 +260,7 @@ class Difference:
     named: bool  # whether it is large and certain enough to be named
 
 
-def unlike(series: Sequence[Series]) -> list[Difference | None]:
+def unlike(series: Sequence[History]) -> list[Difference | None]:
     """Compare the levels of arms; returns None where there are too few others."""
     scale = day_scatter(series)
     levels, errors = (np.array(column) for column in zip(
@@ -280,7 +280,7 @@ def unlike(series: Sequence[Series]) -> list[Difference | None]:
     return found
 
 
-def drifts(series: Sequence[Series]) -> list[Difference | None]:
+def drifts(series: Sequence[History]) -> list[Difference | None]:
     """Look for arms that change over time; returns None where there are too few dates."""
     scale = day_scatter(series)
     found: list[Difference | None] = []
@@ -297,7 +297,7 @@ def drifts(series: Sequence[Series]) -> list[Difference | None]:
     return found
 
 
-def day_scatter(series: Sequence[Series]) -> float:
+def day_scatter(series: Sequence[History]) -> float:
     """Say how much more a quantity scatters from date to date than its standard errors tell."""
     ratios = []
     for item in series:
@@ -312,13 +312,13 @@ def day_scatter(series: Sequence[Series]) -> float:
     return float(np.sqrt(max(1.0, np.median(ratios)))) if ratios else 1.0
 
 
-def _level(item: Series, scale: float) -> tuple[float, float]:
+def _level(item: History, scale: float) -> tuple[float, float]:
     weights = item.errors ** -2.0
     return (float(weights @ item.values / weights.sum()),
             float(scale / np.sqrt(weights.sum())))
 
 
-def _line(item: Series) -> tuple[FloatArray, FloatArray]:
+def _line(item: History) -> tuple[FloatArray, FloatArray]:
     columns = np.column_stack([np.ones_like(item.days), item.days]) / item.errors[:, None]
     covariance: FloatArray = np.asarray(np.linalg.pinv(columns.T @ columns), dtype=float)
     return covariance @ columns.T @ (item.values / item.errors), covariance
@@ -337,7 +337,7 @@ WORDS = {'unlike': 'unlike the others', 'drift': 'drifts', 'aged': 'its model ha
 
 
 @dataclass(frozen=True)
-class Seen:
+class Observation:
     """A number of an arm at a date."""
 
     arm: str  # name of the arm
@@ -387,7 +387,7 @@ class Fleet:
 
     name: str  # what it is called
     arms: tuple[str, ...]  # names of the arms
-    seen: tuple[Seen, ...]  # all numbers, of each arm at each of its dates
+    seen: tuple[Observation, ...]  # all numbers, of each arm at each of its dates
     named: tuple[Named, ...]  # arms that are named, and what for
     choices: tuple[str, ...]  # what was chosen for all arms, in words
     models: dict[str, str]  # arm to the folder of its model, below that of the fleet
@@ -403,7 +403,7 @@ class Fleet:
 
 # -- All arms beside each other: series of each quantity, and which arms are named
 
-def parted(sights: Sequence[Sight], least: int) -> list[Sight]:
+def parted(sights: Sequence[SurveyedBag], least: int) -> list[SurveyedBag]:
     """Divide few bags, so that there are enough parts for standard errors."""
     count = -(-least // len(sights))
     found = []
@@ -416,10 +416,10 @@ def parted(sights: Sequence[Sight], least: int) -> list[Sight]:
     return found
 
 
-def named_beside(seen: Sequence[Seen]) -> list[Named]:
+def named_beside(seen: Sequence[Observation]) -> list[Named]:
     """Compare each quantity of all arms."""
     start = min((item.date for item in seen), default=datetime.date.min)
-    groups: dict[tuple[str, str, str, str], dict[str, list[Seen]]] = {}
+    groups: dict[tuple[str, str, str, str], dict[str, list[Observation]]] = {}
     for item in seen:
         quantity = item.quantity
         if not 0.0 < quantity.error < float('inf'):
@@ -437,14 +437,14 @@ def named_beside(seen: Sequence[Seen]) -> list[Named]:
     return found
 
 
-def named_aged(changes: Mapping[str, Sequence[Change]]) -> list[Named]:
+def named_aged(changes: Mapping[str, Sequence[ErrorChange]]) -> list[Named]:
     """Say whose model has aged: a motion that no model knows lets the errors of all arms grow."""
     found = []
     for same in zip(*changes.values(), strict=True):
         growth = [np.log(max(item.now / item.then, 1e-12)) for item in same]
         errors = [max(abs(value / item.sigmas), 1e-3) if item.sigmas else LEAST
                   for value, item in zip(growth, same, strict=True)]
-        told = unlike([Series(np.zeros(1), np.array([value]), np.array([error]))
+        told = unlike([History(np.zeros(1), np.array([value]), np.array([error]))
                        for value, error in zip(growth, errors, strict=True)])
         for arm, change, beside in zip(changes, same, told, strict=True):
             if change.changed and (beside is None or beside.sigmas > SIGMAS):
@@ -454,8 +454,8 @@ def named_aged(changes: Mapping[str, Sequence[Change]]) -> list[Named]:
     return found
 
 
-def _series(items: Sequence[Seen], start: datetime.date) -> Series:
+def _series(items: Sequence[Observation], start: datetime.date) -> History:
     order = sorted(items, key=lambda item: item.date)
-    return Series(np.array([float((item.date - start).days) for item in order]),
-                  np.array([item.quantity.value for item in order]),
-                  np.array([item.quantity.error for item in order]))
+    return History(np.array([float((item.date - start).days) for item in order]),
+                   np.array([item.quantity.value for item in order]),
+                   np.array([item.quantity.error for item in order]))

@@ -28,12 +28,12 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import TudorError, TudorWarning
 from tudor_dynamics.files import source_digest, write_whole
-from tudor_dynamics.fleet.comparison import Quantity, rings, Seen, stiffness_quantities
+from tudor_dynamics.fleet.comparison import Observation, Quantity, rings, stiffness_quantities
 from tudor_dynamics.identification.dataset import BagChoice, load, Unused
 from tudor_dynamics.identification.elastic_problem import records_of
 from tudor_dynamics.identification.elastic_search import identify
 from tudor_dynamics.identification.fit import FitSettings
-from tudor_dynamics.identification.passes import PARTS, Sight, Task
+from tudor_dynamics.identification.passes import PARTS, SurveyedBag, Task
 from tudor_dynamics.library import fit
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.models.elastic.model import PhysicalParameter
@@ -48,7 +48,7 @@ Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ModelTask:
     """A model to be made."""
 
     arm: Arm  # arm with its friction
@@ -83,13 +83,13 @@ def _rings(piece: RingPiece, count: Count) -> Rings:
 
 
 def model_pieces(
-    asked: Sequence[Model], jobs: int, progress: Progress,
+    asked: Sequence[ModelTask], jobs: int, progress: Progress,
 ) -> list[Path | Unused]:
     """Make the models of arms, those that are not there yet."""
     return in_processes(_model, asked, jobs, progress)
 
 
-def _model(piece: Model, count: Count) -> Path | Unused:
+def _model(piece: ModelTask, count: Count) -> Path | Unused:
     out = piece.out / 'models' / piece.name
     mark = piece.out / 'sums' / f'{piece.name}.model'
     depends = hashlib.sha256(json.dumps([
@@ -133,26 +133,26 @@ class _Piece:
     """The dates of an arm, in order."""
 
     task: Task
-    dates: tuple[Sequence[Sight], ...]
+    dates: tuple[Sequence[SurveyedBag], ...]
 
 
 def stiffnesses(
-    tasks: Mapping[str, Task], bags: Mapping[tuple[str, datetime.date], Sequence[Sight]],
+    tasks: Mapping[str, Task], bags: Mapping[tuple[str, datetime.date], Sequence[SurveyedBag]],
     jobs: int, progress: Callable[[int], None],
-) -> tuple[list[Seen], list[Unused]]:
+) -> tuple[list[Observation], list[Unused]]:
     """Search for the stiffnesses of arms over time; what was found before is taken up."""
     whens = [sorted(when for when in bags if when[0] == name) for name in tasks]
     found = in_processes(_over_time, [
         _Piece(task, tuple(bags[when] for when in mine))
         for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
-    seen: list[Seen] = []
+    seen: list[Observation] = []
     unused: list[Unused] = []
     for when, told in ((when, told) for mine, some in zip(whens, found, strict=True)
                        for when, told in zip(mine, some, strict=True)):
         if isinstance(told, str):
             unused.append(Unused(f'{when[0]} {when[1]}', f'no stiffness: {told}'))
         else:
-            seen += [Seen(*when, 'elastic', item) for item in told]
+            seen += [Observation(*when, 'elastic', item) for item in told]
     return seen, unused
 
 
@@ -174,7 +174,7 @@ def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
     return found
 
 
-def _known(task: Task, bags: Sequence[Sight], warm: dict[str, float] | None) -> Physical:
+def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | None) -> Physical:
     """Take up what was found in the bags of a date, or search for it and keep it."""
     name = task.name(bags[0], '.json', json.dumps(
         ['elastic', source_digest(BEHIND), warm, [task.name(bag, '') for bag in bags[1:]]]))

@@ -32,9 +32,9 @@ from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.fleet.comparison import (
-    aged, Fleet, Measure, measures, Named, named_aged, named_beside, parted, quantities,
-    ring_quantities, Seen, WORDS)
-from tudor_dynamics.fleet.pieces import Model, model_pieces, ring_pieces, stiffnesses
+    aged, Fleet, Measure, measures, Named, named_aged, named_beside, Observation, parted,
+    quantities, ring_quantities, WORDS)
+from tudor_dynamics.fleet.pieces import model_pieces, ModelTask, ring_pieces, stiffnesses
 from tudor_dynamics.fleet.sums import Folder
 from tudor_dynamics.identification.choice import choices_of, choose
 from tudor_dynamics.identification.dataset import (
@@ -42,8 +42,8 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.elastic_trainer import check_arm
 from tudor_dynamics.identification.fit import FitSettings, RowTrainer
 from tudor_dynamics.identification.many_bags import FoldSums
-from tudor_dynamics.identification.next_steps import Change
-from tudor_dynamics.identification.passes import gather, Part, Sight, survey, Task
+from tudor_dynamics.identification.next_steps import ErrorChange
+from tudor_dynamics.identification.passes import gather, Part, survey, SurveyedBag, Task
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.show.figures import (
     BLUE, label, new_figure, on_page, plain_text, VERMILION)
@@ -173,7 +173,7 @@ class Drawn:
 
 def page_of(fleet: Fleet) -> str:
     """Render the page."""
-    groups: dict[str, list[Seen]] = {}
+    groups: dict[str, list[Observation]] = {}
     for item in fleet.seen:
         quantity = item.quantity
         groups.setdefault(f'{quantity.name}, {quantity.channel} ({item.output})', []).append(item)
@@ -187,8 +187,8 @@ def page_of(fleet: Fleet) -> str:
 
 
 @on_page
-def _figure(title: str, items: Sequence[Seen], named: Sequence[str]) -> Figure:
-    arms: dict[str, list[Seen]] = {}
+def _figure(title: str, items: Sequence[Observation], named: Sequence[str]) -> Figure:
+    arms: dict[str, list[Observation]] = {}
     for item in items:
         arms.setdefault(item.arm, []).append(item)
     others = [arm for arm in arms if arm not in named]
@@ -232,7 +232,7 @@ PARTS = 6
 
 
 @dataclass(frozen=True)
-class Run:
+class StudySettings:
     """How a fleet is gone through."""
 
     base: Path  # directory that the names in the plan are relative to
@@ -246,8 +246,8 @@ class Run:
 class _Date:
     """An arm at a date: its parts, their sums and models."""
 
-    whole: list[Sight] = field(default_factory=list)
-    sights: list[Sight] = field(default_factory=list)
+    whole: list[SurveyedBag] = field(default_factory=list)
+    sights: list[SurveyedBag] = field(default_factory=list)
     models: dict[str, AnalyticalModel] = field(default_factory=dict)
     others: dict[str, list[AnalyticalModel]] = field(default_factory=dict)
     parts: dict[str, list[Part]] = field(default_factory=dict)
@@ -258,13 +258,13 @@ class _Date:
         return tuple(seen.choice for seen in self.whole)
 
     @property
-    def used(self) -> tuple[Sight, ...]:
+    def used(self) -> tuple[SurveyedBag, ...]:
         """Give the bags that at least one part of is used."""
         names = {sight.choice.path for sight in self.sights}
         return tuple(seen for seen in self.whole if seen.choice.path in names)
 
 
-def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fleet:
+def study(plan: FleetPlan, run: StudySettings, progress: Progress = lambda _: None) -> Fleet:
     """Fit all arms of a fleet at all dates, and compare them."""
     return _Study(plan, run, progress).done()
 
@@ -272,7 +272,7 @@ def study(plan: FleetPlan, run: Run, progress: Progress = lambda _: None) -> Fle
 class _Study:
     """The steps of a study, and what they share."""
 
-    def __init__(self, plan: FleetPlan, run: Run, progress: Progress) -> None:
+    def __init__(self, plan: FleetPlan, run: StudySettings, progress: Progress) -> None:
         self.plan, self.run, self.progress = plan, run, progress
         self.unused: list[Unused] = []
         self.arms = self._described()
@@ -294,7 +294,7 @@ class _Study:
         some = {output: self._measures(output, bags, chosen.settings) for output in outputs}
         self._gather(chosen.preprocessing, chosen.settings, outputs)
         self.progress('compare')
-        seen = [Seen(*when, output, item) for when, date in self.dates.items()
+        seen = [Observation(*when, output, item) for when, date in self.dates.items()
                 for output, model in date.models.items()
                 for item in quantities(some[output], model, date.others[output])]
         seen += self._rings(chosen.preprocessing)
@@ -422,7 +422,7 @@ class _Study:
             raise FitError(f'no date of any arm can be used: {self.unused[0]}',
                            remedy='correct the plan')
 
-    def _fit(self, task: Task, date: _Date, used: Sequence[Sight]) -> None:
+    def _fit(self, task: Task, date: _Date, used: Sequence[SurveyedBag]) -> None:
         date.sights = [replace(sight, fold=i) for i, sight in enumerate(used)]
         if len(used) < 2:
             raise FitError(f'{len(used)} parts of bags can be used', remedy='give others')
@@ -437,16 +437,17 @@ class _Study:
             for (_, output), part in task.kept(sight).parts.items():
                 date.parts.setdefault(output, []).append(part)
 
-    def _rings(self, spec: PreprocessingSpec) -> list[Seen]:
+    def _rings(self, spec: PreprocessingSpec) -> list[Observation]:
         asked = [(self.arms[name], spec, self.run.base.absolute(), date.bags)
                  for (name, _), date in self.dates.items()]
         found = ring_pieces(asked, self.run.jobs, lambda done: self.progress('ring-downs'))
-        return [Seen(*when, 'ring', item) for when, rings in zip(self.dates, found, strict=True)
+        return [Observation(*when, 'ring', item)
+                for when, rings in zip(self.dates, found, strict=True)
                 for item in ring_quantities(rings)]
 
     def _aged(self, outputs: Sequence[str]) -> list[Named]:
         """Judge the model of each arm's first date on its last one."""
-        found: dict[str, list[Change]] = {}
+        found: dict[str, list[ErrorChange]] = {}
         for name in self.arms:
             dates = sorted(date for arm, date in self.dates if arm == name)
             if len(dates) > 1:
@@ -461,10 +462,10 @@ class _Study:
         last: dict[str, datetime.date] = {}
         for name, date in self.dates:
             last[name] = max(last.get(name, date), date)
-        asked = [Model(self.arms[name], spec, settings, self.run.base.absolute(),
-                       self.dates[name, date].bags,
-                       tuple(seen.checksum for seen in self.dates[name, date].whole),
-                       self.run.out.absolute(), name) for name, date in last.items()]
+        asked = [ModelTask(self.arms[name], spec, settings, self.run.base.absolute(),
+                           self.dates[name, date].bags,
+                           tuple(seen.checksum for seen in self.dates[name, date].whole),
+                           self.run.out.absolute(), name) for name, date in last.items()]
         told = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
         self.unused += [item for item in told if isinstance(item, Unused)]
         return {item.name: f'models/{item.name}' for item, made in zip(asked, told, strict=True)

@@ -322,7 +322,7 @@ SWITCHES = (0.05, 0.25, 5.0)
 """Speeds of the smoothed sign that are tried, in that of the description."""
 TRIED = tuple(name for name, term in TERMS.items() if term.tried)
 TRIED_STATES = tuple(name for name, term in TERMS.items() if term.tried_values)
-Change = Mapping[str, Any]
+JointChange = Mapping[str, Any]
 
 
 def choices_of(joint: JointSpec) -> dict[str, Any]:
@@ -336,13 +336,13 @@ def is_open(joint: JointSpec) -> bool:
     return not joint.model_fields_set & {'friction', 'asymmetric'}
 
 
-def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, Change]:
+def additions(joint: JointSpec, left_out: Collection[str]) -> dict[str, JointChange]:
     """
     Give what may be added to the friction of a joint, by its name.
 
     Returns an empty dict where all is fixed.
     """
-    found: dict[str, Change] = {}
+    found: dict[str, JointChange] = {}
     if is_open(joint):
         for term in TRIED:
             if term in left_out or term in joint.friction or (
@@ -387,7 +387,7 @@ def all_candidates(
     return found
 
 
-def _changed(joint: JointSpec, change: Change) -> JointSpec:
+def _changed(joint: JointSpec, change: JointChange) -> JointSpec:
     # what was open stays open: what is tried does not count as described
     content = {**{name: getattr(joint, name) for name in JointSpec.model_fields}, **change}
     return JointSpec.model_construct(_fields_set=set(joint.model_fields_set), **content)

@@ -274,7 +274,7 @@ class CollisionScore:
 
 
 @dataclass(frozen=True)
-class Sighting:
+class DetectedEvent:
     """One event of a bag, as a person wants to know of it."""
 
     event: CollisionEvent  # what was found
@@ -295,7 +295,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, eq=False)
-class Watched:
+class WatchedBag:
     """One bag as one method saw it."""
 
     bag: str  # path of the bag
@@ -303,7 +303,7 @@ class Watched:
     # (samples,): largest ratio to the collision threshold that held for the debounce time.
     ratio: FloatArray
     truth: Truth  # pushes that there were
-    sightings: tuple[Sighting, ...]  # what was found
+    sightings: tuple[DetectedEvent, ...]  # what was found
 
     @property
     def alarms(self) -> NDArray[np.int64]:
@@ -323,7 +323,7 @@ def push_of(stamp: int, pushes: Sequence[KnownPush], late: float = AFTERMATH) ->
     return begun[-1]
 
 
-def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
+def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) -> CollisionScore:
     """Judge alarms by the pushes: alarms [ns]."""
     latencies, pushes, false, free = [], 0, 0, 0.0
     for item, times in zip(watched, alarms, strict=True):
@@ -351,7 +351,7 @@ def score(watched: Sequence[Watched], alarms: Sequence[NDArray[np.int64]]) -> Co
         false if told else None, hours, false / hours if told and hours > 0 else None)
 
 
-def alarms_at(item: Watched, factor: float, rearm: float) -> NDArray[np.int64]:
+def alarms_at(item: WatchedBag, factor: float, rearm: float) -> NDArray[np.int64]:
     """
     Give the times at which a threshold that much higher would have given an event.
 
@@ -371,7 +371,7 @@ class MethodResult:
 
     method: str  # `strain`, `effort` or `momentum`
     score: CollisionScore  # figures at the thresholds asked for
-    watched: tuple[Watched, ...]  # bags that were replayed
+    watched: tuple[WatchedBag, ...]  # bags that were replayed
     # Factor on the threshold, false alarms per hour, detection rate.
     roc: tuple[tuple[float, float, float], ...]
     # Why nothing is said of force and place; empty where something is, or was not asked for.
@@ -432,10 +432,10 @@ class _Log:
         self.closed += self.under_way
         self.under_way = []
 
-    def sightings(self, first: int, truth: Truth) -> tuple[Sighting, ...]:
+    def sightings(self, first: int, truth: Truth) -> tuple[DetectedEvent, ...]:
         """Give what was found, by the time since a stamp."""
         self.close()
-        return tuple(Sighting(
+        return tuple(DetectedEvent(
             item.event, (item.event.stamp - first) * 1e-9, item.channel, item.ratio,
             (item.last - item.event.onset) * 1e-9, push_of(item.event.stamp, truth.pushes),
             (item.touched.summary() or None) if item.touched is not None else None)
@@ -445,7 +445,7 @@ class _Log:
 def watch_bag(
     bundle: ModelBundle, settings: dict[str, MonitorSettings], name: str, recording: Recording,
     truth: Truth,
-) -> dict[str, Watched]:
+) -> dict[str, WatchedBag]:
     """Replay one bag past all methods: one filter and one predictor, a detector for each."""
     if not settings:
         return {}
@@ -472,8 +472,8 @@ def watch_bag(
     for method, alone in settings.items():
         log = logs[method]
         at, ratio = np.array(log.stamps, dtype=np.int64), np.array(log.ratios)
-        result[method] = Watched(name, at, _held(at, ratio, alone.detector.debounce), truth,
-                                 log.sightings(first, truth))
+        result[method] = WatchedBag(name, at, _held(at, ratio, alone.detector.debounce), truth,
+                                    log.sightings(first, truth))
     return result
 
 

@@ -32,7 +32,7 @@ from tudor_dynamics.identification.dataset import (
 from tudor_dynamics.identification.fit import (
     blank, enough, FitResult, FitSettings, FittedOutput, result_of)
 from tudor_dynamics.identification.passes import (
-    gather, judge, names_of, Part, Place, Sight, Store, survey, Task, Trial)
+    gather, judge, names_of, Part, Place, Store, survey, SurveyedBag, Task, Trial)
 from tudor_dynamics.identification.validation import (
     method_of, noise_floor, Tally, trace, Validation)
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -59,7 +59,7 @@ class FoldSums:
     # Filters and output, then group, to sums.
     parts: dict[Place, dict[int, Part]] = field(default_factory=dict)
 
-    def add(self, seen: Sight) -> None:
+    def add(self, seen: SurveyedBag) -> None:
         """Add what was kept of a bag."""
         kept = self.task.kept(seen)
         for place, part in kept.parts.items():
@@ -97,7 +97,7 @@ class ErrorSums:
     unseen: dict[Place, Tally] = field(default_factory=dict)
     seen: dict[Place, Tally] = field(default_factory=dict)
 
-    def add(self, trial: Trial, seen: Sight) -> None:
+    def add(self, trial: Trial, seen: SurveyedBag) -> None:
         """Add what was kept of a bag."""
         judged = trial.kept(seen)
         for total, found in ((self.unseen, judged.unseen), (self.seen, judged.seen)):
@@ -301,11 +301,11 @@ class ManyBags:
             folds)
 
     def _usable(
-        self, training: Sequence[Sight | Unused], test: Sequence[Sight | Unused],
-    ) -> tuple[list[Sight], list[Sight]]:
+        self, training: Sequence[SurveyedBag | Unused], test: Sequence[SurveyedBag | Unused],
+    ) -> tuple[list[SurveyedBag], list[SurveyedBag]]:
         """Leave out what cannot be opened, and copies; a copy of a training bag is no test."""
-        known: dict[str, list[Sight]] = {}
-        found: tuple[list[Sight], list[Sight]] = ([], [])
+        known: dict[str, list[SurveyedBag]] = {}
+        found: tuple[list[SurveyedBag], list[SurveyedBag]] = ([], [])
         wrong = []
         for sights, some in zip(found, (training, test), strict=True):
             for item in some:
@@ -344,7 +344,7 @@ class ManyBags:
             warnings.warn(f'{len(self.unused)} bags are left out; the bundle and --json name all',
                           TudorWarning, stacklevel=2)
 
-    def _sample(self, seen: Sequence[Sight]) -> list[BagData]:
+    def _sample(self, seen: Sequence[SurveyedBag]) -> list[BagData]:
         """Read some bags, evenly among all; those that cannot be read are named later."""
         edges = [i * len(seen) // SAMPLE for i in range(SAMPLE + 1)]
         found = []
@@ -382,7 +382,7 @@ class ManyBags:
 
 
 def _trials(
-    task: Task, known: Sequence[Sight], test: Sequence[Sight],
+    task: Task, known: Sequence[SurveyedBag], test: Sequence[SurveyedBag],
     models: Mapping[Place, AnalyticalModel],
     others: Mapping[Place, Mapping[int, AnalyticalModel]],
 ) -> list[Trial]:

@@ -244,7 +244,7 @@ LEAST = 0.1
 
 
 @dataclass(frozen=True)
-class Change:
+class ErrorChange:
     """Errors of one channel, then and now."""
 
     # What is predicted, by which kind of model.
@@ -291,7 +291,7 @@ def spread(validation: Validation) -> dict[str, float]:
 
 def changes(
     facts: Mapping[str, Any], found: Mapping[str, Mapping[str, Validation]],
-) -> tuple[Change, ...]:
+) -> tuple[ErrorChange, ...]:
     """Compare errors on bags with those of the validation that a bundle tells of."""
     said = []
     for output, kinds in found.items():
@@ -314,12 +314,12 @@ def changes(
 def change_of(
     name: tuple[str, str, str], errors: tuple[float, float], relative: tuple[float, float],
     doubts: tuple[float, float],
-) -> Change:
+) -> ErrorChange:
     """Compare errors of one channel, then and now: errors [unit of the output]."""
     growth = errors[1] / max(errors[0], 1e-300)
     sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(max(x, LEAST) for x in doubts))
-    return Change(*name, *errors, *relative, sigmas,
-                  growth > FACTOR and sigmas > SIGMAS and relative[1] > RELATIVE * relative[0])
+    changed = growth > FACTOR and sigmas > SIGMAS and relative[1] > RELATIVE * relative[0]
+    return ErrorChange(*name, *errors, *relative, sigmas, changed)
 
 
 # -- What a plan promised of the parameters, beside what a fit reached

@@ -122,7 +122,7 @@ class Spool(Memory):
 
 
 @dataclass(frozen=True)
-class Sight:
+class SurveyedBag:
     """A bag before it is read."""
 
     choice: BagChoice  # bag, or part of one, as it was given
@@ -152,24 +152,24 @@ class Task:
         """Say whether one model of all payloads is fitted."""
         return self.settings.payloads is not None
 
-    def place(self, seen: Sight) -> Path:
+    def place(self, seen: SurveyedBag) -> Path:
         """Say where a bag stands."""
         return self.sent.get(seen.choice.path, self.base / seen.choice.path)
 
-    def read(self, seen: Sight) -> BagData:
+    def read(self, seen: SurveyedBag) -> BagData:
         """Read a bag by the first filters, under the name that it was given by."""
         there = replace(seen.choice, path=str(self.place(seen)))
         bag = load(there, self.arm, self.specs[0], learn=True, payload=seen.payload)
         return replace(bag, choice=replace(bag.choice, path=seen.choice.path))
 
-    def name(self, seen: Sight, suffix: str, depends: str = '') -> str:
+    def name(self, seen: SurveyedBag, suffix: str, depends: str = '') -> str:
         """Name what a bag comes to; by other settings or sources it has another name."""
         choice = seen.choice
         own = json.dumps([choice.begin, choice.end, choice.seconds, choice.path, seen.payload,
                           self._digest, depends])
         return f'{seen.checksum[:24]}-{hashlib.sha256(own.encode()).hexdigest()[:16]}{suffix}'
 
-    def kept(self, seen: Sight) -> KeptBag:
+    def kept(self, seen: SurveyedBag) -> BagSums:
         """Read what a bag came to, which has to be there."""
         name = self.name(seen, '.npz')
         return _there(read_bag(self.store, name), self.store, name)
@@ -199,16 +199,16 @@ class Trial:
     """Bags with the models that are judged by them."""
 
     task: Task  # what is asked of every bag
-    bags: tuple[Sight, ...]  # bags to predict
+    bags: tuple[SurveyedBag, ...]  # bags to predict
     # Models that have not seen these bags, and models that have; either may be none.
     unseen: Models
     seen: Models
 
-    def name(self, seen: Sight) -> str:
+    def name(self, seen: SurveyedBag) -> str:
         """Name how the models did on a bag."""
         return self.task.name(seen, '.json', self._digest)
 
-    def kept(self, seen: Sight) -> Judged:
+    def kept(self, seen: SurveyedBag) -> BagErrors:
         """Read how the models did on a bag, which has to be there."""
         name = self.name(seen)
         return _there(read_judged(self.task.store, name), self.task.store, name)
@@ -224,7 +224,7 @@ Part = list[list[Products]]
 
 
 @dataclass(frozen=True, eq=False)
-class KeptBag:
+class BagSums:
     """What a bag came to."""
 
     facts: BagFacts  # what is known of it
@@ -233,7 +233,7 @@ class KeptBag:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class BagErrors:
     """How models did on a bag."""
 
     facts: BagFacts  # what is known of it
@@ -242,7 +242,7 @@ class Judged:
     seen: Mapping[Place, Tally]
 
 
-def write_bag(store: Store, name: str, bag: KeptBag) -> None:
+def write_bag(store: Store, name: str, bag: BagSums) -> None:
     """Keep what a bag came to."""
     arrays: dict[str, Any] = {'facts': np.frombuffer(json.dumps(
         asdict(bag.facts)).encode(), np.uint8)}
@@ -253,7 +253,7 @@ def write_bag(store: Store, name: str, bag: KeptBag) -> None:
     store.write(name, dump_npz(arrays))
 
 
-def read_bag(store: Store, name: str) -> KeptBag | None:
+def read_bag(store: Store, name: str) -> BagSums | None:
     """Read what a bag came to; None where nothing whole is kept."""
     try:
         arrays = load_npz(store.read(name) or b'', Path(name))
@@ -271,24 +271,24 @@ def read_bag(store: Store, name: str) -> KeptBag | None:
                  zip(values, counts, strict=True)])
     except (TudorError, ValueError, KeyError, TypeError):
         return None
-    return KeptBag(facts, parts)
+    return BagSums(facts, parts)
 
 
-def write_judged(store: Store, name: str, judged: Judged) -> None:
+def write_judged(store: Store, name: str, judged: BagErrors) -> None:
     """Keep how models did on a bag."""
     store.write(name, json.dumps({'facts': asdict(judged.facts)} | {
         models: [[*place, _plain(tally)] for place, tally in getattr(judged, models).items()]
         for models in ('unseen', 'seen')}).encode())
 
 
-def read_judged(store: Store, name: str) -> Judged | None:
+def read_judged(store: Store, name: str) -> BagErrors | None:
     """Read how models did on a bag; None where nothing whole is kept."""
     try:
         content = json.loads(store.read(name) or b'')
         unseen, seen = ({(int(number), str(output)): _tally(values)
                          for number, output, values in content[models]}
                         for models in ('unseen', 'seen'))
-        return Judged(_facts(content['facts']), unseen, seen)
+        return BagErrors(_facts(content['facts']), unseen, seen)
     except (ValueError, KeyError, TypeError):
         return None
 
@@ -337,19 +337,19 @@ Progress = Callable[[int], None]
 def survey(
     choices: Sequence[BagChoice], payloads: Mapping[str, float], base: Path, jobs: int,
     progress: Progress,
-) -> list[Sight | Unused]:
+) -> list[SurveyedBag | Unused]:
     """
     See many bags without reading them: in threads, as checksums need no more.
 
     payloads [kg].
     """
-    def see(choice: BagChoice) -> Sight | Unused:
+    def see(choice: BagChoice) -> SurveyedBag | Unused:
         path = base / choice.path
         try:
             bag = open_bag(path)
             known = payloads.get(str(path.resolve()))
-            return Sight(choice, bag.checksum(),
-                         bag.payload() if known is None else known)
+            return SurveyedBag(choice, bag.checksum(),
+                               bag.payload() if known is None else known)
         except TudorError as err:
             return _unused(str(choice), err, base)
 
@@ -362,14 +362,14 @@ def survey(
 
 
 def gather(
-    asked: Sequence[tuple[Task, Sequence[Sight]]], jobs: int, progress: Progress,
+    asked: Sequence[tuple[Task, Sequence[SurveyedBag]]], jobs: int, progress: Progress,
 ) -> list[BagFacts | Unused]:
     """Multiply out many bags, and keep what each came to."""
     trials = [Trial(task, tuple(bags), {}, {}) for task, bags in asked]
     return _gone_through(_gather, trials, _sums, jobs, progress)
 
 
-def _sums(trial: Trial, seen: Sight) -> str:
+def _sums(trial: Trial, seen: SurveyedBag) -> str:
     return trial.task.name(seen, '.npz')
 
 
@@ -377,7 +377,7 @@ def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     task = trial.task
     models: dict[str, AnalyticalModel] = {}
 
-    def products(seen: Sight) -> BagFacts:
+    def products(seen: SurveyedBag) -> BagFacts:
         name = _sums(trial, seen)
         kept = read_bag(task.store, name)
         if kept is None:
@@ -391,7 +391,7 @@ def _gather(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     return _each(trial.bags, products, count, task.base)
 
 
-def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> KeptBag:
+def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) -> BagSums:
     parts = {}
     for number, spec in enumerate(task.specs):
         data = bag if number == 0 else filtered(bag, spec)
@@ -399,7 +399,7 @@ def _multiplied(task: Task, bag: BagData, models: dict[str, AnalyticalModel]) ->
             blocks = training_blocks([data], output, with_payload=task.with_payload,
                                      inputs=model.inputs)
             parts[number, output] = model.products(blocks, triangular=True)
-    return KeptBag(facts_of(bag), parts)
+    return BagSums(facts_of(bag), parts)
 
 
 def _complete(task: Task, bag: BagData) -> BagData:
@@ -416,7 +416,7 @@ def judge(trials: Sequence[Trial], jobs: int, progress: Progress) -> list[BagFac
 
 
 def _gone_through(
-    work: Work, trials: Sequence[Trial], name: Callable[[Trial, Sight], str], jobs: int,
+    work: Work, trials: Sequence[Trial], name: Callable[[Trial, SurveyedBag], str], jobs: int,
     progress: Progress,
 ) -> Found:
     store, others = trials[0].task.store, workers()
@@ -452,13 +452,13 @@ def _taken(store: Store, answer: Answer) -> Found:
 def _judge(trial: Trial, count: Count) -> list[BagFacts | Unused]:
     task = trial.task
 
-    def tallies(seen: Sight) -> BagFacts:
+    def tallies(seen: SurveyedBag) -> BagFacts:
         name = trial.name(seen)
         judged = read_judged(task.store, name)
         if judged is None:
             bag = _complete(task, task.read(seen))
             data = [bag, *(filtered(bag, spec) for spec in task.specs[1:])]
-            judged = Judged(facts_of(bag), *(
+            judged = BagErrors(facts_of(bag), *(
                 {(number, output): trace(model_for(model, bag), data[number], output).tally()
                  for (number, output), model in models.items()}
                 for models in (trial.unseen, trial.seen)))
@@ -474,7 +474,7 @@ def names_of(trials: Sequence[Trial]) -> set[str]:
 
 
 def _each(
-    bags: Sequence[Sight], work: Callable[[Sight], Result], count: Count, base: Path,
+    bags: Sequence[SurveyedBag], work: Callable[[SurveyedBag], Result], count: Count, base: Path,
 ) -> list[Result | Unused]:
     """Go through bags; what is wrong with one says so in its place."""
     found: list[Result | Unused] = []

@@ -30,7 +30,7 @@ from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
-from tudor_dynamics.identification.next_steps import assess, Assessment, Change, Comparison
+from tudor_dynamics.identification.next_steps import assess, Assessment, Comparison, ErrorChange
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.models.bundle import ModelBundle
@@ -381,7 +381,7 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
 
 def evaluation_page(
     bundle: ModelBundle, bags: Sequence[str], outputs: dict[str, dict[str, Validation]],
-    evaluated: Evaluated, worse: Sequence[Change],
+    evaluated: Evaluated, worse: Sequence[ErrorChange],
 ) -> str:
     """Render the page."""
     rows = [{'output': output, 'kind': kind, 'channel': name, 'score': score,
