@@ -190,7 +190,7 @@ def fit(
     streaming : Streaming, optional
         Go through the bags one by one, as is done with many in any case, and how.
     progress : callable
-        Told what is done next, in words.
+        Called with what is done next, in words.
 
     Returns
     -------
@@ -565,7 +565,7 @@ def carried(bundle: ModelBundle, bags: Paths, *, kind: str | None = None) -> Pay
     bags : str, path, or sequence of them
         Bags of the same arm with one load, or parts of them: ``BAG@60-100%``.
     kind : {'analytical', 'elastic'}, optional
-        Kind of model that tells the load.
+        Kind of model that the load is estimated by.
 
     Returns
     -------

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tudor_dynamics.fleet.comparison import day_scatter, drifts, History, unlike
+from tudor_dynamics.fleet.comparison import day_scatter, drifts, History, outliers
 
 OWN, ERROR = 0.05, 0.03
 """Scatter from arm to arm, and standard error of a value."""
@@ -36,8 +36,8 @@ def fleet(seed: int, arms: int = 8, dates: int = 4, scatter: float = 1.5) -> lis
 @pytest.mark.parametrize('arms', [4, 8, 16])
 def test_few_are_named_for_nothing(arms: int) -> None:
     """In a hundred fleets of arms that are alike, at most two name anybody."""
-    for told in (unlike, drifts):
-        false = sum(any(item is not None and item.named for item in told(fleet(seed, arms)))
+    for found in (outliers, drifts):
+        false = sum(any(item is not None and item.named for item in found(fleet(seed, arms)))
                     for seed in range(100))
         assert false <= 2
 
@@ -49,7 +49,7 @@ def test_who_differs_is_named() -> None:
         series = fleet(seed)
         series[2].values[:] *= 1.6
         series[5].values[:] *= np.linspace(1.0, 1.5, 4)
-        level, drift = unlike(series)[2], drifts(series)[5]
+        level, drift = outliers(series)[2], drifts(series)[5]
         assert level is not None and drift is not None
         found, drifting = found + level.named, drifting + drift.named
         assert level.value > level.expected and drift.value > drift.expected
@@ -62,9 +62,9 @@ def test_little_is_not_named_however_certain() -> None:
     series = [History(days, np.full(3, value), np.full(3, 1e-6))
               for value in (1.0, 1.0, 1.0, 1.0, 1.05)]
     series.append(History(days, np.array([1.0, 1.025, 1.05]), np.full(3, 1e-6)))
-    for told in (unlike(series), drifts(series)):
+    for told in (outliers(series), drifts(series)):
         assert not any(item is not None and item.named for item in told)
-    last = unlike(series)[4]
+    last = outliers(series)[4]
     assert last is not None and last.sigmas > 100.0
 
 
@@ -76,5 +76,5 @@ def test_scatter_from_date_to_date_counts() -> None:
 
 def test_too_few_are_not_compared() -> None:
     """Three arms and two dates say nothing of who is unlike."""
-    assert unlike(fleet(0, arms=3)) == [None] * 3
+    assert outliers(fleet(0, arms=3)) == [None] * 3
     assert drifts(fleet(0, dates=2)) == [None] * 8

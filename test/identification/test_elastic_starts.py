@@ -89,11 +89,11 @@ def test_samples_are_thinned_evenly() -> None:
     """From 500 to 100 Hz, time kept; what is sparse already is left as it is."""
     n = 1001
     record = Record(np.arange(2.0 * n).reshape(n, 2), np.full(n, 2e-3), np.zeros((n, 1)), skip=7)
-    thin = record.thinned(0.01)
+    thin = record.decimated(0.01)
     assert len(thin.q) == 201 and thin.skip == 2
     assert (thin.q == record.q[::5]).all()
     assert thin.dt[1:] == pytest.approx(0.01)
-    assert thin.thinned(0.01) is thin
+    assert thin.decimated(0.01) is thin
 
 
 def test_what_cannot_be_told() -> None:

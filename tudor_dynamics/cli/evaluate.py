@@ -155,7 +155,7 @@ def at_payload(bundle: ModelBundle, payload: float | None) -> ModelBundle:
 
 
 def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
-    """Print one row a method, and behind it one row an event."""
+    """Print one row a method, and after it one row an event."""
     table = new_table(
         f'collisions, thresholds for {allowed:g} false alarms per hour', names=('method',),
         figures=('events', 'pushes\nfound', 'latency\nmedian [ms]', '\n95 % [ms]',
@@ -164,12 +164,12 @@ def print_collisions(results: Sequence[MethodResult], allowed: float) -> None:
         score = item.score
         quiet = [float(bag.ratio.max(initial=0.0)) for bag in item.watched
                  if bag.truth.known and not bag.truth.pushes]
-        told = score.false_alarms is not None
+        known = score.false_alarms is not None
         table.add_row(
             item.method, str(score.events),
-            f'{score.found} of {score.pushes}' if told else '-',
+            f'{score.found} of {score.pushes}' if known else '-',
             _milliseconds(score.latency_median), _milliseconds(score.latency_p95),
-            str(score.false_alarms) if told else '-', f'{60 * score.hours:.1f}' if told else '-',
+            str(score.false_alarms) if known else '-', f'{60 * score.hours:.1f}' if known else '-',
             f'{max(quiet):.2f}' if quiet else '-')
     print_table(table)
     _print_events(results)
@@ -318,8 +318,8 @@ def run(args: argparse.Namespace) -> int:
                                    'samples': sum(bag.samples for bag in data),
                                    **({'trained_on': seen} if seen else {}),
                                    'findings': [item.as_dict() for item in findings],
-                                   'loads': {bag: told.as_dict()
-                                             for bag, told in evaluated.loads.items()}}
+                                   'loads': {bag: carried.as_dict()
+                                             for bag, carried in evaluated.loads.items()}}
         for output, kinds in found.items():
             content[output] = {kind: _figures(item) for kind, item in kinds.items()}
         comparison: dict[str, Any] = {}
@@ -349,13 +349,13 @@ def _print_loads(evaluated: Evaluated, bundle: ModelBundle) -> None:
     if not evaluated.loads:
         return
     from tudor_dynamics.show.bodies import load_shares, load_values  # slow to import
-    for bag, told in evaluated.loads.items():
+    for bag, carried in evaluated.loads.items():
         table = new_table(f'load in {bag}', ('what',), ('value', 'std. deviation'))
-        for row in load_values(told):
+        for row in load_values(carried):
             table.add_row(f'{row.name} [{row.unit}]', f'{row.value:.4g}', f'{row.std:.2g}')
         print_table(table)
         table = new_table('residual', ('channel',), ('without', 'with it', 'explained [%]'))
-        for one in load_shares(bundle.arm, told):
+        for one in load_shares(bundle.arm, carried):
             table.add_row(f'{one.channel} [{one.unit}]', f'{one.before:.3g}', f'{one.after:.3g}',
                           f'{one.share:.0f}')
         print_table(table)

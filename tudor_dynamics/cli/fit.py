@@ -261,7 +261,7 @@ def change(args: argparse.Namespace) -> int:
 
 
 def kept_report(model: Path) -> dict[str, bytes]:
-    """Give the report of a bundle, to be kept beside the changed one."""
+    """Give the report of a bundle, to be kept with the changed one."""
     report = model / 'report.html'
     try:
         return {'report.html': read_bounded(report, LARGEST_REPORT)}

@@ -115,7 +115,7 @@ def _friction(
     arm: Arm, model: AnalyticalModel, joint: int, q: FloatArray, speed: FloatArray,
     units: Mapping[str, str],
 ) -> Measure:
-    """Take half of the difference between both ways: nothing but friction is odd in the speed."""
+    """Take half of the difference between both ways: friction alone is odd in the speed."""
     usual = float(np.median(np.abs(speed)[np.abs(speed) > SLOW * np.abs(speed).max()]))
     motion = np.zeros((2, 3 * len(arm.joints)))
     motion[:, :len(q)] = q
@@ -164,34 +164,34 @@ def rings(arm: Arm, bag: BagData) -> list[tuple[str, float, float]]:
     return found
 
 
-def ring_quantities(found: Sequence[tuple[str, float, float]]) -> list[Quantity]:
+def ring_quantities(measured: Sequence[tuple[str, float, float]]) -> list[Quantity]:
     """Sum up the ring-downs of an arm at a date."""
-    told = []
-    for gauge in dict.fromkeys(name for name, _, _ in found):
-        values = np.array([item[1:] for item in found if item[0] == gauge])
+    found = []
+    for gauge in dict.fromkeys(name for name, _, _ in measured):
+        values = np.array([item[1:] for item in measured if item[0] == gauge])
         if len(values) < FEWEST_RINGS:
             continue
         middle = np.median(values, axis=0)
         spread = 1.4826 * np.median(np.abs(values - middle), axis=0)
         errors = 1.2533 * np.maximum(spread, 1e-6 * middle) / np.sqrt(len(values))
-        told += [Quantity(name, gauge, unit, float(value), float(error)) for name, unit, value,
-                 error in zip(('ring-down frequency', 'ring-down damping'), ('Hz', ''), middle,
-                              errors, strict=True)]
-    return told
+        found += [Quantity(name, gauge, unit, float(value), float(error)) for name, unit, value,
+                  error in zip(('ring-down frequency', 'ring-down damping'), ('Hz', ''), middle,
+                               errors, strict=True)]
+    return found
 
 
-def stiffness_quantities(found: Sequence[PhysicalParameter]) -> list[Quantity]:
-    """Take the stiffnesses of gears and links that the recordings have told."""
-    told = []
-    for item in found:
+def stiffness_quantities(physical: Sequence[PhysicalParameter]) -> list[Quantity]:
+    """Take the stiffnesses of gears and links that were identified."""
+    found = []
+    for item in physical:
         if item.shown and kind_of(item.name).adds < 0:
             part, _, joint = item.name.rstrip(')').partition('(')
-            told.append(Quantity(f'stiffness: {part}', joint, item.unit, item.value,
-                                 item.standard_error))
-    return told
+            found.append(Quantity(f'stiffness: {part}', joint, item.unit, item.value,
+                                  item.standard_error))
+    return found
 
 
-# -- Has the model of a first date aged: its errors on later ones beside those on parts left out
+# -- Has the model of a first date aged: its errors on later ones, and on parts left out
 
 Part = list[list[Products]]
 
@@ -220,7 +220,7 @@ def _figures(parts: Sequence[PartErrors]) -> tuple[FloatArray, FloatArray, Float
             np.sqrt(total / np.maximum(power.sum(axis=0), 1e-300)), doubt)
 
 
-# -- Which arm is unlike the others, and which one drifts: robust statistics with standard errors.
+# -- Which arm is an outlier, and which one drifts: robust statistics with standard errors.
 #
 # An arm is compared with the median of the others, so that it has no hand in what it is compared
 # with; their scatter is that of their median absolute deviation, wider where they are few. What
@@ -260,7 +260,7 @@ class Difference:
     named: bool  # whether it is large and certain enough to be named
 
 
-def unlike(series: Sequence[History]) -> list[Difference | None]:
+def outliers(series: Sequence[History]) -> list[Difference | None]:
     """Compare the levels of arms; returns None where there are too few others."""
     scale = day_scatter(series)
     levels, errors = (np.array(column) for column in zip(
@@ -298,7 +298,7 @@ def drifts(series: Sequence[History]) -> list[Difference | None]:
 
 
 def day_scatter(series: Sequence[History]) -> float:
-    """Say how much more a quantity scatters from date to date than its standard errors tell."""
+    """Say how much more a quantity scatters from date to date than its standard errors say."""
     ratios = []
     for item in series:
         freedom = len(item.days) - 2
@@ -372,9 +372,9 @@ class Named:
 
     def __str__(self) -> str:
         """Write it on one line."""
-        beside = {'unlike': 'the others', 'drift': 'at first', 'aged': 'when it was new'}
+        reference = {'unlike': 'the others', 'drift': 'at first', 'aged': 'when it was new'}
         return (f'{self.arm}: {WORDS[self.kind]}: {self.what}: {self.value:.3g} {self.unit}, '
-                f'{beside[self.kind]} {self.expected:.3g} ({self.sigmas:+.1f} standard errors)')
+                f'{reference[self.kind]} {self.expected:.3g} ({self.sigmas:+.1f} standard errors)')
 
     def as_dict(self) -> dict[str, Any]:
         """Give it as plain values."""
@@ -401,7 +401,7 @@ class Fleet:
                 'choices': list(self.choices), 'unused': [asdict(item) for item in self.unused]}
 
 
-# -- All arms beside each other: series of each quantity, and which arms are named
+# -- Comparison of all arms: series of each quantity, and which arms are named
 
 def parted(sights: Sequence[SurveyedBag], least: int) -> list[SurveyedBag]:
     """Divide few bags, so that there are enough parts for standard errors."""
@@ -416,7 +416,7 @@ def parted(sights: Sequence[SurveyedBag], least: int) -> list[SurveyedBag]:
     return found
 
 
-def named_beside(seen: Sequence[Observation]) -> list[Named]:
+def named_outliers(seen: Sequence[Observation]) -> list[Named]:
     """Compare each quantity of all arms."""
     start = min((item.date for item in seen), default=datetime.date.min)
     groups: dict[tuple[str, str, str, str], dict[str, list[Observation]]] = {}
@@ -429,10 +429,10 @@ def named_beside(seen: Sequence[Observation]) -> list[Named]:
     found = []
     for (output, name, channel, unit), arms in groups.items():
         series = [_series(items, start) for items in arms.values()]
-        for kind, told in (('unlike', unlike(series)), ('drift', drifts(series))):
+        for kind, differences in (('unlike', outliers(series)), ('drift', drifts(series))):
             found += [Named(arm, kind, f'{name}, {channel} ({output})', unit, item.value,
                             item.expected, item.sigmas)
-                      for arm, item in zip(arms, told, strict=True)
+                      for arm, item in zip(arms, differences, strict=True)
                       if item is not None and item.named]
     return found
 
@@ -444,10 +444,10 @@ def named_aged(changes: Mapping[str, Sequence[ErrorChange]]) -> list[Named]:
         growth = [np.log(max(item.now / item.then, 1e-12)) for item in same]
         errors = [max(abs(value / item.sigmas), 1e-3) if item.sigmas else LEAST
                   for value, item in zip(growth, same, strict=True)]
-        told = unlike([History(np.zeros(1), np.array([value]), np.array([error]))
-                       for value, error in zip(growth, errors, strict=True)])
-        for arm, change, beside in zip(changes, same, told, strict=True):
-            if change.changed and (beside is None or beside.sigmas > SIGMAS):
+        outlying = outliers([History(np.zeros(1), np.array([value]), np.array([error]))
+                             for value, error in zip(growth, errors, strict=True)])
+        for arm, change, other in zip(changes, same, outlying, strict=True):
+            if change.changed and (other is None or other.sigmas > SIGMAS):
                 found.append(Named(
                     arm, 'aged', f'relative error of {change.output}, {change.channel}', '',
                     change.relative_now, change.relative_then, change.sigmas))

@@ -77,7 +77,7 @@ def _rings(piece: RingPiece, count: Count) -> Rings:
             try:
                 found += rings(arm, load(replace(choice, path=str(base / choice.path)), arm, spec))
             except TudorError:
-                continue  # told of when its parts were gone through
+                continue  # named when its parts were gone through
     count(1)
     return found
 
@@ -120,10 +120,10 @@ def _stands(out: Path) -> bool:
 
 # -- Stiffnesses of a fleet: a search for the elastic model of each arm at each of its dates.
 #
-# What a search has found is kept beside the sums of the bags, under a name of all that it depends
+# What a search has found is kept with the sums of the bags, under a name of all that it depends
 # on: bags, arm, filters, sources, and the date before, where the search began.
 
-BEHIND = (*PARTS, 'mechanics')
+SEARCHED_WITH = (*PARTS, 'mechanics')
 """Parts of the package that a search depends on."""
 Physical = tuple[PhysicalParameter, ...]
 
@@ -147,12 +147,12 @@ def stiffnesses(
         for task, mine in zip(tasks.values(), whens, strict=True)], jobs, progress)
     seen: list[Observation] = []
     unused: list[Unused] = []
-    for when, told in ((when, told) for mine, some in zip(whens, found, strict=True)
-                       for when, told in zip(mine, some, strict=True)):
-        if isinstance(told, str):
-            unused.append(Unused(f'{when[0]} {when[1]}', f'no stiffness: {told}'))
+    for when, answer in ((when, answer) for mine, some in zip(whens, found, strict=True)
+                         for when, answer in zip(mine, some, strict=True)):
+        if isinstance(answer, str):
+            unused.append(Unused(f'{when[0]} {when[1]}', f'no stiffness: {answer}'))
         else:
-            seen += [Observation(*when, 'elastic', item) for item in told]
+            seen += [Observation(*when, 'elastic', item) for item in answer]
     return seen, unused
 
 
@@ -177,7 +177,7 @@ def _over_time(piece: _Piece, count: Count) -> list[list[Quantity] | str]:
 def _known(task: Task, bags: Sequence[SurveyedBag], warm: dict[str, float] | None) -> Physical:
     """Take up what was found in the bags of a date, or search for it and keep it."""
     name = task.name(bags[0], '.json', json.dumps(
-        ['elastic', source_digest(BEHIND), warm, [task.name(bag, '') for bag in bags[1:]]]))
+        ['elastic', source_digest(SEARCHED_WITH), warm, [task.name(bag, '') for bag in bags[1:]]]))
     known = _read(task.store.read(name))
     if known is None:
         known = identify(task.arm, records_of([task.read(bag) for bag in bags]),

@@ -32,7 +32,7 @@ from tudor_dynamics.arm.schema import Name, PreprocessingSpec, Spec, validation_
 from tudor_dynamics.errors import FitError, TudorError, TudorWarning, UsageError
 from tudor_dynamics.files import load_yaml, read_bounded
 from tudor_dynamics.fleet.comparison import (
-    aged, Fleet, Measure, measures, Named, named_aged, named_beside, Observation, parted,
+    aged, Fleet, Measure, measures, Named, named_aged, named_outliers, Observation, parted,
     quantities, ring_quantities, WORDS)
 from tudor_dynamics.fleet.pieces import model_pieces, ModelTask, ring_pieces, stiffnesses
 from tudor_dynamics.fleet.sums import Folder
@@ -159,7 +159,7 @@ COLOURS = (VERMILION, BLUE, '#007a57', '#7a4fa3', '#a0642c', '#cc79a7')
 """Of arms that are named; those of others are grey."""
 MARKERS = 'osD^vP'
 MOST = 200
-"""Arms that a figure draws, beside those that are named."""
+"""Arms that a figure draws, besides those that are named."""
 
 
 @dataclass(frozen=True)
@@ -299,13 +299,13 @@ class _Study:
                 for item in quantities(some[output], model, date.others[output])]
         seen += self._rings(chosen.preprocessing)
         if self.run.elastic:
-            told, without = stiffnesses(
+            stiff, without = stiffnesses(
                 self._tasks(chosen.preprocessing, chosen.settings, ('strain',)),
                 {when: date.used for when, date in self.dates.items()}, self.run.jobs,
                 lambda done: self.progress('stiffness'))
-            seen += told
+            seen += stiff
             self.unused += without
-        named = [*named_beside(seen), *self._aged(outputs)]
+        named = [*named_outliers(seen), *self._aged(outputs)]
         models = self._models(chosen.preprocessing, chosen.settings) if self.run.models else {}
         order = list(self.arms)
         named.sort(key=lambda item: (order.index(item.arm), item.kind, -abs(item.sigmas)))
@@ -338,11 +338,11 @@ class _Study:
                      for choice in found_choices([str(self.run.base / text)
                                                   for text in arm.named(date)])]
             named += [(arm, date, choice) for choice in found]
-        told = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
-                      lambda done: self.progress('see bags'))
+        answers = survey([choice for _, _, choice in named], {}, self.run.base, self.run.jobs,
+                         lambda done: self.progress('see bags'))
         known: dict[str, str] = {}
         masses: dict[float | None, str] = {}
-        for (arm, date, choice), sight in zip(named, told, strict=True):
+        for (arm, date, choice), sight in zip(named, answers, strict=True):
             if isinstance(sight, Unused):
                 self.unused.append(sight)
                 continue
@@ -378,7 +378,7 @@ class _Study:
                         found.append(load(replace(choice, path=str(self.run.base / choice.path)),
                                           arm, arm.spec.preprocessing, learn=True))
                     except TudorError:
-                        continue  # told of when all bags are gone through
+                        continue  # named when all bags are gone through
                     break
         if not found or not common_outputs(found):
             raise FitError('the bags can neither be read nor have efforts or strains in common',
@@ -408,9 +408,9 @@ class _Study:
         asked = [(tasks[name], date.sights) for (name, _), date in self.dates.items()]
         facts = iter(gather(asked, self.run.jobs, lambda done: self.progress('multiply out')))
         for (name, when), date in list(self.dates.items()):
-            told = [(sight, next(facts)) for sight in date.sights]
-            used = [sight for sight, fact in told if not isinstance(fact, Unused)]
-            wrong = {_whole(fact.bag): fact.why for _, fact in told if isinstance(fact, Unused)}
+            pairs = [(sight, next(facts)) for sight in date.sights]
+            used = [sight for sight, fact in pairs if not isinstance(fact, Unused)]
+            wrong = {_whole(fact.bag): fact.why for _, fact in pairs if isinstance(fact, Unused)}
             good = {sight.choice.path for sight in used}
             self.unused += [Unused(bag, why) for bag, why in wrong.items() if bag not in good]
             try:
@@ -466,9 +466,9 @@ class _Study:
                            self.dates[name, date].bags,
                            tuple(seen.checksum for seen in self.dates[name, date].whole),
                            self.run.out.absolute(), name) for name, date in last.items()]
-        told = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
-        self.unused += [item for item in told if isinstance(item, Unused)]
-        return {item.name: f'models/{item.name}' for item, made in zip(asked, told, strict=True)
+        answers = model_pieces(asked, self.run.jobs, lambda done: self.progress('models'))
+        self.unused += [item for item in answers if isinstance(item, Unused)]
+        return {item.name: f'models/{item.name}' for item, made in zip(asked, answers, strict=True)
                 if not isinstance(made, Unused)}
 
 

@@ -212,7 +212,7 @@ class WideRows:
         return np.concatenate([bodies, np.array(friction, dtype=np.intp)])
 
 
-# -- What a candidate is worth: its errors on parts of the training data that it was not fitted to.
+# -- Errors of candidates on parts of the training data that they were not fitted to.
 #
 # A candidate with more in it is taken where the left-out parts clearly pay for it, by the rule of
 # one standard error (Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3):
@@ -401,7 +401,7 @@ def choose_friction(
     Add friction terms to joints whose left-out errors clearly pay for them.
 
     All open joints are given the same addition at once, since friction shows in its own joint:
-    one fit to each part tells for every joint whether it pays there.
+    one fit to each part shows for every joint whether it pays there.
 
     constants (channels,).
     """

@@ -44,7 +44,7 @@ from tudor_dynamics.typing import FloatArray
 STANDSTILL = 2e-3
 """Part of the largest motion of any joint that is no motion yet."""
 STANDSTILL_KEPT = 0.5
-"""Standstill beside the motion that stays, for what swings out and breaks away [s]."""
+"""Standstill before and after the motion that stays, for ringing and breaking away [s]."""
 
 
 def motion_span(recording: Recording) -> tuple[float, float]:
@@ -52,7 +52,7 @@ def motion_span(recording: Recording) -> tuple[float, float]:
     Find where a recording moves, but for standstill in the middle.
 
     A joint that stands is held by friction that no model knows the sign of, and a long wait
-    before or behind the motion would count as much as the motion.
+    before or after the motion would count as much as the motion.
 
     Returns begin, end [s].
     """
@@ -384,7 +384,7 @@ class BagFacts:
     # Cause to messages that were left out.
     dropped: Mapping[str, int] = field(default_factory=dict)
     payload: float | None = None  # mass at the tip, where it is known [kg]
-    warnings: tuple[str, ...] = ()  # what is odd about it
+    warnings: tuple[str, ...] = ()  # what was noted when it was read
 
     def as_dict(self) -> dict[str, Any]:
         """Say which bag was used, so that it can be found and checked again."""

@@ -242,12 +242,12 @@ def truth_of_table(
 # runs from the start of the force to the sample at which the detector is sure.
 
 LATE = 0.3
-"""Behind the end of a push an event still counts as found [s]."""
+"""After the end of a push an event still counts as found [s]."""
 EARLY = 0.1
 """Before the begin of a push an event already belongs to it: pushes by hand are marked by eye, and
 clocks of sensors differ [s]."""
 AFTERMATH = 2.0
-"""Behind the end of a push an event is no false alarm: the arm still rings [s]."""
+"""After the end of a push an event is no false alarm: the arm still rings [s]."""
 _EARLY = round(EARLY * 1e9)
 
 
@@ -342,13 +342,13 @@ def score(watched: Sequence[WatchedBag], alarms: Sequence[NDArray[np.int64]]) ->
         false += int(np.sum(~near))
         free += max(span, 0.0)
     hours = free / 3600.0
-    told = any(item.truth.known for item in watched)
+    known = any(item.truth.known for item in watched)
     return CollisionScore(
         sum(len(times) for times in alarms),
         pushes, len(latencies), len(latencies) / pushes if pushes else None,
         float(np.median(latencies)) if latencies else None,
         float(np.percentile(latencies, 95)) if latencies else None,
-        false if told else None, hours, false / hours if told and hours > 0 else None)
+        false if known else None, hours, false / hours if known and hours > 0 else None)
 
 
 def alarms_at(item: WatchedBag, factor: float, rearm: float) -> NDArray[np.int64]:
@@ -399,7 +399,7 @@ class _Log:
     closed: list[_Open] = field(default_factory=list)
 
     def add(self, found: Found, watch: Watch) -> None:
-        """Take the samples that became known, and the level behind them."""
+        """Take the samples that became known, and the level after them."""
         level = watch.level
         for _, excess in found.excesses:
             stamp, ratio = excess.residual.motion.stamp, float(excess.collision.max())

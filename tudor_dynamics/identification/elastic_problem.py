@@ -59,7 +59,7 @@ def robust_scale(errors: FloatArray, strain: FloatArray) -> FloatArray:
 
 # -- Coordinates in which the search for elastic parameters runs straight.
 #
-# What strain shows sharply are sums: of the compliances of a gear and the link behind it, of
+# What strain shows sharply are sums: of the compliances of a gear and the link after it, of
 # masses. What it shows weakly is how a sum is shared. Along such a valley, logarithms of
 # stiffnesses and masses bend away from constant sums; compliances and masses themselves do not.
 
@@ -130,7 +130,7 @@ class Record:
         return Record(self.q[:n], self.dt[:n], self.strain[:n], min(self.skip, n // 2),
                       self.payload, self.before)
 
-    def thinned(self, dt: float) -> Record:
+    def decimated(self, dt: float) -> Record:
         """Leave out samples, for coarse steps: dt [s]."""
         stride = int(dt / float(np.median(self.dt[1:])) + 0.5) if len(self.dt) > 1 else 1
         if stride < 2:
@@ -311,7 +311,7 @@ class Simulations:
         return {**self._fixed, **dict(zip(self._names, np.exp(x).tolist(), strict=False))}
 
 
-# -- The least-squares problem behind the elastic model: simulated against measured strain.
+# -- The least-squares problem of the elastic model: simulated against measured strain.
 #
 # Output error: the arm is driven by measured positions and never corrected, so the whole
 # oscillation has to come out of the parameters. These are searched as logarithms, each with a
@@ -322,7 +322,7 @@ class Simulations:
 STEP = 1e-4
 """Of the differences, in the logarithm: the simulation is smooth to 1e-9, and its phase curved."""
 TRUSTED = 6.0
-"""Errors beyond this many standard deviations are a spoilt reading's, and draw no farther."""
+"""Errors beyond this many standard deviations are a corrupted reading's, and draw no farther."""
 HOPELESS = 1e3
 """Residual of a sample for parameters that cannot be simulated, in standard deviations."""
 

@@ -144,11 +144,11 @@ def improve(
 
 
 def descend(
-    problem: Problem, x: FloatArray, stages: Sequence[SearchPhase], told: Callable[[int], None],
+    problem: Problem, x: FloatArray, stages: Sequence[SearchPhase], report: Callable[[int], None],
 ) -> FloatArray:
     """Improve the parameters stage by stage: x (names,); returns (names,)."""
     for number, stage in enumerate(stages):
-        told(number)
+        report(number)
         problem.inner = stage.inner
         x = problem.draw(x, stage.bandwidth)
         reweight(problem, x)
@@ -160,7 +160,7 @@ def descend(
 #
 # The error of a simulated oscillation has a minimum wherever it is in phase now and then, so
 # several stiffnesses are tried: a scan of one common factor over short pieces. Gear and link
-# behind it are springs in a row, of which oscillations show the sum; so the scan is done for
+# after it are springs in a row, of which oscillations show the sum; so the scan is done for
 # several ways in which the two share their compliance. The best of each is improved by stiffness
 # and damping alone.
 
@@ -198,7 +198,7 @@ def _pieces(records: Sequence[Record]) -> list[Record]:
     """Take the beginnings of a few records, from the liveliest to the calmest."""
     order = sorted(records, key=lambda r: -float(np.std(r.strain)))
     chosen = [order[i] for i in np.unique(np.linspace(0, len(order) - 1, PIECES).astype(int))]
-    return [record.head(EXCERPT / len(chosen)).thinned(2.0 * COARSE) for record in chosen]
+    return [record.head(EXCERPT / len(chosen)).decimated(2.0 * COARSE) for record in chosen]
 
 
 def _stiff(names: tuple[str, ...]) -> NDArray[np.intp]:
@@ -209,7 +209,7 @@ def shared(
     arm: Arm, names: tuple[str, ...], x: FloatArray, share: float | None,
 ) -> FloatArray:
     """
-    Give gears a share of the compliance that each has together with the link behind it.
+    Give gears a share of the compliance that each has together with the link after it.
 
     x (names,); share: None to change nothing; returns (names,).
     """
@@ -353,7 +353,7 @@ def identify(
         prompt = known.without('lag')
         compared = compare_starts(arm, records, prompt.names, prompt.center, prompt.width_of,
                                   progress)
-        some = [record.thinned(2.0 * COARSE) for record in _some(records)]
+        some = [record.decimated(2.0 * COARSE) for record in _some(records)]
         first = shared_out(_descended, [
             _Descent('first search', arm, some, prompt, start, FIRST)
             for start in compared.best[:CANDIDATES]], progress)
@@ -404,9 +404,9 @@ def _problem(arm: Arm, records: Sequence[Record], known: Knowledge) -> Problem:
     return Problem(arm, records, known.names, {}, known.center, known.width_of)
 
 
-def _descended(task: _Descent, told: Progress) -> _End:
+def _descended(task: _Descent, progress: Progress) -> _End:
     problem = _problem(task.arm, task.records, task.known)
-    x = descend(problem, task.start, task.stages, lambda k: told(
+    x = descend(problem, task.start, task.stages, lambda k: progress(
         f'elastic model, {task.name}, stage {k + 1} of {len(task.stages)}'))
     fit, = problem.fits([x])
     return _End(x, fit, problem.runs)
@@ -414,7 +414,7 @@ def _descended(task: _Descent, told: Progress) -> _End:
 
 def taken_over(arm: Arm, records: Sequence[Record], found: Identified) -> Identified:
     """
-    Take over what a search found out of the same bags behind another filter.
+    Take over what a search found out of the same bags after another filter.
 
     The arm is the same whatever its recordings pass; gauges and errors are those of these records.
     """

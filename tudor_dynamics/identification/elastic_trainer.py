@@ -36,7 +36,7 @@ from tudor_dynamics.parallel import shared_out
 from tudor_dynamics.typing import FloatArray, Progress
 
 UNTOLD = 0.2
-"""Relative standard error beyond which a stiffness is not told."""
+"""Relative standard error beyond which a stiffness is not identifiable."""
 Searches = Mapping[tuple[str, ...], Identified]
 """Names of bags to what was found of them."""
 
@@ -65,7 +65,7 @@ def check_arm(arm: Arm) -> None:
 
 
 def _tell(arm: Arm, found: Identified) -> None:
-    """Warn where strain does not tell a gear from the link behind it."""
+    """Warn where strain does not separate a gear from the link after it."""
     values = {p.name: p for p in found.physical}
     for joint in arm.active_joints:
         both = [values.get(f'{kind}({joint})') for kind in ('gear', 'bending')]
@@ -95,10 +95,10 @@ class _Search:
     known: Identified | None
 
 
-def _searched(search: _Search, told: Progress) -> Identified:
+def _searched(search: _Search, progress: Progress) -> Identified:
     if search.known is not None:
         return taken_over(search.arm, search.records, search.known)
-    return identify(search.arm, search.records, warm=search.warm, progress=told)
+    return identify(search.arm, search.records, warm=search.warm, progress=progress)
 
 
 class ElasticTrainer:
@@ -178,7 +178,7 @@ class ElasticTrainer:
             whole = _names(self._all)
             if whole in ready:
                 self.identified = self._found[whole]
-                if whole not in self._known:  # otherwise it was told
+                if whole not in self._known:  # otherwise it was reported
                     _tell(self.arm, self.identified)
 
     def _less(self, bags: Sequence[BagData]) -> Sequence[BagData]:
@@ -193,8 +193,8 @@ class ElasticTrainer:
             less = next((half for half in (self._all[:middle], self._all[middle:])
                          if {*_names(half)} < {*_names(bags)}), ())
         # none, or too short a part of what is long enough
-        told = any(record_of(stretch, None) for bag in less for stretch in bag.stretches)
-        return less if told else ()
+        enough = any(record_of(stretch, None) for bag in less for stretch in bag.stretches)
+        return less if enough else ()
 
     def _begin(self, bags: Sequence[BagData]) -> dict[str, float] | None:
         """Say where a search begins, by nothing but the bags it is given."""

@@ -83,7 +83,7 @@ ENOUGH = 160.0
 PARTS = 5
 """Into which an only bag is cut."""
 SHORTEST = 4.0
-"""Parts shorter than this are not worth their ends, in which filters settle [s]."""
+"""Parts shorter than this lose too much at their ends, in which filters settle [s]."""
 
 
 def left_out(training: Sequence[BagData], preprocessing: PreprocessingSpec) -> list[Left]:
@@ -297,7 +297,7 @@ class FitSettings:
 
 @dataclass(frozen=True, eq=False)
 class FittedOutput:
-    """A model of one output with all that is known of its worth."""
+    """A model of one output with its figures and its verdict."""
 
     output: str  # what it predicts
     kind: str  # what it is, see `models.kinds.KINDS`
@@ -335,7 +335,7 @@ class FitResult:
     test: tuple[BagData, ...]
     # Vibrations in the strain, or in the effort where there is no strain.
     ringing: tuple[Ringing, ...] = ()
-    warnings: tuple[str, ...] = field(default=())  # what is odd about the data
+    warnings: tuple[str, ...] = field(default=())  # what was noted about the data
     # What the elastic model found out about the arm, from all training bags.
     elastic: Identified | None = None
     # The same by names of bags, for what was left out as well.

@@ -43,14 +43,14 @@ from tudor_dynamics.typing import FloatArray
 # -- What to do next, in the order of what it would bring, with the command
 
 FINDING, NO_THRESHOLDS, UNTESTED, WIDE = 100.0, 50.0, 8.0, 6.0
-"""What a remedy brings where no figure tells it, beside points of fit."""
+"""What a remedy brings where no figure says so, in points of fit."""
 HARMLESS = 1.0
 MILD = ('standstill', 'jitter')
 """Findings that cost little."""
 WIDER = 1.2
-"""Doubt about thresholds that more motion is worth."""
+"""Doubt about thresholds from which on more motion is advised."""
 LITTLE = 0.5
-"""Points of fit that are not worth a step."""
+"""Points of fit below which no step is advised."""
 NAMED = 20
 """Bags that a command names one by one."""
 
@@ -173,11 +173,11 @@ def _names(bags: Sequence[BagFacts]) -> list[str]:
     return names if len(names) <= NAMED else [os.path.commonpath(names) or '.']
 
 
-# -- All that can be said of the worth of a fit: uses, thresholds, marks, and what to do next
+# -- What a fit is good enough for: uses, thresholds, marks, and what to do next
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What a fit is worth."""
+    """What a fit is good enough for."""
 
     uses: tuple[Use, ...]  # verdicts, model by model
     thresholds: dict[tuple[str, str], MethodThresholds]  # method and kind to what was learned
@@ -204,10 +204,10 @@ class Assessment:
 
 def assess(result: FitResult) -> Assessment:
     """Judge a fit by what it is to be used for."""
-    # beside the robot filters are causal: thresholds are those of the models that run there
-    beside = result if result.causal is None else result.causal
-    learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in beside.fitted],
-                                 beside.preprocessing)
+    # on the robot filters are causal: thresholds are those of the models that run there
+    live = result if result.causal is None else result.causal
+    learned, reasons = learn_all([(item.output, item.kind, item.unseen) for item in live.fitted],
+                                 live.preprocessing)
     uses: list[Use] = []
     found: list[str] = []
     for item in result.fitted:
@@ -227,7 +227,7 @@ def assess(result: FitResult) -> Assessment:
                       next_steps(result, uses, learned, missing))
 
 
-# -- Is a model still what it was: its errors on other bags beside those of its validation
+# -- Is a model still what it was: its errors on other bags compared with those of its validation
 
 BLOCK = 5.0
 """Time whose mean squared error counts as one observation: errors are correlated [s]."""
@@ -238,7 +238,7 @@ RELATIVE = 1.15
 SIGMAS = 3.0
 """Standard errors by which the error must have grown."""
 UNKNOWN = 0.5
-"""Relative standard error of a mean squared error where nothing tells it."""
+"""Relative standard error of a mean squared error where nothing is known of it."""
 LEAST = 0.1
 """It is no less: two motions are not alike."""
 
@@ -292,7 +292,7 @@ def spread(validation: Validation) -> dict[str, float]:
 def changes(
     facts: Mapping[str, Any], found: Mapping[str, Mapping[str, Validation]],
 ) -> tuple[ErrorChange, ...]:
-    """Compare errors on bags with those of the validation that a bundle tells of."""
+    """Compare errors on bags with those of the validation that a bundle has."""
     said = []
     for output, kinds in found.items():
         for kind, validation in kinds.items():
@@ -322,7 +322,7 @@ def change_of(
     return ErrorChange(*name, *errors, *relative, sigmas, changed)
 
 
-# -- What a plan promised of the parameters, beside what a fit reached
+# -- What a plan promised of the parameters, and what a fit reached
 
 WITHIN = 0.3
 """Relative difference up to which a promise counts as kept."""
@@ -369,7 +369,7 @@ class Comparison:
 
 
 def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
-    """Put a fit beside the plan of its recordings."""
+    """Compare a fit with the plan of its recordings."""
     arm = result.arm
     trajectory = _ordered(plan, arm)
     models = {item.output: item.model for item in result.fitted

@@ -33,7 +33,7 @@ from tudor_dynamics.signals.preprocessing import Stretch
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Does the arm ring? The residual of a rigid-body model tells, and at which frequency
+# -- Does the arm ring? The residual of a rigid-body model says, and at which frequency
 
 LOWEST = 0.5
 """Below, the residual is the model's own error, not a vibration [Hz]."""

@@ -145,7 +145,7 @@ PHYSICS_POSES = 200
 FEW = 0.02
 """Share of poses at which an inertia may be negative, where parameters are uncertain."""
 FAR = 1.5
-"""Factor between the identified weight and the described one that is worth a mark."""
+"""Factor between the identified weight and the described one from which on it is marked."""
 SHOWS = 0.1
 """Share of the largest weight below which the weight of a joint is not compared."""
 
@@ -224,7 +224,7 @@ class Use:
     kind: str
     name: str  # `prediction`, `feed-forward`, `collision detection (METHOD)` or `payload`
     level: Grade | None  # may it be used; None where that cannot be said
-    why: str  # figures behind it
+    why: str  # figures that it is from
 
     def __str__(self) -> str:
         """Write it on one line."""
@@ -262,7 +262,7 @@ def uses_of(
 
 def _feedforward(item: FittedOutput) -> Use:
     """
-    Say what a controller has left to do behind efforts that are fed forward.
+    Say what a controller still has to do where efforts are fed forward.
 
     It gives what is missing either way: an effort of which a model knows a half is no good
     prediction, and half of the work.

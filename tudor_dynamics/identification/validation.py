@@ -258,7 +258,7 @@ def part_errors(model: AnalyticalModel, part: list[list[Products]]) -> PartError
     return PartErrors(*found)
 
 
-# -- What no model can explain: the noise of the sensors, behind the filters of a fit
+# -- What no model can explain: the noise of the sensors, after the filters of a fit
 
 ORDER = 5
 """Differences that leave nothing of a motion, and all of white noise."""
@@ -297,7 +297,7 @@ def _squares(order: int) -> float:
     return float(np.sum(weights**2))
 
 
-# -- Validation: what a model is worth on motion that it has not seen.
+# -- Validation: errors of a model on motion that it has not seen.
 #
 # By whole bag, as Malzahn et al. do by whole stimuli: the samples of one bag are neighbours in
 # time, so that leaving out single samples at random shows a model nearly the same samples twice.
