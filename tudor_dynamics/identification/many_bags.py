@@ -43,7 +43,7 @@ from tudor_dynamics.typing import Progress
 
 
 FOLDS = 10
-"""Groups of bags that are left out, one after the other."""
+"""Groups of bags that are left out, one after the other (Kohavi, IJCAI 1995: ten)."""
 
 
 def fold_of(number: int, bags: int) -> int:
@@ -179,9 +179,10 @@ class Streamed:
 
 
 FROM = 33
-"""Bags from which a fit is streamed without being asked to."""
+"""Bags from which a fit is streamed without being asked to; source: none known."""
 SAMPLE = 8
-"""Bags that stay in memory, for choices, thresholds and figures."""
+"""Bags that stay in memory, for choices, thresholds and figures; what they take is in
+bench/many_bags.py."""
 WARNED = 5
 """Bags left out that are warned of one by one."""
 
