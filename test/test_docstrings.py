@@ -41,7 +41,7 @@ FORMATS = {
     'bags/writer.py', 'control/gains.py', 'identification/excitation_plan.py',
     'identification/detection.py', 'fleet/study.py', 'bags/trajectory.py',
     'models/base.py', 'models/bundle_io.py', 'online/threshold_learning.py'}
-"""Modules that also define what stands in a file, or what a model has to do: sections may stand."""
+"""Modules that also define a file format, or what a model has to do: sections may stand there."""
 SECTION = re.compile(r'^(Parameters|Other Parameters|Attributes|Returns|Yields|Raises)\n-{3,}$',
                      re.M)
 EQUATION = re.compile(r'\bEqs?\. |:math:|\.\. math')
