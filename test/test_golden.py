@@ -73,6 +73,14 @@ def test_a_change_is_seen(
     assert code == (0 if beyond else 1)
 
 
+def test_long_numbers_are_no_checksums() -> None:
+    """Only words of a checksum may differ beside numbers within the tolerance."""
+    digest = '79817f6538267ed9bae2c61d144588af'
+    assert golden.alike(f'of {digest}: 0.5', f'of {digest[::-1]}: 0.5', 1e-9)
+    assert not golden.alike('0.1234567890123', '0.1234567990123', 1e-9)
+    assert not golden.alike('1234567890123', '1234577890123', 1e-9)
+
+
 def test_equal_records_are_equal(tmp_path: Path) -> None:
     """Numbers that are none are equal to themselves, bit for bit."""
     odd = {'stdout__error': float('nan'), 'out.npz__q': np.array([np.nan, -np.inf, -0.0])}

@@ -40,7 +40,8 @@ Values = dict[str, Any]
 """Key to a plain value, a text or an array."""
 
 TEXT: tuple[tuple[str, str, str], ...] = (
-    (r'(?<=bags in)\s+[\d.]+ s *', ' # s', 'seconds that a campaign took'),
+    (r'\bbags\s+in\s+[\d.]+ s *', 'bags in # s', 'seconds that a campaign took'),
+    (r'/[\w/.+-]*/golden_\w{8}(?=/)', 'WORK', 'temporary folder'),
     (r'(?<=search: )[\d.]+ s', '# s', 'seconds that a search took'),
     (r'tudor_dynamics \d+\.\d+\.\d+\w*', 'tudor_dynamics #', 'version'),
     (r'(?<=\] \[)\d+\.\d+(?=\])', '#', 'time of a line in the log of a node'),
@@ -49,10 +50,9 @@ TEXT: tuple[tuple[str, str, str], ...] = (
 """Regular expression, replacement, what it is: in every text."""
 KEYS: tuple[tuple[str, str], ...] = (
     (r'^stdout:(search_)?seconds(\.|$)', 'seconds that a command took'),
-    (r'model\.yaml:.*\.seconds$', 'seconds that a search took'),
-    (r'model\.yaml:files\.', 'checksums of files that are compared themselves'),
+    (r'model\.yaml:(checksum$|files\.)', 'checksums of what is compared itself'),
 )
-"""Regular expression of a key, what it is: values that are left out."""
+"""Regular expression of a key, what it is: values that are not compared."""
 CACHES = r'(^|/)(sums|stages|[^/]*\.sums)/'
 """Files in these folders are kept for the next run and depend on the sources."""
 PICTURES = ('.png', '.svg', '.pdf', '.gif', '.mp4')
@@ -81,7 +81,7 @@ def flat(value: Any, key: str = '') -> Iterator[tuple[str, Any]]:
         yield key, normal(value) if isinstance(value, str) else plain(value)
         return
     for name, item in items:
-        yield from flat(item, f'{key}.{name}' if key else str(name))
+        yield from flat(item, f'{key}.{normal(str(name))}' if key else normal(str(name)))
 
 
 def plain(value: Any) -> Any:
@@ -208,6 +208,5 @@ def of_folder(folder: Path) -> Values:
             found.update((f'{name.rpartition("/")[0]}:{key}', value)
                          for key, value in of_bag(path.parent).items())
         contents = {} if path.suffix in ('.mcap', '.db3') else of_file(path, name)
-        found.update((f'{name}:{key}', value) for key, value in contents.items()
-                     if not dropped(key))
+        found.update((f'{name}:{key}', value) for key, value in contents.items())
     return found
