@@ -40,7 +40,8 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis
 from tudor_dynamics.mechanics.campaign import START
-from tudor_dynamics.mechanics.rig import Rig, RigLog, Sample
+from tudor_dynamics.mechanics.closed_loop import Sample
+from tudor_dynamics.mechanics.rig import Rig, RigLog
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.bundle_io import load_bundle
 from tudor_dynamics.online.detector import Level

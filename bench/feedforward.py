@@ -191,7 +191,7 @@ def closed_loop(bundle: td.ModelBundle, arm: td.Arm) -> None:
     for kind, seed, payload in MOTIONS:
         carrying = with_payload(arm, payload)
         loops = {which: ClosedLoop(carrying, damping=0.0, seed=seed) for which in LOOPS}
-        loops['torque'].cascade.gains[:, INTEGRAL_GAIN] = 0.0
+        loops['torque'].cascade.rows[:, INTEGRAL_GAIN] = 0.0
         dt = loops['speed'].dt
         reference = stimulus_motion(arm, kind, SECONDS, seed, dt)
         step = round(1.0 / (RATE * dt))

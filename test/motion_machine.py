@@ -27,9 +27,10 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import hard_limits
-from tudor_dynamics.control.motion_controller import WATCH
 from tudor_dynamics.control.references import REACTIONS
-from tudor_dynamics.mechanics.rig import Rig, Sample
+from tudor_dynamics.control.settings import WATCH_PERIOD
+from tudor_dynamics.mechanics.closed_loop import Sample
+from tudor_dynamics.mechanics.rig import Rig
 
 PATH = Path(__file__).parent.parent / 'config' / 'tudor.yaml'
 FIRST, SECOND = np.radians([20.0, -60.0]), np.radians([170.0, 60.0])
@@ -48,8 +49,8 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
 
     The change is that of commands as they leave: one that gets lost is made up for by the next,
     and an arm is taken over at the speed that it has. Where positions are missing, commands come
-    every ``WATCH`` seconds and may step accordingly. The period is as the controller learned it:
-    lost samples lengthen it by their share.
+    every ``WATCH_PERIOD`` seconds and may step accordingly. The period is as the controller
+    learned it: lost samples lengthen it by their share.
     """
     limits, trace = hard_limits(rig.arm), rig.trace
     q = np.array(trace.q[begin:])
@@ -62,7 +63,7 @@ def broken_limits(rig: Rig, begin: int = 0) -> list[str]:
         if wrong.any():
             k, j = np.argwhere(wrong)[0]
             found.append(f'{what}: joint {j} at {trace.t[begin + k]:.3f} s: {values[k, j]:.4g}')
-    allowed = limits.acceleration * max(1.1 / rig.rate, WATCH) * (1.0 + 1e-9)
+    allowed = limits.acceleration * max(1.1 / rig.rate, WATCH_PERIOD) * (1.0 + 1e-9)
     for (_, before, last), (t, now, command) in pairwise(trace.sent):
         if before == now and np.any(np.abs(command - last) > allowed):
             found.append(f'acceleration: {command - last} rad/s at {t:.3f} s in one command')

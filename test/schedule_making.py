@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.control.gains import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
 
 JOINTS = ('joint2', 'joint3')
 

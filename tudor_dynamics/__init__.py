@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tudor_dynamics.bags.reader import read_recording
     from tudor_dynamics.bags.recording import Recording
     from tudor_dynamics.bags.trajectory import Trajectory
-    from tudor_dynamics.control.gains import Schedule
+    from tudor_dynamics.control.schedule import Schedule
     from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
     from tudor_dynamics.errors import TudorError
     from tudor_dynamics.fleet.cluster import on_cluster
@@ -78,7 +78,7 @@ _HOMES = {
     'tudor_dynamics.bags.reader': ('read_recording',),
     'tudor_dynamics.bags.recording': ('Recording',),
     'tudor_dynamics.bags.trajectory': ('Trajectory',),
-    'tudor_dynamics.control.gains': ('Schedule',),
+    'tudor_dynamics.control.schedule': ('Schedule',),
     'tudor_dynamics.control.shaped_motion': ('ShapedPlanner', 'Shaping'),
     'tudor_dynamics.errors': ('TudorError',),
     'tudor_dynamics.fleet.cluster': ('on_cluster',),

@@ -23,7 +23,7 @@ from typing import Any
 import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.cli.main import main
-from tudor_dynamics.control.gains import load_schedule
+from tudor_dynamics.control.schedule import load_schedule
 import tudor_dynamics.models.tuning as module
 
 CONFIG = Path(__file__).parent.parent.parent / 'config'

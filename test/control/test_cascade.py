@@ -25,7 +25,7 @@ import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits
 from tudor_dynamics.control.cascade import arm_gains, Cascade, JointGains, motor_gains
-from tudor_dynamics.control.guards import COMMANDED
+from tudor_dynamics.control.settings import COMMANDED_SPEED
 from tudor_dynamics.errors import ArmError
 
 DT = 5e-4
@@ -103,7 +103,7 @@ def test_what_is_fed_forward_is_not_asked_of_errors() -> None:
 
 def test_speed_limit_counts_damper_and_reference() -> None:
     """The commanded speed is bounded whatever asks for it."""
-    limits = Limits(*(np.array([x]) for x in (-np.inf, np.inf, 0.5 / COMMANDED, np.inf)))
+    limits = Limits(*(np.array([x]) for x in (-np.inf, np.inf, 0.5 / COMMANDED_SPEED, np.inf)))
     cascade = Cascade([JointGains(4.0, 1.0, 0.0)], DT, limits)
     assert cascade.step([0.0], [0.4], [0.0], [0.0], [0.4])[0] == pytest.approx(0.5)
     assert cascade.saturated[0]

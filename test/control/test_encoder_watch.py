@@ -21,7 +21,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import Limits
-from tudor_dynamics.control.guards import EncoderWatch
+from tudor_dynamics.control.motion_controller import EncoderWatch
 
 LIMITS = Limits(np.array([0.0, -1.0]), np.array([3.0, 1.0]), np.full(2, 1.8), np.full(2, 17.0))
 COUNT = 2.0e-4

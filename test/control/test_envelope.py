@@ -23,8 +23,9 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
-from tudor_dynamics.control.guards import (
-    approach_speed, BRAKING, BY_ACCELERATION, BY_POSITION, BY_SPEED, COMMANDED, Envelope, ROOM)
+from tudor_dynamics.control.cascade import (
+    approach_speed, BY_ACCELERATION, BY_POSITION, BY_SPEED, Envelope, SATURATING)
+from tudor_dynamics.control.settings import BRAKING_SHARE, COMMANDED_SPEED, POSITION_MARGIN
 
 LIMITS = Limits(np.array([-1.0]), np.array([2.0]), np.array([1.5]), np.array([10.0]))
 numbers = st.floats(-50.0, 50.0)
@@ -87,12 +88,13 @@ def test_says_what_it_cut() -> None:
     assert envelope.step(0.01, [0.05], [0.0]) == pytest.approx([0.05])
     assert envelope.cuts[0] == 0
     assert envelope.step(0.01, [1.0], [0.0]) == pytest.approx([0.15])
-    assert envelope.cuts[0] == BY_ACCELERATION and not envelope.saturated[0]
-    assert envelope.step(0.5, [9.0], [0.0]) == pytest.approx([COMMANDED * 1.5])
-    assert envelope.cuts[0] == BY_SPEED and envelope.saturated[0]
+    assert envelope.cuts[0] == BY_ACCELERATION and not envelope.cuts[0] & SATURATING
+    assert envelope.step(0.5, [9.0], [0.0]) == pytest.approx([COMMANDED_SPEED * 1.5])
+    assert envelope.cuts[0] == BY_SPEED and envelope.cuts[0] & SATURATING
     near = envelope.step(0.5, [1.0], [1.99])
-    assert near == pytest.approx([math.sqrt(2.0 * BRAKING * 10.0 * (0.01 - ROOM * 1.5))])
-    assert envelope.cuts[0] == BY_POSITION and envelope.saturated[0]
+    way = 0.01 - POSITION_MARGIN * 1.5
+    assert near == pytest.approx([math.sqrt(2.0 * BRAKING_SHARE * 10.0 * way)])
+    assert envelope.cuts[0] == BY_POSITION and envelope.cuts[0] & SATURATING
 
 
 def test_outside_only_the_way_back_is_open() -> None:
@@ -107,7 +109,7 @@ def test_without_limits_everything_passes() -> None:
     envelope = Envelope(unlimited(2), 0.01)
     for dt in (0.0, 0.001, 1.0):
         assert envelope.step(dt, [1e9, -1e9], [1e5, 0.0]) == pytest.approx([1e9, -1e9])
-    assert not envelope.saturated.any()
+    assert not (envelope.cuts & SATURATING).any()
 
 
 def test_begins_at_the_speed_of_the_arm() -> None:

@@ -22,46 +22,46 @@ import pytest
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.control.gains import learned_period
-from tudor_dynamics.control.guards import (
-    Following, FOLLOWING_TIME, NEAR_TIME, ReferenceGate, RESTING)
+from tudor_dynamics.control.motion_controller import ReferenceGate
+from tudor_dynamics.control.settings import FOLLOWING_TIME, NEAR_TIME, RESTING_SPEED
 from tudor_dynamics.signals.motion_profile import motion_limits
 
 TIMEOUT = 0.1
 
 
 @pytest.fixture
-def parts(root) -> tuple[ReferenceGate, Following, np.ndarray, np.ndarray]:
-    """Give gate, reasons, planned speeds, and where the reference rests."""
+def parts(root) -> tuple[ReferenceGate, np.ndarray, np.ndarray]:
+    """Give the gate, planned speeds, and where the reference rests."""
     arm = load_arm(root / 'config' / 'tudor.yaml')
     limits = hard_limits(arm)
-    gate = ReferenceGate(arm.active_joints, limits)
     planned = motion_limits(arm).velocity
+    gate = ReferenceGate(arm.active_joints, limits, planned)
     place = 0.5 * (limits.lower + limits.upper)
     gate.add(0.0, place, np.zeros(len(place)))
-    return gate, Following(arm.active_joints, planned, gate), planned, place
+    return gate, planned, place
 
 
 def test_it_begins_at_rest_at_the_arm(parts) -> None:
     """Near, at rest, fresh, and an arm that does not brake any more."""
-    gate, following, planned, place = parts
+    gate, planned, place = parts
     still = np.zeros(len(place))
     near, far = place + 0.9 * NEAR_TIME * planned, place + 1.1 * NEAR_TIME * planned
-    assert following.obstacle(0.0, TIMEOUT, near, still) == ''
-    assert 'begin at the arm' in following.obstacle(0.0, TIMEOUT, far, still)
-    assert 'brakes' in following.obstacle(0.0, TIMEOUT, near, 2.0 * RESTING * planned)
-    assert following.obstacle(2.0 * TIMEOUT, TIMEOUT, near, still) == 'no reference comes'
-    gate.add(0.0, place, 2.0 * RESTING * planned)
-    assert 'moves already' in following.obstacle(0.0, TIMEOUT, near, still)
+    assert gate.obstacle(0.0, TIMEOUT, near, still) == ''
+    assert 'begin at the arm' in gate.obstacle(0.0, TIMEOUT, far, still)
+    assert 'brakes' in gate.obstacle(0.0, TIMEOUT, near, 2.0 * RESTING_SPEED * planned)
+    assert gate.obstacle(2.0 * TIMEOUT, TIMEOUT, near, still) == 'no reference comes'
+    gate.add(0.0, place, 2.0 * RESTING_SPEED * planned)
+    assert 'moves already' in gate.obstacle(0.0, TIMEOUT, near, still)
 
 
 def test_it_ends_where_the_arm_strays_or_nothing_comes(parts) -> None:
     """Farther than where it may begin, and with the joint that is farthest."""
-    _, following, planned, place = parts
-    assert following.stray(0.0, TIMEOUT, place + 0.9 * FOLLOWING_TIME * planned) == ''
+    gate, planned, place = parts
+    assert gate.stray(0.0, TIMEOUT, place + 0.9 * FOLLOWING_TIME * planned) == ''
     away = place.copy()
     away[1] += 1.1 * FOLLOWING_TIME * planned[1]
-    assert following.stray(0.0, TIMEOUT, away).startswith('joint3 is ')
-    assert following.stray(2.0 * TIMEOUT, TIMEOUT, place) == 'no reference for 100 ms'
+    assert gate.stray(0.0, TIMEOUT, away).startswith('joint3 is ')
+    assert gate.stray(2.0 * TIMEOUT, TIMEOUT, place) == 'no reference for 100 ms'
 
 
 def test_the_period_is_learned_from_the_short_ones() -> None:

@@ -20,8 +20,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.gains import damping_share, DelayMeter, position_gain_limit
-from tudor_dynamics.control.guards import SwingWatch
+from tudor_dynamics.control.gains import (
+    damping_share, DelayMeter, position_gain_limit, RingingWatch)
 
 SPEED = np.array([1.8, 1.8])
 
@@ -78,7 +78,7 @@ def test_share_falls_with_the_delay() -> None:
     assert position_gain_limit(0.1) == pytest.approx(2.5)
 
 
-def watch(swing: SwingWatch, size: object, seconds: float, moving: bool = False) -> str:
+def watch(swing: RingingWatch, size: object, seconds: float, moving: bool = False) -> str:
     """Let something at 2.5 Hz be added to the reference; give what was found first."""
     for k in range(round(seconds / 0.002)):
         t = 0.002 * k
@@ -91,9 +91,9 @@ def watch(swing: SwingWatch, size: object, seconds: float, moving: bool = False)
 
 def test_swing_that_is_fed() -> None:
     """What decays is none; what stays or grows is told within seconds, what is wild at once."""
-    assert watch(SwingWatch(SPEED), lambda t: 0.6 * np.exp(-t / 1.5), 8.0) == ''
-    assert watch(SwingWatch(SPEED), lambda t: 0.04, 8.0) == ''  # noise of a real arm
-    assert 'not decay' in watch(SwingWatch(SPEED), lambda t: 0.3, 6.0)
-    assert 'grows' in watch(SwingWatch(SPEED), lambda t: 0.02 * np.exp(1.2 * t), 6.0)
-    assert watch(SwingWatch(SPEED), lambda t: 0.3, 6.0, moving=True) == ''
-    assert 'again and again' in watch(SwingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)
+    assert watch(RingingWatch(SPEED), lambda t: 0.6 * np.exp(-t / 1.5), 8.0) == ''
+    assert watch(RingingWatch(SPEED), lambda t: 0.04, 8.0) == ''  # noise of a real arm
+    assert 'not decay' in watch(RingingWatch(SPEED), lambda t: 0.3, 6.0)
+    assert 'grows' in watch(RingingWatch(SPEED), lambda t: 0.02 * np.exp(1.2 * t), 6.0)
+    assert watch(RingingWatch(SPEED), lambda t: 0.3, 6.0, moving=True) == ''
+    assert 'again and again' in watch(RingingWatch(SPEED), lambda t: 1.6, 2.0, moving=True)

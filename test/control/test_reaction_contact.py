@@ -24,8 +24,8 @@ from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.control.motion_controller import MotionController
 from tudor_dynamics.control.references import ReactingReference, yielding_speed
+from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor
-from tudor_dynamics.mechanics.rig import ArmProcess
 
 DT = 0.002
 FELT = 30.0

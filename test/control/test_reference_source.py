@@ -20,7 +20,8 @@ from pathlib import Path
 
 import numpy as np
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.control.references import LONGEST, ReferenceSource
+from tudor_dynamics.control.references import ReferenceSource
+from tudor_dynamics.control.settings import TARGETS_SECONDS
 
 
 def wandering(root: Path, seed: int, seconds: float, dt: float = 0.05) -> np.ndarray:
@@ -41,11 +42,11 @@ def wandering(root: Path, seed: int, seconds: float, dt: float = 0.05) -> np.nda
 def test_random_targets_never_come_again(root):
     """The second stretch of ten minutes is another one, and again the same for the same seed."""
     dt = 0.05
-    moved = wandering(root, 1, LONGEST + 200.0, dt)
+    moved = wandering(root, 1, TARGETS_SECONDS + 200.0, dt)
     window = moved[round(60.0 / dt):round(160.0 / dt)]
     # the second stretch begins when the last target of the first is due
     apart = [np.abs(moved[first:first + len(window)] - window).max()
-             for first in range(round((LONGEST + 30.0) / dt), len(moved) - len(window))]
+             for first in range(round((TARGETS_SECONDS + 30.0) / dt), len(moved) - len(window))]
     assert min(apart) > 0.1
-    assert np.array_equal(moved, wandering(root, 1, LONGEST + 200.0, dt))
+    assert np.array_equal(moved, wandering(root, 1, TARGETS_SECONDS + 200.0, dt))
     assert not np.array_equal(moved[:2000], wandering(root, 2, 100.0, dt))

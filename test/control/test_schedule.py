@@ -24,7 +24,8 @@ import numpy as np
 import pytest
 from schedule_making import content, point, schedule
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.control.gains import Adaptation, BLEND_TIME, load_schedule
+from tudor_dynamics.control.schedule import Adaptation, load_schedule
+from tudor_dynamics.control.settings import SCHEDULE_BLEND_TIME
 from tudor_dynamics.errors import ScheduleError
 
 CONFIG = Path(__file__).parent.parent.parent / 'config'
@@ -117,7 +118,7 @@ def test_payload_is_told_and_gets_old() -> None:
     to.timeout = 2.0
     assert to.tell(0.0, 0.2) == ''
     weights = walk(to, 0.0, 1.5)
-    assert max(np.diff(weights)) <= 0.01 / BLEND_TIME + 1e-9 and weights[-1] == 1.0
+    assert max(np.diff(weights)) <= 0.01 / SCHEDULE_BLEND_TIME + 1e-9 and weights[-1] == 1.0
     weights = walk(to, 1.5, 2.0)
     assert weights[0] == 1.0 and weights[-1] == 0.0 and 'older than 2 s' in to.unknown
 

@@ -21,7 +21,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tudor_dynamics.control.guards import LOOK, Takeover
+from tudor_dynamics.control.motion_controller import Takeover
+from tudor_dynamics.control.settings import TAKEOVER_TIME
 
 ACCELERATION = np.array([3.5, 3.5])
 
@@ -40,7 +41,7 @@ def test_standing_and_steady_arms(dt: float) -> None:
     """They are taken over once they were looked at, at any rate."""
     for speed in (0.0, 1.2, -0.7):
         found = taken(lambda t: speed, dt)  # noqa: B023
-        assert found == pytest.approx(LOOK + 0.03, abs=dt + 1e-6)
+        assert found == pytest.approx(TAKEOVER_TIME + 0.03, abs=dt + 1e-6)
 
 
 def test_braking_arm_is_left_to_stop() -> None:

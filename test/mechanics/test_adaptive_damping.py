@@ -21,8 +21,8 @@ from functools import lru_cache
 from motion_machine import broken_limits, go, tudor
 import numpy as np
 import pytest
-from tudor_dynamics.control.gains import Adaptation, Schedule
 from tudor_dynamics.control.motion_controller import State
+from tudor_dynamics.control.schedule import Adaptation, Schedule
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.rig import Rig
 from tudor_dynamics.models.tuning import design, TunedArm, Wish

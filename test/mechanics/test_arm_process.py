@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
+from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor
-from tudor_dynamics.mechanics.rig import ArmProcess
 
 RATE = 100.0
 HUGE = np.array([0.0, 0.0, 1e5])

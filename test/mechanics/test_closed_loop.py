@@ -27,8 +27,8 @@ from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.control.cascade import INTEGRAL
 from tudor_dynamics.control.damper import check_sign, Sign, StepResponse
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.mechanics.closed_loop import ClosedLoop
-from tudor_dynamics.mechanics.hardware import Imperfections, LoopRecord, Push, with_payload
+from tudor_dynamics.mechanics.closed_loop import ClosedLoop, LoopRecord
+from tudor_dynamics.mechanics.hardware import Imperfections, Push, with_payload
 from tudor_dynamics.mechanics.run import modes
 from tudor_dynamics.signals.filters import ring_modes
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -234,7 +234,7 @@ def test_sign_test_finds_a_reversed_gauge(polarity: float, expected: Sign, joint
     def measure(name: str, step: float, share: float) -> StepResponse:
         loop = ClosedLoop(with_payload(turned, 0.2), damping=share, seed=2)
         if share:  # one joint at a time
-            loop.damper.settings[1 - number, 0] = 0.0
+            loop.damper.rows[1 - number, 0] = 0.0
         loop.reset(HOME)
         goal = HOME.copy()
         goal[arm.active_joints.index(name)] += step

@@ -23,7 +23,7 @@ from elastic_making import blade_arm
 import numpy as np
 import pytest
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.control.gains import Schedule
+from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.identification.ringdowns import vibrations
 from tudor_dynamics.models.elastic.arm import DrivenArm

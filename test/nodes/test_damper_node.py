@@ -27,7 +27,7 @@ import pytest
 from rclpy.parameter import Parameter
 from ros_world import joint_message, JOINTS, values_of, World
 from std_msgs.msg import Float64MultiArray
-from tudor_dynamics.control.gains import columns_of, Schedule, ScheduleFile
+from tudor_dynamics.control.schedule import columns_of, Schedule, ScheduleFile
 from tudor_dynamics.nodes.common.base import latched
 from tudor_dynamics.nodes.oscillation_damper import OscillationDamperNode
 import yaml

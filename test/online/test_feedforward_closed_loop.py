@@ -48,7 +48,7 @@ def arm(root: Path) -> Arm:
 def loop(arm: Arm) -> ClosedLoop:
     """Give the arm under a position loop on efforts: p and d, no integrator."""
     made = ClosedLoop(arm, damping=0.0, seed=1)
-    made.cascade.gains[:, INTEGRAL_GAIN] = 0.0
+    made.cascade.rows[:, INTEGRAL_GAIN] = 0.0
     return made
 
 

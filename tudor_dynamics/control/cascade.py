@@ -33,11 +33,123 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import DriveStop, Limits, unlimited
 from tudor_dynamics.arm.schema import DamperSpec, MotorSpec
 from tudor_dynamics.compiled import compiled
-from tudor_dynamics.control.guards import Envelope
+from tudor_dynamics.control import settings
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.typing import FloatArray
 
-# Columns of the gains of one joint.
+# Envelope: columns of the limits of one joint.
+LOWER, UPPER = 0, 1  # position [rad]
+SPEED = 2  # [rad/s]
+ACCELERATION = 3  # [rad/s^2]
+BRAKE = 4  # with which the joint stops before a position limit [rad/s^2]
+TIME = 5  # for which it goes on as fast before that [s]
+ROW = 6
+# Columns of its state.
+COMMAND = 0  # last command [rad/s]
+CUT = 1  # what cut the last command: sum of the following
+ENVELOPE_STATES = 2
+BY_SPEED, BY_POSITION, BY_ACCELERATION = 1, 2, 4
+SATURATING = BY_SPEED + BY_POSITION  # a command that only takes longer is none the less obeyed
+
+
+@compiled
+def approach_speed(way: float, acceleration: float, time: float) -> float:
+    """
+    Give the fastest speed towards a position limit from which the joint still stops before it.
+
+    acceleration [rad/s^2], time [s]; way [rad]: below 0 beyond it; returns [rad/s], 0 beyond the
+    limit.
+    """
+    if way <= 0.0:
+        return 0.0
+    if math.isinf(way) or math.isinf(acceleration):
+        return math.inf if time == 0.0 else way / time
+    reach = acceleration * time
+    return math.sqrt(reach * reach + 2.0 * acceleration * way) - reach
+
+
+@compiled
+def envelope_law(row: NDArray, state: NDArray, dt: float, wanted: float, q: float) -> float:
+    """
+    Give the speed nearest to the wanted one that keeps a joint within its limits.
+
+    row (ROW,), state (ENVELOPE_STATES,), dt [s], wanted [rad/s], q [rad]; returns speed [rad/s].
+    """
+    limit = settings.COMMANDED_SPEED * row[SPEED]
+    speed = min(max(wanted, -limit), limit)
+    cut = 0
+    if speed != wanted:
+        cut += BY_SPEED
+    bounded = min(max(speed, -approach_speed(q - row[LOWER], row[BRAKE], row[TIME])),
+                  approach_speed(row[UPPER] - q, row[BRAKE], row[TIME]))
+    if bounded != speed:
+        cut += BY_POSITION
+    speed = bounded
+    if not math.isinf(row[ACCELERATION]):  # no time times no limit is no number
+        change = row[ACCELERATION] * dt
+        speed = min(max(bounded, state[COMMAND] - change), state[COMMAND] + change)
+    if speed != bounded:
+        cut += BY_ACCELERATION
+    state[COMMAND], state[CUT] = speed, cut
+    return speed
+
+
+class Envelope:
+    """
+    Envelope of several joints, step by step.
+
+    lag [s]: from a command to its motion; cuts (joints,): what cut the last command of each joint,
+    see `envelope_law`.
+    """
+
+    def __init__(self, limits: Limits, lag: float, stop: DriveStop | None = None) -> None:
+        joints = len(limits.lower)
+        self._timeout = 0.0 if stop is None else stop.timeout
+        margin = np.where(np.isfinite(limits.velocity),
+                          settings.POSITION_MARGIN * limits.velocity, 0.0)
+        brake = settings.BRAKING_SHARE * limits.acceleration
+        self.rows = np.zeros((joints, ROW))
+        self.rows[:, LOWER], self.rows[:, UPPER] = limits.lower + margin, limits.upper - margin
+        self.rows[:, SPEED], self.rows[:, ACCELERATION] = limits.velocity, limits.acceleration
+        self.rows[:, BRAKE] = brake if stop is None else np.minimum(brake, stop.acceleration)
+        self.state = np.zeros((joints, ENVELOPE_STATES))
+        self.lag = lag
+        self._take_lag()
+        self.reset()
+
+    @property
+    def command(self) -> FloatArray:
+        """Last command [rad/s]."""
+        return np.asarray(self.state[:, COMMAND].copy())
+
+    def _take_lag(self) -> None:
+        self.rows[:, TIME] = max(settings.APPROACH_TIME * self.lag, self.lag + self._timeout)
+
+    def begin(self, command: ArrayLike) -> None:
+        """Restart at the speeds that the joints have: command (joints,) [rad/s]."""
+        self.state[:] = 0.0
+        self.state[:, COMMAND] = command
+        self.cuts = np.zeros(len(self.rows), dtype=np.intp)
+
+    def reset(self) -> None:
+        """Restart at standstill."""
+        self.begin(0.0)
+
+    def step(self, dt: float, wanted: ArrayLike, q: ArrayLike) -> FloatArray:
+        """
+        Bound the wanted speeds.
+
+        dt [s], wanted (joints,) [rad/s], q (joints,) [rad]; returns (joints,) [rad/s].
+        """
+        self._take_lag()
+        wanted, q = np.asarray(wanted, dtype=float), np.asarray(q, dtype=float)
+        result = np.array([envelope_law(self.rows[j], self.state[j], dt, float(wanted[j]),
+                                        float(q[j])) for j in range(len(self.rows))])
+        self.cuts = self.state[:, CUT].astype(np.intp)
+        return result
+
+
+# Cascade: columns of the gains of one joint.
 POSITION_GAIN = 0  # speed per position error [1/s]
 VELOCITY_GAIN = 1  # current per speed error [A s/rad]
 INTEGRAL_GAIN = 2  # current per integrated speed error [A/rad]
@@ -48,39 +160,36 @@ INTEGRAL = 0  # share of the integrator in the current [A]
 SATURATED = 1  # 1 while the current is at its limit
 STATES = 2
 
-INTEGRAL_SHARE = 0.2
-"""Corner of the integrator over the bandwidth: costs atan(0.2) = 11 deg of phase there."""
-
 
 @compiled
 def position_law(
-    gains: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float,
+    row: NDArray, q_ref: float, dq_ref: float, q: float, yielding: float,
 ) -> float:
     """
     Give the speed that the position loop of one joint wants.
 
-    gains (GAINS,), q_ref, dq_ref [rad, rad/s], q [rad], yielding [rad/s]; returns speed, to be
+    row (GAINS,), q_ref, dq_ref [rad, rad/s], q [rad], yielding [rad/s]; returns speed, to be
     bounded by the envelope [rad/s].
     """
-    return dq_ref + gains[POSITION_GAIN] * (q_ref - q) + yielding
+    return dq_ref + row[POSITION_GAIN] * (q_ref - q) + yielding
 
 
 @compiled
 def velocity_law(
-    gains: NDArray, state: NDArray, dt: float, speed: float, dq: float, ahead: float,
+    row: NDArray, state: NDArray, dt: float, speed: float, dq: float, ahead: float,
 ) -> float:
     """
     Give the current of one joint.
 
-    gains, state (GAINS,), dt [s], speed, dq [rad/s], ahead [A]; returns current [A].
+    row (GAINS,), state (STATES,), dt [s], speed, dq [rad/s], ahead [A]; returns current [A].
     """
     error = speed - dq
-    current = gains[VELOCITY_GAIN] * error + state[INTEGRAL] + ahead
-    limit = gains[CURRENT_LIMIT]
+    current = row[VELOCITY_GAIN] * error + state[INTEGRAL] + ahead
+    limit = row[CURRENT_LIMIT]
     bounded = min(max(current, -limit), limit)
     # Anti-windup: the integrator stands still unless it leads back from the limit.
     if bounded == current or (error > 0.0) != (current > 0.0):
-        state[INTEGRAL] += gains[INTEGRAL_GAIN] * dt * error
+        state[INTEGRAL] += row[INTEGRAL_GAIN] * dt * error
         state[INTEGRAL] = min(max(state[INTEGRAL], -limit), limit)
     state[SATURATED] = 1.0 if bounded != current else 0.0
     return bounded
@@ -117,7 +226,7 @@ def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
     bandwidth = 2.0 * math.pi * damper.velocity_bandwidth
     gain = motor.reflected_inertia * bandwidth / motor.joint_torque_constant
     return JointGains(
-        damper.position_gain, gain, INTEGRAL_SHARE * bandwidth * gain,
+        damper.position_gain, gain, settings.INTEGRAL_SHARE * bandwidth * gain,
         motor.current_limit or math.inf)
 
 
@@ -147,13 +256,13 @@ class Cascade:
 
     def __init__(self, gains: list[JointGains], dt: float, limits: Limits | None = None,
                  lag: float = 0.0, stop: DriveStop | None = None) -> None:
-        self.gains = np.array([item.row for item in gains]).reshape(-1, GAINS)
+        self.rows = np.array([item.row for item in gains]).reshape(-1, GAINS)
         self.state = np.zeros((len(gains), STATES))
         self.envelope = Envelope(limits or unlimited(len(gains)), lag + 2.0 * dt, stop)
         self.dt = dt
 
     def reset(self, current: ArrayLike = 0.0) -> None:
-        """Start anew with integrators that give a current [A]."""
+        """Restart with integrators that give a current [A]."""
         self.state[:] = 0.0
         self.state[:, INTEGRAL] = current
         self.envelope.reset()
@@ -161,7 +270,8 @@ class Cascade:
     @property
     def saturated(self) -> NDArray[np.bool_]:
         """Which joints had current, speed or position at a limit in the last step."""
-        return np.asarray((self.state[:, SATURATED] > 0.0) | self.envelope.saturated)
+        cuts = self.envelope.state[:, CUT].astype(np.intp)
+        return np.asarray((self.state[:, SATURATED] > 0.0) | (cuts & SATURATING > 0))
 
     def step(
         self, q_ref: ArrayLike, dq_ref: ArrayLike, q: ArrayLike, dq: ArrayLike,
@@ -173,12 +283,12 @@ class Cascade:
         q_ref, dq_ref, q, dq (joints,) [rad, rad/s], yielding (joints,) [rad/s], ahead (joints,)
         [A]; returns (joints,) [A].
         """
-        count = len(self.gains)
+        count = len(self.rows)
         q_ref, dq_ref, q, dq, yielding, ahead = (
             np.broadcast_to(np.asarray(item, dtype=float), count)
             for item in (q_ref, dq_ref, q, dq, yielding, ahead))
-        wanted = [position_law(self.gains[j], float(q_ref[j]), float(dq_ref[j]), float(q[j]),
+        wanted = [position_law(self.rows[j], float(q_ref[j]), float(dq_ref[j]), float(q[j]),
                                float(yielding[j])) for j in range(count)]
         speed = self.envelope.step(self.dt, wanted, q)
-        return np.array([velocity_law(self.gains[j], self.state[j], self.dt, float(speed[j]),
+        return np.array([velocity_law(self.rows[j], self.state[j], self.dt, float(speed[j]),
                                       float(dq[j]), float(ahead[j])) for j in range(count)])

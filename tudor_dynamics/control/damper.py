@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.compiled import compiled
+from tudor_dynamics.control import settings
 from tudor_dynamics.errors import ArmError, SignalError
 from tudor_dynamics.typing import FloatArray
 
@@ -50,25 +51,24 @@ MEAN, LAST, UNCHANGED, AGE, WELL, WEIGHT, GOOD, STATUS, SUM, COUNT, HEAD, SEEN =
 STATES = 12
 
 
-MOVES = 0.1
-"""Part of the planned speed at which a reference counts as moving in full."""
-
-
 @compiled
-def moving_share(dq_ref: float, planned: float) -> float:
-    """Give how much a reference moves, from 0 at rest to 1; its speeds in [rad/s]."""
-    return min(abs(dq_ref) / (MOVES * planned), 1.0)
+def moving_share(dq_ref: NDArray, planned: NDArray) -> float:
+    """Give how much a reference moves, from 0 at rest to 1: speeds (joints,) [rad/s]."""
+    most = 0.0
+    for j in range(dq_ref.shape[0]):
+        most = max(most, min(abs(dq_ref[j]) / (settings.MOVING_REFERENCE * planned[j]), 1.0))
+    return most
 
 
 @compiled
 def damper_law(
-    settings: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
+    row: NDArray, state: NDArray, past: NDArray, dt: float, strain: float, fresh: bool,
     saturated: bool, moving: float,
 ) -> float:
     """
     Give the yielding speed of one joint.
 
-    settings, state (SETTINGS,), past (window,), dt [s]; returns speed [rad/s].
+    row (SETTINGS,), state (STATES,), past (window,), dt [s]; returns speed [rad/s].
     """
     state[AGE] += dt
     state[UNCHANGED] += dt
@@ -76,21 +76,21 @@ def damper_law(
     if fresh:
         if not math.isfinite(strain):
             fault = 3
-        elif abs(strain) > settings[MAX_STRAIN] or (
+        elif abs(strain) > row[MAX_STRAIN] or (
                 state[SEEN] > 0.0
-                and abs(strain - state[LAST]) > settings[MAX_RATE] * state[AGE]):
+                and abs(strain - state[LAST]) > row[MAX_RATE] * state[AGE]):
             fault = 6
         if fault != 3:
             if strain != state[LAST] or state[SEEN] == 0.0:
                 state[UNCHANGED] = 0.0
             state[LAST], state[SEEN] = strain, 1.0
-    elif state[AGE] > settings[STALE_TIME]:
+    elif state[AGE] > row[STALE_TIME]:
         fault = 4
     elif state[SEEN] == 0.0:
         fault = 3
     elif state[STATUS] >= 3.0:
         fault = int(state[STATUS])
-    if fault == 0 and state[UNCHANGED] > settings[DEAD_TIME]:
+    if fault == 0 and state[UNCHANGED] > row[DEAD_TIME]:
         fault = 5
     if fault > 0:
         state[WELL] = 0.0
@@ -101,12 +101,12 @@ def damper_law(
         if state[WELL] == 0.0:
             state[MEAN] = strain
         # Soon after the start the mean is that of what was seen, later that of the DC blocker.
-        corner = settings[CORNER] + moving * (settings[MOVING_CORNER] - settings[CORNER])
+        corner = row[CORNER] + moving * (row[MOVING_CORNER] - row[CORNER])
         share = 1.0 - math.exp(-corner * state[AGE])
         state[WELL] += state[AGE]
-        if state[WELL] < settings[RECOVERY]:
+        if state[WELL] < row[RECOVERY]:
             share = max(share, state[AGE] / state[WELL])
-        window = int(settings[WINDOW])
+        window = int(row[WINDOW])
         if window == 0:
             state[MEAN] += share * (strain - state[MEAN])
         else:
@@ -123,20 +123,20 @@ def damper_law(
         state[AGE] = 0.0
     if fault > 0:
         status = fault
-    elif state[WELL] < settings[RECOVERY]:
+    elif state[WELL] < row[RECOVERY]:
         status = 1
     else:
         status = 2 if saturated else 0
     state[STATUS] = status
-    change = dt / settings[FADE_TIME]
+    change = dt / row[FADE_TIME]
     if status == 0:
         state[WEIGHT] = min(state[WEIGHT] + change, 1.0)
     else:
         state[WEIGHT] = max(state[WEIGHT] - change, 0.0)
     # A reading that stands still is trusted less and less before the gauge counts as dead.
-    trust = min(max(2.0 - 2.0 * state[UNCHANGED] / settings[DEAD_TIME], 0.0), 1.0)
-    speed = state[WEIGHT] * trust * settings[GAIN] * state[GOOD]
-    limit = settings[SPEED_LIMIT]
+    trust = min(max(2.0 - 2.0 * state[UNCHANGED] / row[DEAD_TIME], 0.0), 1.0)
+    speed = state[WEIGHT] * trust * row[GAIN] * state[GOOD]
+    limit = row[SPEED_LIMIT]
     return min(max(speed, -limit), limit)
 
 
@@ -187,14 +187,14 @@ class DamperSettings:
     mean_window: float = 0.0  # length of the moving average that takes its place, 0 for none [s]
     speed_limit: float = math.inf  # bound of the yielding speed [rad/s]
     # Without a change of the reading, and without a reading, until it counts as a fault [s].
-    dead_time: float = 0.05
-    stale_time: float = 0.05
+    dead_time: float = settings.DEAD_GAUGE_TIME
+    stale_time: float = settings.STALE_GAUGE_TIME
     # Fastest plausible change [unit/s] and largest plausible reading [unit].
     max_rate: float = math.inf
     max_strain: float = math.inf
     # For fading in or out, and how long the gauge must have been well [s].
-    fade_time: float = 0.1
-    recovery: float = 0.5
+    fade_time: float = settings.FADE_TIME
+    recovery: float = settings.RECOVERY_TIME
     # Corner of the DC blocker while the reference moves; the same by default [Hz].
     moving_frequency: float | None = None
     scale: float = 1.0  # unit of the gauge per m/m
@@ -209,10 +209,6 @@ class DamperSettings:
 
 
 STRAIN_SCALE = {'um/m': 1e6, 'm/m': 1.0}
-PLAUSIBLE_RATE = 0.2
-"""Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz."""
-PLAUSIBLE_STRAIN = 5e-3
-"""Largest plausible strain: beyond the yield point of spring steel."""
 
 
 def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
@@ -233,8 +229,9 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
         result.append(DamperSettings(
             item.joint, item.gauge, -share * item.gain / scale, arm.spec.damper.mean_frequency,
             arm.spec.damper.mean_window or 0.0,
-            (limit.velocity if limit else None) or math.inf, max_rate=PLAUSIBLE_RATE * scale,
-            max_strain=PLAUSIBLE_STRAIN * scale,
+            (limit.velocity if limit else None) or math.inf,
+            max_rate=settings.PLAUSIBLE_RATE * scale,
+            max_strain=settings.PLAUSIBLE_STRAIN * scale,
             moving_frequency=arm.spec.damper.moving_frequency, scale=scale))
     return result
 
@@ -242,15 +239,15 @@ def arm_damping(arm: Arm, *, share: float = 1.0) -> list[DamperSettings]:
 class Damper:
     """Damper of several joints, step by step: dt [s]."""
 
-    def __init__(self, settings: list[DamperSettings], dt: float) -> None:
-        self.joints = tuple(item.joint for item in settings)
-        self.gauges = tuple(item.gauge for item in settings)
-        self.settings = np.array([item.row(dt) for item in settings]).reshape(-1, SETTINGS)
-        self._fixed = self.settings.copy()
-        self._scale = np.array([item.scale for item in settings])
-        window = int(self.settings[:, WINDOW].max(initial=1.0))
-        self.past = np.zeros((len(settings), max(window, 1)))
-        self.state = np.zeros((len(settings), STATES))
+    def __init__(self, joints: list[DamperSettings], dt: float) -> None:
+        self.joints = tuple(item.joint for item in joints)
+        self.gauges = tuple(item.gauge for item in joints)
+        self.rows = np.array([item.row(dt) for item in joints]).reshape(-1, SETTINGS)
+        self._fixed = self.rows.copy()
+        self._scale = np.array([item.scale for item in joints])
+        window = int(self.rows[:, WINDOW].max(initial=1.0))
+        self.past = np.zeros((len(joints), max(window, 1)))
+        self.state = np.zeros((len(joints), STATES))
         self.dt = dt
         self.reset()
 
@@ -271,12 +268,12 @@ class Damper:
         wanted[:, 0] = -gain / self._scale
         columns = [GAIN, CORNER, MOVING_CORNER]
         fixed = self._fixed[:, columns]
-        self.settings[:, columns] = fixed + weight * (wanted - fixed)
+        self.rows[:, columns] = fixed + weight * (wanted - fixed)
         self.state[:, MEAN] += shift
 
     def release(self) -> None:
         """Take the gains of the settings in use."""
-        self.settings[:] = self._fixed
+        self.rows[:] = self._fixed
 
     @property
     def status(self) -> tuple[Status, ...]:
@@ -302,7 +299,7 @@ class Damper:
         new = np.broadcast_to(np.asarray(fresh, dtype=bool), count)
         limited = np.broadcast_to(np.asarray(saturated, dtype=bool), count)
         return np.array([
-            damper_law(self.settings[j], self.state[j], self.past[j], self.dt, float(values[j]),
+            damper_law(self.rows[j], self.state[j], self.past[j], self.dt, float(values[j]),
                        bool(new[j]), bool(limited[j]), moving) for j in range(count)])
 
 
@@ -312,16 +309,6 @@ class Damper:
 # makes a small step of one joint without the damper and again with a share of its gain, a small
 # one first: with the right sign the link must come to rest sooner. The arm is reached through one
 # function that the caller gives, so that the same test runs on hardware and in simulation.
-
-STEP = math.radians(3.0)
-"""Step that the test asks for [rad]."""
-SHARES = (0.25, 0.5, 1.0)
-"""Parts of the damper's gain; the next one where the last told nothing."""
-CLEAR = 0.9
-"""With the right sign the decay lasts at most this part of the time without the damper."""
-HIGH_PASS = 0.7
-"""Slow motion of the joint does not count as ringing [Hz]."""
-
 
 @dataclass(frozen=True, eq=False)
 class StepResponse:
@@ -363,7 +350,7 @@ def ringing(response: StepResponse) -> FloatArray:
         raise SignalError(msg)
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
-    sos = butter(2, HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
+    sos = butter(2, settings.SIGN_HIGH_PASS * 2.0 * response.dt, 'highpass', output='sos')
     values = response.strain - response.strain[-len(response.strain) // 4:].mean()
     return np.asarray(sosfiltfilt(sos, values), dtype=float)
 
@@ -394,8 +381,8 @@ def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
 
 
 def check_sign(
-    joint: str, measure: Measure, *, step: float = STEP, shares: Sequence[float] = SHARES,
-    rest: StepResponse | None = None,
+    joint: str, measure: Measure, *, step: float = settings.SIGN_STEP,
+    shares: Sequence[float] = settings.SIGN_SHARES, rest: StepResponse | None = None,
 ) -> SignResult:
     """Test the sign of one joint's damper: step [rad]."""
     if not shares:
@@ -424,11 +411,11 @@ def _compare(
     louder = (np.sqrt(np.mean(ringing(damped)[-len(damped.strain) // 3:] ** 2))
               > 1.2 * np.sqrt(np.mean(ringing(plain)[-len(plain.strain) // 3:] ** 2)))
     change = f'the ringing lasts {after:.2f} s instead of {before:.2f} s'
-    if louder or after * CLEAR >= before:
+    if louder or after * settings.SIGN_DECAY >= before:
         sign, text = Sign.WRONG, (
             f'{change}: the damper excites the link; turn the sign of the gauge (strain counts '
             'positive for the load that the joint holds), and leave the damper off before')
-    elif after <= CLEAR * before:
+    elif after <= settings.SIGN_DECAY * before:
         sign, text = Sign.RIGHT, f'{change}: the sign is right'
     else:
         sign, text = Sign.UNCLEAR, f'{change}: too little to tell; take a larger gain'

@@ -27,6 +27,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
 from tudor_dynamics.arm.limits import hard_limits
+from tudor_dynamics.control import settings
 from tudor_dynamics.errors import ArmError, UsageError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
@@ -39,18 +40,6 @@ from tudor_dynamics.typing import FloatArray
 # the gauge and the axis a_g it bends about. All gauges together give F = sum(w s (e - b)) / sum(w
 # s^2), weighted by their noise. What they read before contact, b, is followed slowly, and from
 # contact on kept as it was a little before: a surface presses softly at first.
-
-FOLLOWED = 0.5
-"""Time over which readings without contact are followed [s]."""
-BACK = 0.3
-"""So long before contact is felt it may have begun [s]."""
-STUCK = 0.3
-"""A reading that does not change for so long is that of a dead gauge [s]."""
-APART = 8.0
-"""Standard deviations, of noise and of force, that gauges may differ by from one force."""
-SHARE = 0.6
-"""Part of its share of the force that a gauge may be off by."""
-
 
 class TipSensing:
     """Force at the tip along a direction: normal (3,)."""
@@ -134,11 +123,11 @@ class TipSensing:
         shares = self.shares() if share is None else share[self._used]
         weights = shares / self._noise**2
         if free:
-            follow = min(dt / FOLLOWED, 1.0)
+            follow = min(dt / settings.FORCE_FOLLOWED, 1.0)
             self._level = self._level + follow * (values - self._level)
             self._levels.append((dt, self._level))
             self._kept += dt
-            while self._kept - self._levels[0][0] > BACK:
+            while self._kept - self._levels[0][0] > settings.FORCE_BACK:
                 self._kept -= self._levels.popleft()[0]
         elif self._levels:
             self._level = self._levels[0][1]
@@ -148,10 +137,11 @@ class TipSensing:
         force = float(weights @ left / max(float(weights @ shares), 1e-12))
         if not free:
             off = np.abs(left - shares * force)
-            allowed = APART * self._noise + SHARE * np.abs(shares * force) + 0.3 * np.abs(shares)
+            allowed = (settings.FORCE_APART * self._noise
+                       + settings.FORCE_SHARE * np.abs(shares * force) + 0.3 * np.abs(shares))
             wrong = int(np.argmax(off / allowed))
             self._odd = self._odd + dt if off[wrong] > allowed[wrong] else 0.0
-            if self._odd > STUCK:
+            if self._odd > settings.FORCE_STUCK:
                 self.fault = (f'gauge {self.names[wrong]} reads what no force at the tip '
                               'explains with the others')
         else:
@@ -167,7 +157,7 @@ class TipSensing:
         for g, name in enumerate(self.names):
             if not math.isfinite(values[g]):
                 self.fault = f'gauge {name} is missing'
-            elif self._same[g] > STUCK:
+            elif self._same[g] > settings.FORCE_STUCK:
                 self.fault = f'gauge {name} does not change: it is stuck or silent'
 
 
@@ -202,12 +192,6 @@ class ForceSettings:
     largest: float = 15.0  # force at which it stops [N]
     lost: float = 0.5  # time without contact after which it is lost [s]
     ramp: float = 0.15  # time constant of a new wanted force [s]
-
-
-SMOOTH = 0.02
-"""Time constant of the force that is fed back [s]."""
-SOFT = 0.15
-"""Part of the wanted force below which contact counts as lost."""
 
 
 class ForceController:
@@ -315,7 +299,7 @@ class ForceController:
         """Give the speed of the tip along the normal; negative is towards the surface [m/s]."""
         chosen = self.settings
         before = self._smooth
-        self._smooth += min(dt / (SMOOTH + dt), 1.0) * (self.force - self._smooth)
+        self._smooth += min(dt / (settings.FORCE_SMOOTH + dt), 1.0) * (self.force - self._smooth)
         if self.force > chosen.largest:
             self.stop(f'{self.force:.1f} N on the tip, more than {chosen.largest:g} N')
             return 0.0
@@ -336,7 +320,7 @@ class ForceController:
             return chosen.approach_speed
         late = self._target
         self._target += min(dt / chosen.ramp, 1.0) * (self.wanted - self._target)
-        lost = self._smooth < SOFT * self.wanted
+        lost = self._smooth < settings.FORCE_SOFT * self.wanted
         self._alone = self._alone + dt if lost else 0.0
         if self._alone > chosen.lost:
             self.stop('the surface is lost')

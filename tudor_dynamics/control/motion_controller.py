@@ -16,24 +16,23 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from enum import IntEnum
 import math
 
 import numpy as np
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.arm.limits import drive_stop, hard_limits
+from tudor_dynamics.arm.limits import drive_stop, hard_limits, Limits
+from tudor_dynamics.control import settings
+from tudor_dynamics.control.cascade import BY_SPEED, Envelope, SATURATING
 from tudor_dynamics.control.damper import arm_damping, Damper, moving_share
-from tudor_dynamics.control.gains import Adaptation, learned_period, LoopGains
-from tudor_dynamics.control.guards import (
-    EncoderWatch, Envelope, Following, NEAR_TIME, ReferenceGate, Takeover)
+from tudor_dynamics.control.gains import LoopGains
+from tudor_dynamics.control.schedule import Adaptation
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionPlanner
 from tudor_dynamics.typing import FloatArray
 
-
-# -- What the joints of a controlled arm do
 
 class State(IntEnum):
     """What the joints do, and why not more."""
@@ -43,19 +42,182 @@ class State(IntEnum):
     FOLLOWING = 1
     """They follow the reference."""
     FAULT = 2
-    """They stand until they are told to begin anew: encoders cannot be believed."""
+    """They stand until a reset: encoders cannot be believed."""
 
 
-# -- Who commands the joints: follows a reference, holds the arm, or stands still, never beyond
-#    limits.
-#
-# ``dq_ref + K_p (q_ref - q) + damper``, through the motion envelope. All times are handed in, so
-# that a robot and a simulated clock see the same object.
+class ReferenceGate:
+    """
+    Lets references pass that keep to the limits; says when an arm may follow, and why not.
 
-WATCH = 0.01
-"""Period at which `MotionController.watch` wants to be called [s]."""
-ASLEEP = 0.1
-"""Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
+    planned (joints,) [rad/s or m/s], q, dq (joints,) [rad, rad/s]; refusal: empty if it was taken.
+    """
+
+    def __init__(self, joints: tuple[str, ...], limits: Limits, planned: FloatArray) -> None:
+        self._joints, self._limits, self._planned = joints, limits, planned
+        self.refused: Counter[str] = Counter()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the newest reference."""
+        self.q, self.dq = np.zeros(len(self._joints)), np.zeros(len(self._joints))
+        self._at: float | None = None
+        self.refusal = ''
+
+    @property
+    def known(self) -> bool:
+        """Whether any reference was taken."""
+        return self._at is not None
+
+    def age(self, now: float) -> float:
+        """Give the age of the newest reference; infinite without one [s]."""
+        return math.inf if self._at is None else now - self._at
+
+    def place(self, now: float, longest: float) -> FloatArray:
+        """
+        Give where the newest reference is by now, extrapolated for a time at most.
+
+        now, longest [s]; returns (joints,) [rad].
+        """
+        return np.asarray(self.q + min(self.age(now), longest) * self.dq)
+
+    def add(self, now: float, q: FloatArray, dq: FloatArray) -> None:
+        """Take a reference, if it can be one: now [s], q, dq (joints,) [rad, rad/s]."""
+        self.refusal = self._impossible(q, dq)
+        if self.refusal:
+            self.refused[self.refusal.partition(':')[0]] += 1
+        else:
+            self._at, self.q, self.dq = now, q.copy(), dq.copy()
+
+    def stray(self, now: float, timeout: float, q: FloatArray) -> str:
+        """
+        Say why an arm that follows must not go on; empty if it may.
+
+        now, timeout [s], q (joints,) [rad or m].
+        """
+        if self.age(now) > timeout:
+            return f'no reference for {1e3 * timeout:.0f} ms'
+        away = np.abs(self.place(now, timeout) - q)
+        if np.any(away > settings.FOLLOWING_TIME * self._planned):
+            j = int(np.argmax(away / self._planned))
+            return f'{self._joints[j]} is {away[j]:.3g} away from its reference'
+        return ''
+
+    def obstacle(self, now: float, timeout: float, q: FloatArray, held: FloatArray) -> str:
+        """
+        Say why an arm that holds cannot begin to follow; empty if it can.
+
+        now, timeout [s], q (joints,) [rad or m], held (joints,) [rad/s or m/s].
+        """
+        if self.age(now) > timeout:
+            return self.refusal or 'no reference comes'
+        away = np.abs(self.place(now, timeout) - q)
+        if np.any(away > settings.NEAR_TIME * self._planned):
+            j = int(np.argmax(away / self._planned))
+            return (f'the reference is {away[j]:.3g} away from {self._joints[j]}: it has to '
+                    'begin at the arm')
+        resting = settings.RESTING_SPEED * self._planned
+        if np.any(np.abs(self.dq) > resting):
+            return 'the reference moves already: it has to begin at rest'
+        return 'the arm brakes' if np.any(np.abs(held) > resting) else ''
+
+    def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
+        if not (np.isfinite(q).all() and np.isfinite(dq).all()):
+            return 'reference not finite: its values are no numbers'
+        limits = self._limits
+        for j in np.flatnonzero(limits.outside(q)):
+            degrees = '' if abs(q[j]) < 2.0 * math.pi else '; are these degrees?'
+            return (f'reference outside limits: {self._joints[j]} {q[j]:.4g} is not within '
+                    f'{limits.lower[j]:.4g} .. {limits.upper[j]:.4g}{degrees}')
+        for j in np.flatnonzero(np.abs(dq) > limits.velocity):
+            return (f'reference too fast: {self._joints[j]} {dq[j]:.4g} is beyond the speed limit '
+                    f'{limits.velocity[j]:.4g}')
+        return ''
+
+
+class EncoderWatch:
+    """
+    Judges the readings of encoders against the commands that the joints were given.
+
+    owed (joints,) [rad or m].
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+        self._speed = limits.velocity
+        n = len(self._speed)
+        self._last: FloatArray | None = None
+        self._same = np.zeros(n, dtype=np.intp)
+        self.owed = np.zeros(n)
+        self._stood, self._jumped = np.zeros(n), np.zeros(n)
+
+    def reset(self) -> None:
+        """Take the next reading for a first one."""
+        self._last = None
+        self._same[:] = 0
+        self.owed[:] = 0.0
+        self._stood[:] = 0.0
+        self._jumped[:] = 0.0
+
+    def step(self, dt: float, q: FloatArray, commanded: FloatArray) -> list[tuple[int, str]]:
+        """
+        Judge one reading.
+
+        dt [s], q (joints,) [rad or m], commanded (joints,) [rad/s or m/s].
+        """
+        found: list[tuple[int, str]] = []
+        far = self._speed * settings.RANGE_TIME
+        for j in np.flatnonzero((q < self._limits.lower - far) | (q > self._limits.upper + far)):
+            found.append((int(j), f'its position {q[j]:.4g} is no pose of the arm, with limits of '
+                          f'{self._limits.lower[j]:.4g} .. {self._limits.upper[j]:.4g}'))
+        if self._last is not None:
+            change = q - self._last
+            allowed = self._speed * (settings.JUMP_SPEED * dt + settings.JUMP_TIME)
+            for j in np.flatnonzero(np.abs(change) > allowed):
+                found.append((int(j), f'its position jumped by {change[j]:.4g} within '
+                              f'{1e3 * dt:.3g} ms'))
+                self._jumped[j] -= change[j] - dt * commanded[j]
+            still = change == 0.0
+            self._same = np.where(still, self._same + 1, 0)
+            self._stood = np.where(still, self._stood + dt * commanded, 0.0)
+            self.owed = self._stood + self._jumped
+            frozen = (self._same >= settings.FROZEN_SAMPLES) & (
+                np.abs(self._stood) > self._speed * settings.FROZEN_TIME)
+            for j in np.flatnonzero(frozen):
+                found.append((int(j), 'it does not move although it is commanded to: encoder '
+                              'frozen, brake on, or a driver that does not listen'))
+        self._last = q.copy()
+        return found
+
+
+class Takeover:
+    """
+    Says when an arm of unknown motion can be commanded, and at which speed.
+
+    A command at the speed that was measured is a step up for an arm that has begun to brake
+    meanwhile; so one that brakes is left to stop.
+
+    acceleration (joints,) [rad/s^2].
+    """
+
+    def __init__(self, acceleration: FloatArray) -> None:
+        self._acceleration = acceleration
+        self._seen: deque[tuple[float, FloatArray]] = deque()
+
+    def reset(self) -> None:
+        """Begin to observe."""
+        self._seen.clear()
+
+    def step(self, now: float, dq: FloatArray, delay: float) -> bool:
+        """Observe a sample: now, delay [s], dq (joints,) [rad/s]."""
+        self._seen.append((now, dq))
+        while len(self._seen) > 2 and now - self._seen[1][0] >= settings.TAKEOVER_TIME + delay:
+            self._seen.popleft()
+        begin, before = self._seen[0]
+        if now - begin < settings.TAKEOVER_TIME + delay:
+            return False
+        slower = np.abs(before) - np.abs(dq)
+        braking = settings.TAKEOVER_BRAKING * self._acceleration
+        return not bool(np.any(slower > braking * (now - begin)))
 
 
 class MotionController:
@@ -81,27 +243,24 @@ class MotionController:
                              1.0 / arm.spec.damper.rate)
         self.gains = LoopGains(arm.spec.damper, self.limits.velocity, share)
         self.adaptation: Adaptation | None = None
-        self.envelope = Envelope(self.limits, self.gains.response_time(0.0), drive_stop(arm))
+        self.envelope = Envelope(self.limits, self.gains.response_time, drive_stop(arm))
         self.encoders = EncoderWatch(self.limits)
-        self.reference = ReferenceGate(self.joints, self.limits)
-        self._following = Following(self.joints, self.planned.velocity, self.reference)
+        self.reference = ReferenceGate(self.joints, self.limits, self.planned.velocity)
         self._takeover = Takeover(self.planned.acceleration)
         self._to = [self.joints.index(name) for name in self.damper.joints]
         self._from = [self.gauges.index(name) for name in self.damper.gauges]
         self._hold = MotionPlanner(self.planned, np.zeros(len(self.joints)))
         self._q: FloatArray | None = None
-        self._clock = 0.0
         self._at = -math.inf
         self._gave = -math.inf  # when the last command was given
         self._unknown = True  # the speed of the arm
         self._blind = False  # commands are given without positions
-        self.period = 0.0
         self.takeovers = 0
         self.cuts: Counter[str] = Counter()
         self.state, self.cause = State.HOLDING, 'no reference yet'
 
     def reset(self) -> None:
-        """Leave a fault and begin anew: hold, and fade the damper in."""
+        """Leave a fault and restart: hold, and fade the damper in."""
         self.state, self.cause = State.HOLDING, 'no reference yet'
         self._q = None
         self.reference.reset()
@@ -112,7 +271,7 @@ class MotionController:
 
     @property
     def unreferenced(self) -> bool:
-        """Whether there was a reference, and comes no more."""
+        """Whether there was a reference, and none comes any more."""
         return self.reference.known and self.reference.age(self._at) > self.timeout
 
     @property
@@ -130,36 +289,31 @@ class MotionController:
         counts; returns (joints,) [rad/s or m/s], None until it is known how fast the arm is.
         """
         self._at = now
-        self.period = self.period or max(dt, 0.0)
+        gains = self.gains
+        gains.period = gains.period or max(dt, 0.0)
         if self._q is None or dt <= 0.0 or dt > self._patience or (
                 not self._unknown and self._slept(now)):
             self._take_first(now, q)
             return None
         dq = (q - self._q) / dt
-        self.period = learned_period(self.period, dt)
         self._q = q.copy()
-        self._clock += dt  # stamps alone: a simulated arm may be slower than this machine
-        delay = self.gains.delay
-        doubts = self.encoders.step(
-            dt, q, delay.commanded(self._clock, self.gains.assumed_delay))
+        clock, commanded, delay = gains.sampled(dt)
+        doubts = self.encoders.step(dt, q, commanded)
         if self._unknown:
-            if not (doubts or self._takeover.step(self._clock, dq, self.gains.assumed_delay)):
+            if not (doubts or self._takeover.step(clock, dq, delay)):
                 return None
             self.takeovers += 1
             self._begin(now, q, np.zeros_like(dq) if doubts else dq)
         if doubts and self.state is not State.FAULT:
             self._fault('; '.join(f'{self.joints[j]}: {text}' for j, text in doubts))
-        delay.add_motion(self._clock, dt, dq)
         self._hold.step(dt)
         self._choose(now, q)
-        command = self._command(now, dt, q, strain, fresh)
-        delay.add_command(self._clock, command)
         self._gave = now
-        return command
+        return self._command(now, dt, q, dq, strain, fresh)
 
     def watch(self, now: float) -> FloatArray | None:
         """
-        Give commands where positions fail to come; to be called every `WATCH` seconds.
+        Give commands where positions fail to come; to be called every `settings.WATCH_PERIOD`.
 
         now [s]; returns (joints,) [rad/s or m/s], None while positions come.
         """
@@ -189,16 +343,16 @@ class MotionController:
         self._gave = now
         self._hold.step(waited)
         self.gains.begin()
-        return self.envelope.step(min(waited, WATCH), self._hold.dq, self._hold.q)
+        return self.envelope.step(min(waited, settings.WATCH_PERIOD), self._hold.dq, self._hold.q)
 
     def _slept(self, now: float) -> bool:
         """Say whether drives have stopped by themselves."""
-        return now - self._gave > self._patience + ASLEEP
+        return now - self._gave > self._patience + settings.ASLEEP_TIME
 
     @property
     def _patience(self) -> float:
         """Longest time between samples that is no interruption [s]."""
-        return max(self.timeout, 3.0 * self.period)
+        return max(self.timeout, 3.0 * self.gains.period)
 
     def _take_first(self, now: float, q: FloatArray) -> None:
         """Take a sample before which nothing counts: the next one tells how fast the arm is."""
@@ -233,11 +387,11 @@ class MotionController:
                 self.cause = reference.refusal
             return
         if self.state is State.FOLLOWING:
-            cause = self._following.stray(now, self.timeout, q)
+            cause = reference.stray(now, self.timeout, q)
             if cause:
                 self._interrupt(now, cause)
             return
-        self.cause = self._following.obstacle(now, self.timeout, q, self._hold.dq)
+        self.cause = reference.obstacle(now, self.timeout, q, self._hold.dq)
         if not self.cause:
             self.state, self.cause = State.FOLLOWING, 'follows the reference'
 
@@ -247,8 +401,8 @@ class MotionController:
         if self.state is State.FOLLOWING:
             place = np.clip(reference.place(now, self.timeout), self.limits.lower,
                             self.limits.upper)
-            if self._q is not None:  # what the arm is away is not made up for behind a stop
-                near = NEAR_TIME * self.planned.velocity
+            if self._q is not None:  # what the arm is away is not made up for after a stop
+                near = settings.NEAR_TIME * self.planned.velocity
                 place = np.clip(place, self._q - near, self._q + near)
             self._hold.move(place, reference.dq)
             self._hold.brake()
@@ -261,34 +415,34 @@ class MotionController:
         self.state, self.cause = State.FAULT, cause
 
     def _command(
-        self, now: float, dt: float, q: FloatArray, strain: FloatArray, fresh: FloatArray,
+        self, now: float, dt: float, q: FloatArray, dq: FloatArray, strain: FloatArray,
+        fresh: FloatArray,
     ) -> FloatArray:
         if self.state is State.FOLLOWING:
             q_ref, dq_ref = self.reference.place(now, self.timeout), self.reference.dq
         else:
             q_ref, dq_ref = self._hold.q, self._hold.dq
+        gains, envelope = self.gains, self.envelope
         self.damper.dt = dt
         if self.adaptation is not None:
-            self.adaptation.use(now, dt, q, dq_ref, self.damper, self.gains)
-        moving = max((moving_share(float(a), float(b)) for a, b in zip(
-            dq_ref, self.planned.velocity, strict=True)), default=0.0)
+            self.adaptation.use(now, dt, q, dq_ref, self.damper, gains)
+        moving = moving_share(dq_ref, self.planned.velocity)
+        limited = (envelope.cuts & SATURATING) > 0
         yielding = np.zeros(len(q))
         yielding[self._to] = self.damper.step(
-            strain[self._from], fresh[self._from], self.envelope.saturated[self._to], moving)
-        weight = self.gains.step(dt)
+            strain[self._from], fresh[self._from], limited[self._to], moving)
+        weight, gain = gains.step(dt, dq)
         place = q + self.encoders.owed
         if self.state is State.FAULT:  # no position can be believed: the farther one counts
             added = np.zeros(len(q))
-            place = np.where(self.envelope.command < 0.0, np.minimum(q, place),
-                             np.maximum(q, place))
+            place = np.where(envelope.command < 0.0, np.minimum(q, place), np.maximum(q, place))
             place = np.clip(place, self.limits.lower, self.limits.upper)
         else:
-            gain = self.gains.position_gain_in_use(self.period)
             added = gain * (q_ref - q) + weight * yielding
         # What a lost sample left out is not made up for in one command.
-        command = self.envelope.step(min(dt, self.period), dq_ref + added, place)
-        self.gains.judge(dt, added, moving > 0.0, bool(self.envelope.speeding.any()))
-        for j in np.flatnonzero(self.envelope.cuts):
+        command = envelope.step(min(dt, gains.period), dq_ref + added, place)
+        for j in np.flatnonzero(envelope.cuts):
             self.cuts[self.joints[j]] += 1
-        self.envelope.set_lag(self.gains.response_time(self.period))
+        envelope.lag = gains.commanded(
+            dt, command, added, moving > 0.0, bool((envelope.cuts & BY_SPEED).any()))
         return command

@@ -23,7 +23,7 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import hard_limits, Limits, planned_limits
-from tudor_dynamics.control.guards import FOLLOWING_TIME, NEAR_TIME, RESTING
+from tudor_dynamics.control import settings
 from tudor_dynamics.control.shaped_motion import ShapedPlanner, Shaping
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.signals.excitation import aprbs, joint_range
@@ -37,8 +37,6 @@ from tudor_dynamics.typing import FloatArray
 # contact force where it is; retreating or complying takes it away.
 
 REACTIONS = ('none', 'hold', 'retreat', 'comply')
-RAMP = 0.15
-"""Time in which a retreat comes to speed [s]."""
 
 
 class ReactingReference:
@@ -154,7 +152,7 @@ class ReactingReference:
         if not self._path or self._back <= 0.0:
             self._planner.move(self.q.copy(), np.zeros_like(self.q))
             return
-        rate = min(1.0, 0.05 + self._since / RAMP, 0.05 + self._back / RAMP)
+        rate = min(1.0, 0.05 + min(self._since, self._back) / settings.RETREAT_RAMP)
         way = rate * dt
         self._back -= way
         place = self.q.copy()
@@ -192,14 +190,6 @@ def yielding_speed(strain: float, unit_scale: float, gain: float) -> float:
 #
 # It begins again at the measured pose wherever the arm is not with its reference: what commands
 # the joints follows nobody who is somewhere else.
-
-LONGEST = 600.0
-"""Length of random targets before they begin anew [s]."""
-LARGEST_STEP = 0.1
-"""A pause is not made up for beyond this [s]."""
-PATIENCE = 0.5
-"""A resting reference that the arm is not near for so long begins again at the arm [s]."""
-
 
 class ReferenceSource:
     """
@@ -304,7 +294,7 @@ class ReferenceSource:
         motion = self.motion
         if motion is None or self._lost(motion, dt):
             motion = self._begin()
-        dt = min(dt, LARGEST_STEP)
+        dt = min(dt, settings.LARGEST_PERIOD)
         self._elapsed += dt
         if self._seed is not None and not self.halted:
             self._take_targets(motion)
@@ -326,9 +316,9 @@ class ReferenceSource:
         assert self._measured is not None
         planned = self._limits.velocity
         away = np.abs(motion.q - self._measured) / planned
-        resting = bool(np.all(np.abs(motion.dq) < RESTING * planned))
-        self._away = self._away + dt if resting and away.max() > NEAR_TIME else 0.0
-        if away.max() > FOLLOWING_TIME or self._away > PATIENCE:
+        resting = bool(np.all(np.abs(motion.dq) < settings.RESTING_SPEED * planned))
+        self._away = self._away + dt if resting and away.max() > settings.NEAR_TIME else 0.0
+        if away.max() > settings.FOLLOWING_TIME or self._away > settings.LOST_TIME:
             self.note = 'the arm was not with its reference; it begins again where the arm is'
             return True
         return False
@@ -339,7 +329,7 @@ class ReferenceSource:
             seed = self._seed if not self._stretches else int(np.random.SeedSequence(
                 [self._seed, self._stretches]).generate_state(1)[0])
             self._stretches += 1
-            targets = aprbs(self._range, LONGEST, seed)
+            targets = aprbs(self._range, settings.TARGETS_SECONDS, seed)
             self._goals = sorted(
                 ((self._elapsed + float(t), self._only(j, float(v)))
                  for j in range(len(targets.times))

@@ -25,7 +25,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tudor_dynamics.control.gains import Schedule
+from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import SignalError, SimulationError, UsageError
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
 from tudor_dynamics.signals.shaping import impulses, ImpulseShaper, PathModes, plan_shaped, Profile

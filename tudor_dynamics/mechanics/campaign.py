@@ -37,9 +37,9 @@ from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop
+from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord
 from tudor_dynamics.mechanics.hardware import (
-    Imperfections, link_length, LoopRecord, Push, push_forces, push_table, with_payload)
+    Imperfections, link_length, Push, push_forces, push_table, with_payload)
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -26,17 +27,17 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import drive_stop, hard_limits
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.control.cascade import (
-    arm_gains, Cascade, POSITION_GAIN, position_law, SATURATED, velocity_lag, velocity_law)
+    arm_gains, Cascade, CUT, envelope_law, POSITION_GAIN, position_law, SATURATED, SATURATING,
+    velocity_lag, velocity_law)
 from tudor_dynamics.control.damper import (
     arm_damping, Damper, damper_law, moving_share, STATUS, Status)
-from tudor_dynamics.control.guards import CUT, envelope_law, SATURATING
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import unowned
 from tudor_dynamics.mechanics import chain as at, hardware as dr, integrator as gen
 from tudor_dynamics.mechanics.equations import inverse_dynamics, section_loads
 from tudor_dynamics.mechanics.hardware import (
     add_pushes_to_sections, drive_row, drive_sensor_row, Floor, floor_row, gauge_rows,
-    Imperfections, LoopRecord, press, Push, push_table, put_pushes)
+    Imperfections, press, Push, push_table, put_pushes, with_payload)
 from tudor_dynamics.mechanics.integrator import PlantTables
 from tudor_dynamics.mechanics.mechanism import build_mechanism
 from tudor_dynamics.mechanics.plant import Plant
@@ -135,10 +136,8 @@ def control(
     ahead: NDArray,
 ) -> None:
     """Run damper, envelope and cascade on the readings, then the rotors with the currents."""
-    moving = 0.0
-    for j in range(tables.yielding.shape[0]):
-        tables.yielding[j] = 0.0
-        moving = max(moving, moving_share(dq_ref[j], tables.planned_speed[j]))
+    tables.yielding[:] = 0.0
+    moving = moving_share(dq_ref, tables.planned_speed)
     for i in range(tables.joint.shape[0]):
         j = tables.joint[i]
         limited = (tables.state[j, SATURATED] > 0.0
@@ -233,6 +232,22 @@ AT_REST = 1e4
 FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
 
 
+@dataclass(frozen=True, eq=False)
+class LoopRecord:
+    """What was recorded, at the times of the samples."""
+
+    t: FloatArray  # times of the samples, (samples,) [s]
+    # As measured, (samples, joints) [rad, rad/s, A].
+    q: FloatArray
+    dq: FloatArray
+    current: FloatArray
+    strain: FloatArray  # as measured, in units of the gauges, (samples, gauges)
+    # Position and speed of the reference, (samples, joints) [rad, rad/s].
+    q_ref: FloatArray
+    dq_ref: FloatArray
+    q_true: FloatArray  # angle of the link behind the gear, (samples, joints) [rad]
+
+
 class ClosedLoop:
     """
     An arm under control, with the state of all its parts.
@@ -281,7 +296,7 @@ class ClosedLoop:
         self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
                                velocity_lag(arm.spec.damper), drive_stop(arm))
         if not position_loop:
-            self.cascade.gains[:, POSITION_GAIN] = 0.0
+            self.cascade.rows[:, POSITION_GAIN] = 0.0
         settings = [item for item in arm_damping(arm, share=damping)
                     if item.joint in arm.active_joints] if damping != 0.0 else []
         self.damper = Damper(settings, self.dt)
@@ -297,8 +312,8 @@ class ClosedLoop:
             low_pass_gain(arm.spec.preprocessing.velocity_cutoff, self.dt),
             np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(gauges))
         self._control = ControlTables(
-            self.cascade.gains, self.cascade.state, self.cascade.envelope.rows,
-            self.cascade.envelope.state, self.damper.settings, self.damper.state,
+            self.cascade.rows, self.cascade.state, self.cascade.envelope.rows,
+            self.cascade.envelope.state, self.damper.rows, self.damper.state,
             self.damper.past,
             np.array([arm.active_joints.index(s.joint) for s in settings], dtype=np.int64),
             np.array([arm.gauge_names.index(s.gauge) for s in settings], dtype=np.int64),
@@ -534,3 +549,116 @@ class ClosedLoop:
         cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
         parts = [np.asarray(part) for part in np.split(out, cuts, axis=1)]
         return LoopRecord(np.asarray(t, dtype=np.float64), *parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """What the sensors say."""
+
+    t: float  # simulated time [s]
+    # As measured, (joints,) [rad, rad/s, A].
+    q: FloatArray
+    dq: FloatArray
+    current: FloatArray
+    strain: FloatArray  # as measured, in units of the gauges, (gauges,)
+    force: FloatArray  # force at the tip, in the base frame, (3,) [N]
+
+
+class ArmProcess:
+    """
+    An arm whose joints take velocities.
+
+    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; failure: empty
+    where nothing has failed.
+    """
+
+    def __init__(
+        self, arm: Arm, *, rate: float = 500.0, payload: float = 0.0, damping: float = 0.0,
+        imperfect: bool = True, seed: int = 0,
+    ) -> None:
+        if payload > 0.0:
+            arm = with_payload(arm, payload)
+        chosen = Imperfections() if imperfect else Imperfections.none()
+        self.loop = ClosedLoop(arm, damping=damping, imperfections=chosen, seed=seed,
+                               position_loop=False)
+        steps = 1.0 / (rate * self.loop.dt)
+        self.steps = round(steps)
+        if self.steps < 1 or abs(steps - self.steps) > 1e-6:
+            msg = (f'rate {rate:g} Hz: expected a whole part of the rate at which the arm is '
+                   f'controlled, {1.0 / self.loop.dt:g} Hz (damper.rate)')
+            raise SimulationError(msg)
+        self._probe = Probe(self.loop.plant, [])
+        self._samples = 0
+        initial = arm.spec.simulation.initial
+        self.held = {name: initial.get(name, hold) for name, hold in arm.held_joints.items()}
+        stop = drive_stop(arm)
+        self._braking, self.command_timeout = stop.acceleration, stop.timeout
+        self.floor: Floor | None = None
+        self.reset()
+
+    @property
+    def t(self) -> float:
+        """Give the simulated time; a sample that could not be computed has its share of it [s]."""
+        return self._samples * self.steps * self.loop.dt
+
+    def reset(self) -> None:
+        """Put the arm at rest where its description says, a failure forgotten; time goes on."""
+        self.failure = ''
+        self._rest()
+
+    def _rest(self) -> None:
+        self.loop.reset(self.loop.described)
+        count = len(self.loop.arm.active_joints)
+        self._speed = np.zeros(count)
+        self._age = np.inf
+        self.force = np.zeros(3)
+
+    def command(self, speed: FloatArray) -> None:
+        """Take speeds of the joints; a failed arm does not [rad/s]."""
+        if self.failure:
+            return
+        self._speed = np.array(speed, dtype=float)
+        self._age = 0.0
+
+    @property
+    def speed(self) -> FloatArray:
+        """Speeds that the joints were told last, or brake to by themselves [rad/s]."""
+        return self._speed.copy()
+
+    def tip(self) -> FloatArray:
+        """Give the place of the tip in the base frame [m]."""
+        position = self._probe.observe().position
+        return np.asarray(position[self.loop.plant.mechanism.tip].copy())
+
+    def step(self) -> Sample:
+        """
+        Advance by one sample and give what the sensors say at its start.
+
+        A run that diverges is no end: the arm is put to rest, see ``failure``.
+        """
+        t = self.t
+        self._samples += 1
+        try:
+            return self._advance(t, self.force, self.floor)
+        except SimulationError as err:
+            self.failure = str(err)
+            self._rest()
+            return self._advance(t, np.zeros(3), None)
+
+    def _advance(self, t: float, force: FloatArray, floor: Floor | None) -> Sample:
+        if self.failure:
+            force, floor = np.zeros(3), None
+        self.loop.set_force(force)
+        self.loop.set_floor(floor)
+        felt = np.array(force, dtype=float)
+        if floor is not None:
+            felt[2] += floor.stiffness * max(floor.height - float(self.tip()[2]), 0.0)
+        period = self.steps * self.loop.dt
+        if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
+            self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
+        speed = self._speed
+        self._age += period
+        q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
+        signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
+        return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
+                      felt)

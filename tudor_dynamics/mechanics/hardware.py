@@ -428,24 +428,6 @@ def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:
     return np.asarray(share.reshape(len(table), len(t), 1) * table[:, None, FORCE:FORCE + 3])
 
 
-# -- What goes into the closed loop and comes out: payload and recorded signals
-
-@dataclass(frozen=True, eq=False)
-class LoopRecord:
-    """What was recorded, at the times of the samples."""
-
-    t: FloatArray  # times of the samples, (samples,) [s]
-    # As measured, (samples, joints) [rad, rad/s, A].
-    q: FloatArray
-    dq: FloatArray
-    current: FloatArray
-    strain: FloatArray  # as measured, in units of the gauges, (samples, gauges)
-    # Position and speed of the reference, (samples, joints) [rad, rad/s].
-    q_ref: FloatArray
-    dq_ref: FloatArray
-    q_true: FloatArray  # angle of the link behind the gear, (samples, joints) [rad]
-
-
 def with_payload(arm: Arm, mass: float) -> Arm:
     """
     Put a mass at the tip of an arm; 0 takes it away.

@@ -26,9 +26,9 @@ from scipy.linalg import eigh
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import planned_limits
-from tudor_dynamics.control.cascade import INTEGRAL_SHARE
 from tudor_dynamics.control.damper import STRAIN_SCALE
-from tudor_dynamics.control.gains import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.control.schedule import columns_of, Mode, Point, Schedule, ScheduleFile
+from tudor_dynamics.control.settings import INTEGRAL_SHARE
 from tudor_dynamics.errors import ModelError, UsageError
 from tudor_dynamics.models.bundle import ModelBundle
 from tudor_dynamics.models.elastic.arm import DrivenArm, follow_motions, moment_rows, place_gauges

@@ -31,8 +31,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.errors import TudorError
+from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor
-from tudor_dynamics.mechanics.rig import ArmProcess
 from tudor_dynamics.nodes.common.base import ERROR, Figure, OK, TudorNode, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     APPLIED_WRENCH, CLOCK, EXTERNAL_WRENCH, RESET, VELOCITY_COMMANDS)

@@ -32,8 +32,9 @@ from std_msgs.msg import Float64MultiArray
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.damper import MEANING, SEEN, STATUS, Status
-from tudor_dynamics.control.gains import Adaptation, load_schedule
-from tudor_dynamics.control.motion_controller import MotionController, State, WATCH
+from tudor_dynamics.control.motion_controller import MotionController, State
+from tudor_dynamics.control.schedule import Adaptation, load_schedule
+from tudor_dynamics.control.settings import WATCH_PERIOD
 from tudor_dynamics.nodes.common.base import ClockWatch, ERROR, Figure, latched, STALE, WARN
 from tudor_dynamics.nodes.common.interfaces import (
     JOINT_REFERENCE, PAYLOAD_TOPIC, RESET, VELOCITY_COMMANDS)
@@ -78,7 +79,7 @@ class OscillationDamperNode(MovingNode):
         Figure('damping in use', lambda controller: '{:.2f}'.format(
             controller.gains.share * controller.gains.allowed_share), 'controller'),
         Figure('position gain in use [1/s]', lambda controller: '{:.2f}'.format(
-            controller.gains.position_gain_in_use(controller.period)), 'controller'),
+            controller.gains.position_gain_in_use), 'controller'),
         Figure('', lambda controller: controller.adaptation and controller.adaptation.report(),
                'controller'),
         Figure('cut: CAUSE', lambda node: node.controller and _since(
@@ -99,7 +100,7 @@ class OscillationDamperNode(MovingNode):
         self.reported_refusals: Counter[str] = Counter()
         self._output = self.publish_on(Float64MultiArray, VELOCITY_COMMANDS)
         self.serve(RESET, self._reset)
-        self._watchdog = self.every(WATCH, self._watch)
+        self._watchdog = self.every(WATCH_PERIOD, self._watch)
         self.autostart()
 
     def build(self) -> tuple[Arm, Collection[str]]:
@@ -193,7 +194,7 @@ class OscillationDamperNode(MovingNode):
         while controller is not None and self.context.ok() and time.monotonic() < end:
             if not self._publish(controller.stand_still(self.steady())):
                 break
-            time.sleep(WATCH)
+            time.sleep(WATCH_PERIOD)
 
     def verdict(self) -> tuple[bytes, str]:
         """Say what matters most of what the arm does."""

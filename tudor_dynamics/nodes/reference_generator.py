@@ -30,8 +30,8 @@ from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory
 
 from tudor_dynamics.control.damper import STRAIN_SCALE
-from tudor_dynamics.control.gains import load_schedule
 from tudor_dynamics.control.references import ReferenceSource, yielding_speed
+from tudor_dynamics.control.schedule import load_schedule
 from tudor_dynamics.control.shaped_motion import Shaping
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.models.bundle_io import load_bundle

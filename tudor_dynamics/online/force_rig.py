@@ -23,8 +23,8 @@ import numpy as np
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.control.force_control import ForceController, ForceSettings, Phase
 from tudor_dynamics.control.motion_controller import MotionController
+from tudor_dynamics.mechanics.closed_loop import ArmProcess
 from tudor_dynamics.mechanics.hardware import Floor
-from tudor_dynamics.mechanics.rig import ArmProcess
 from tudor_dynamics.online.contact_levers import StaticStrain
 from tudor_dynamics.typing import FloatArray
 

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from tudor_dynamics.bags.trajectory import Trajectory
-from tudor_dynamics.control.gains import Schedule
+from tudor_dynamics.control.schedule import Schedule
 from tudor_dynamics.errors import UsageError
 from tudor_dynamics.identification.detection import MethodResult
 from tudor_dynamics.show.figures import (
