@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
-from tudor_dynamics.mechanics.hardware import Imperfections, link_length, Push, with_payload
+from tudor_dynamics.mechanics.hardware import Imperfections, Push, with_payload
 from tudor_dynamics.mechanics.run import modes
 from tudor_dynamics.signals.filters import ring_modes, RingMode
 from tudor_dynamics.signals.motion_profile import follow_targets, motion_limits
@@ -145,7 +145,7 @@ def tap(arm: Arm, payload: float, damping: float, chosen: Imperfections,
     q = np.radians([45.0, -45.0])
     loop.reset(q)
     last = arm.active_joints[-1]
-    length = link_length(loop.plant.mechanism, last)
+    length = loop.plant.mechanism.length(last)
     loop.set_pushes([Push(3.0, 0.06, last, length, (0.0, 0.0, -6.0), 0.03)])
     steps = int(5.5 / loop.dt)
     seen = loop.run(np.tile(q, (steps, 1)), np.zeros((steps, 2)))

@@ -24,8 +24,8 @@ import pytest
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.mechanics.mechanism import beam_properties, build_mechanism, rectangle_torsion
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.mechanics.run import (
-    BeamPlace, LARGEST_ROTATION, largest_rotation, modes, Probe)
+from tudor_dynamics.mechanics.run import BeamPlace, largest_rotation, modes, Probe
+from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 
 E, LENGTH, SIDE, RHO = 7.0e10, 0.5, 0.008, 2700.0
 EI = E * SIDE**4 / 12.0

@@ -33,7 +33,7 @@ def test_at_rest_it_points_upwards() -> None:
     plant.drive('motor', 'hold')
     sensors = InertialSensors(plant.mechanism)
     assert sensors.names == ('motor', 'tip')
-    felt = sensors.feel(plant, Probe(plant).observe().acceleration)
+    felt = sensors.read(plant, Probe(plant).observe().acceleration)
     up = -plant.mechanism.gravity
     for axes, force, turning in zip(felt.axes, felt.specific_force, felt.angular_velocity,
                                     strict=True):
@@ -59,7 +59,7 @@ def test_a_rigid_arm_that_turns() -> None:
         base=Path(), source='bar')
     plant = Plant(build_mechanism(arm), 1e-3)
     plant.reset([0.7], [3.0])
-    felt = InertialSensors(plant.mechanism).feel(plant, Probe(plant).observe().acceleration)
+    felt = InertialSensors(plant.mechanism).read(plant, Probe(plant).observe().acceleration)
     np.testing.assert_allclose(felt.specific_force, [[-3.6, 0.0, 0.0]], atol=1e-9)
     np.testing.assert_allclose(felt.angular_velocity, [[0.0, 0.0, 3.0]], atol=1e-12)
 

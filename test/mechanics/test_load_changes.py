@@ -24,10 +24,10 @@ import pytest
 from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.schema import InertiaPart
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.mechanics.campaign import (
-    APART, carried_at, FIRST_CHANGE, LoadChange, random_loads)
+from tudor_dynamics.mechanics.campaign import carried_at, LoadChange, random_loads
 from tudor_dynamics.mechanics.closed_loop import ClosedLoop
 from tudor_dynamics.mechanics.hardware import Imperfections, with_payload
+from tudor_dynamics.mechanics.settings import BETWEEN_CHANGES, FIRST_CHANGE
 
 
 def test_choice() -> None:
@@ -36,7 +36,7 @@ def test_choice() -> None:
     assert changes == random_loads(8, 80.0, 0.0, 3) != random_loads(8, 80.0, 0.0, 4)
     assert [change.mass > 0.0 for change in changes] == [True, False] * 4
     times = np.array([change.time for change in changes])
-    assert times[0] >= FIRST_CHANGE and np.diff(times).min() >= APART - 2e-3
+    assert times[0] >= FIRST_CHANGE and np.diff(times).min() >= BETWEEN_CHANGES - 2e-3
     assert random_loads(1, 20.0, 0.2, 3)[0].mass == 0.0
     with pytest.raises(SimulationError, match='record longer or change less'):
         random_loads(8, 30.0, 0.0, 3)

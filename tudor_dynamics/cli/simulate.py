@@ -34,7 +34,8 @@ from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
     animate, check_target, pick_signal, plot_configuration, plot_signal, signal_names)
 from tudor_dynamics.mechanics.run import (
-    LARGEST_ROTATION, largest_rotation, modes, Probe, Run, run_plant, simulate_with_scipy, Steps)
+    largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy, Steps)
+from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 from tudor_dynamics.mechanics.study import force_signal, motion_signal, save_run, torque_signal
 
 EXAMPLES = """\
@@ -111,7 +112,9 @@ def print_modes(plant: Plant, count: int, free: list[str], *, as_json: bool) -> 
     print_table(table)
 
 
-def run_with_bar(steps: int, work: Callable[[Callable[[int], None] | None], Run]) -> Run:
+def run_with_bar(
+    steps: int, work: Callable[[Callable[[int], None] | None], PlantRecord],
+) -> PlantRecord:
     """Show a progress bar on a terminal while a run goes on."""
     with bar(steps, 'simulating', BarColumn(), '{task.percentage:.0f} %',
              TimeRemainingColumn()) as advance:
@@ -144,7 +147,7 @@ def _check(args: argparse.Namespace, mechanism: Mechanism) -> None:
 
 
 def _simulate(args: argparse.Namespace, plant: Plant, probe: Probe, active: tuple[str, ...],
-              ) -> Run:
+              ) -> PlantRecord:
     mechanism = plant.mechanism
     steps, every = Steps.of(args.seconds, args.dt, args.rate)
     t = np.arange(steps + 1) * args.dt
@@ -237,7 +240,7 @@ def _tell_left_out(arm: Arm) -> None:
               'tudor record has them', file=sys.stderr)
 
 
-def _report(args: argparse.Namespace, result: Run, mechanism: Mechanism, arm: Arm) -> None:
+def _report(args: argparse.Namespace, result: PlantRecord, mechanism: Mechanism, arm: Arm) -> None:
     total, largest = result.energy.sum(axis=1), float(result.rotation.max())
     if args.json:
         print_json({

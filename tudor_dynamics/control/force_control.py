@@ -248,7 +248,7 @@ class ForceController:
             self.phase, self.cause = Phase.RETREAT, 'leaves the surface'
 
     def clear(self) -> None:
-        """Take forces again behind a held pose."""
+        """Take forces again after a held pose."""
         if self.phase is Phase.HELD:
             self.phase, self.cause = Phase.IDLE, 'waits for a force'
             self._brake = None

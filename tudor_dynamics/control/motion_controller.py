@@ -332,7 +332,7 @@ class MotionController:
         return self._brake(now, 'told to stand still')
 
     def _brake(self, now: float, cause: str) -> FloatArray | None:
-        """Give a command of braking blindly; the arm is where it was told to go."""
+        """Give a command of braking blindly; the arm is where it was commanded to go."""
         if self._slept(now):  # whoever drives the joints has stopped them meanwhile
             self._q = None
             return None

@@ -283,7 +283,7 @@ class ReferenceSource:
         """
         Advance the reference.
 
-        now, dt [s]; returns positions and speeds [rad, rad/s], None while none can be told.
+        now, dt [s]; returns positions and speeds [rad, rad/s], None while there is none.
         """
         if self._measured is None:
             return None

@@ -208,10 +208,10 @@ class Schedule:
         damper = arm.spec.damper
         own = [(item.joint, item.gauge) for item in damper.joints
                if item.joint in arm.active_joints] if damper is not None else []
-        told = list(zip(self.content.damped, self.content.gauges, strict=True))
-        if self.content.joints != arm.active_joints or told != own:
+        described = list(zip(self.content.damped, self.content.gauges, strict=True))
+        if self.content.joints != arm.active_joints or described != own:
             self._refuse(f'it is for the joints {list(self.content.joints)} with the dampers '
-                         f'{told}; {arm.name} has {list(arm.active_joints)} with {own}')
+                         f'{described}; {arm.name} has {list(arm.active_joints)} with {own}')
 
     def at(self, payload: float, q: FloatArray) -> Point:
         """
@@ -334,14 +334,14 @@ def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
 # -- Gains and expected load that follow payload and pose; nothing of it while the payload is
 #    unknown.
 #
-# A payload that is told changes what is in use slowly, as does a payload that is told no more:
+# A payload that is reported changes what is in use slowly, as does one that is reported no more:
 # gains go back to the fixed ones then.
 
 class Adaptation:
     """
     Follows payload and pose through a schedule.
 
-    acceleration (joints,) [rad/s^2], timeout [s]; payload [kg]: None before any was told.
+    acceleration (joints,) [rad/s^2], timeout [s]; payload [kg]: None before any was reported.
     """
 
     def __init__(self, schedule: Schedule, acceleration: FloatArray) -> None:
@@ -350,7 +350,7 @@ class Adaptation:
         self.payload: float | None = None
         self.weight = 0.0
         self.point: Point | None = None
-        self._told, self._at = math.nan, -math.inf
+        self._reported, self._at = math.nan, -math.inf
         self._refusal = ''
         self._most = acceleration
         self._load: FloatArray | None = None
@@ -361,9 +361,9 @@ class Adaptation:
         low, high = float(self.schedule.payload[0]), float(self.schedule.payload[-1])
         room = settings.PAYLOAD_MARGIN * (high - low) + settings.PAYLOAD_MARGIN_MASS
         if low - room <= payload <= high + room:
-            self._told, self._at, self._refusal = min(max(payload, low), high), now, ''
+            self._reported, self._at, self._refusal = min(max(payload, low), high), now, ''
         else:  # not a number neither
-            self._told = math.nan
+            self._reported = math.nan
             self._refusal = (f'a payload of {payload:.3g} kg is none of the {low:g} to {high:g} '
                              'kg of the schedule')
         return self._refusal
@@ -371,7 +371,7 @@ class Adaptation:
     @property
     def unknown(self) -> str:
         """Why no payload is known, where none is."""
-        return self._refusal or ('the payload was never told' if math.isnan(self._told)
+        return self._refusal or ('the payload was never told' if math.isnan(self._reported)
                                  else f'the payload is older than {self.timeout:g} s')
 
     def report(self) -> dict[str, str]:
@@ -391,14 +391,14 @@ class Adaptation:
         The weight of what was just picked up is in the strain, but not in its mean yet.
         """
         own = self.schedule.content.mean_frequency
-        if self.payload is None or math.isnan(self._told):
+        if self.payload is None or math.isnan(self._reported):
             return own
         much = settings.PAYLOAD_MUCH * float(np.ptp(self.schedule.payload))
-        left = abs(self._told - self.payload) / much if much > 0.0 else 0.0
+        left = abs(self._reported - self.payload) / much if much > 0.0 else 0.0
         return own + settings.MEAN_HURRY * min(left, 1.0)
 
     def reset(self) -> None:
-        """Begin with the fixed gains; the payload that was told is known still."""
+        """Begin with the fixed gains; the payload that was reported is still known."""
         self.weight, self.payload, self.point = 0.0, None, None
         self.forget()
 
@@ -407,8 +407,8 @@ class Adaptation:
         self._load = self._slow = None
 
     def known(self, now: float) -> bool:
-        """Say whether a payload was told, and not too long before now [s]."""
-        return math.isfinite(self._told) and (
+        """Say whether a payload was reported, and not too long before now [s]."""
+        return math.isfinite(self._reported) and (
             self.timeout <= 0.0 or now - self._at <= self.timeout)
 
     def step(self, now: float, dt: float, q: FloatArray, dq_ref: FloatArray) -> FloatArray | None:
@@ -423,8 +423,8 @@ class Adaptation:
         self.weight = min(max(self.weight + (change if known else -change), 0.0), 1.0)
         if known:
             share = -math.expm1(-dt / settings.PAYLOAD_TIME)
-            self.payload = self._told if self.payload is None else (
-                self.payload + share * (self._told - self.payload))
+            self.payload = self._reported if self.payload is None else (
+                self.payload + share * (self._reported - self.payload))
         if self.payload is None or self.weight == 0.0:
             self.forget()
             return None

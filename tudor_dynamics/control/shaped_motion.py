@@ -135,7 +135,7 @@ class Shaping:
             Of speed and acceleration.
 
         """
-        payload = self.payload  # another one may be told meanwhile
+        payload = self.payload  # another one may be reported meanwhile
         if self.kind != 'elastic':
             return None
         if payload is None:
@@ -199,7 +199,7 @@ class ShapedPlanner(MotionPlanner):
 
         """
         if self._shaper is not None and self.remaining > 0.0:
-            self._inner.go(target)  # what comes behind is shaped by the same impulses
+            self._inner.go(target)  # what follows is shaped by the same impulses
             self._left = self._inner.remaining + self._shaper.length
             return
         rests = not self.dq.any() and not self.ddq.any()
@@ -224,7 +224,7 @@ class ShapedPlanner(MotionPlanner):
             self._left = self._inner.remaining + self._shaper.length
 
     def _plan(self, target: FloatArray) -> None:
-        """Plan by the modes, at once or beside."""
+        """Plan by the modes, at once, or by the executor."""
         shaping, given = self._shaping, (self.q.copy(), target.copy(), self.limits)
         if shaping.beside is not None and shaping.kind == 'elastic':
             self._planned, self._target = shaping.beside.submit(shaping.profile, *given), given[1]

@@ -36,10 +36,10 @@ from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics import chain as at, settings
 from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord
 from tudor_dynamics.mechanics.hardware import (
-    Imperfections, link_length, Push, push_forces, push_table, with_payload)
+    Imperfections, Push, push_forces, push_table, with_payload)
 from tudor_dynamics.mechanics.mechanism import Mechanism
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
@@ -48,10 +48,6 @@ from tudor_dynamics.typing import FloatArray
 
 
 # -- Loads that are picked up and put down while the arm moves
-
-LOADS = (0.1, 0.4)  # kg
-FIRST_CHANGE = 6.0  # s: not before models and filters have settled
-APART = 6.0  # s: long enough to tell one from the next
 
 
 @dataclass(frozen=True)
@@ -97,16 +93,18 @@ def random_loads(count: int, seconds: float, carried: float, seed: int) -> tuple
     """
     if count == 0:
         return ()
-    slot = (seconds - FIRST_CHANGE) / count
-    if slot < APART:
+    slot = (seconds - settings.FIRST_CHANGE) / count
+    if slot < settings.BETWEEN_CHANGES:
         msg = (f'{count} changes of the load do not fit into {seconds:g} s: each takes '
-               f'{APART:g} s after the first {FIRST_CHANGE:g} s; record longer or change less')
+               f'{settings.BETWEEN_CHANGES:g} s after the first {settings.FIRST_CHANGE:g} s; '
+               'record longer or change less')
         raise SimulationError(msg)
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
-        time = FIRST_CHANGE + slot * number + rng.uniform(0.0, slot - APART)
-        mass = round(float(rng.uniform(*LOADS)), 4)
+        time = (settings.FIRST_CHANGE + slot * number
+                + rng.uniform(0.0, slot - settings.BETWEEN_CHANGES))
+        mass = round(float(rng.uniform(*settings.LOADS)), 4)
         carried = 0.0 if carried > 0.0 else mass
         found.append(LoadChange(round(float(time), 3), carried))
     return tuple(found)
@@ -119,12 +117,6 @@ def carried_at(changes: Sequence[LoadChange], before: float, t: FloatArray) -> F
 
 
 # -- Pushes of a recording: their random choice, and the truth about them as messages
-
-PUSH_FORCE = (3.0, 12.0)  # N
-PUSH_TIME = (0.1, 1.0)  # s
-HELD_FORCE = (2.0, 6.0)  # N
-HELD_TIME = (1.5, 4.0)  # s
-FIRST_PUSH = 3.0  # s: not before the arm moves
 
 
 def random_pushes(
@@ -160,14 +152,14 @@ def random_pushes(
     """
     if count == 0:
         return ()
-    slot = (seconds - FIRST_PUSH) / count
-    longest = HELD_TIME[1] if held else PUSH_TIME[1]
-    if slot < 1.5 * longest + 0.5 * PUSH_TIME[1]:
-        room = 1.5 * longest + 0.5 * PUSH_TIME[1]
+    slot = (seconds - settings.FIRST_PUSH) / count
+    longest = settings.HELD_TIME[1] if held else settings.PUSH_TIME[1]
+    if slot < 1.5 * longest + 0.5 * settings.PUSH_TIME[1]:
+        room = 1.5 * longest + 0.5 * settings.PUSH_TIME[1]
         msg = (f'{count} pushes do not fit into {seconds:g} s: each takes up to {room:g} s after '
-               f'the first {FIRST_PUSH:g} s; record longer or push less')
+               f'the first {settings.FIRST_PUSH:g} s; record longer or push less')
         raise SimulationError(msg)
-    beams = [joint for joint in arm.active_joints if link_length(mechanism, joint) > 0.0]
+    beams = [joint for joint in arm.active_joints if mechanism.length(joint) > 0.0]
     if not beams:
         msg = f'{arm.source}: no active joint moves an elastic link that could be pushed'
         raise SimulationError(msg)
@@ -177,15 +169,15 @@ def random_pushes(
     result = []
     for number in range(count):
         joint = beams[int(rng.integers(len(beams)))]
-        times, forces = ((HELD_TIME, HELD_FORCE) if held and number % 2 else
-                         (PUSH_TIME, PUSH_FORCE))
+        times, forces = ((settings.HELD_TIME, settings.HELD_FORCE) if held and number % 2 else
+                         (settings.PUSH_TIME, settings.PUSH_FORCE))
         duration = float(rng.uniform(*times))
-        begin = FIRST_PUSH + slot * number + rng.uniform(0.0, slot - 1.5 * duration)
+        begin = settings.FIRST_PUSH + slot * number + rng.uniform(0.0, slot - 1.5 * duration)
         axis = (data.oMi[arm.full_model.getJointId(joint)].rotation
                 @ joint_axis(arm.full_model, joint))
         across = np.cross(axis, rng.standard_normal(3))
         force = across / np.linalg.norm(across) * rng.uniform(*forces)
-        place = float(rng.uniform(0.2, 1.0)) * link_length(mechanism, joint)
+        place = float(rng.uniform(0.2, 1.0)) * mechanism.length(joint)
         fx, fy, fz = (round(float(value), 4) + 0.0 for value in force)
         result.append(Push(round(float(begin), 3), round(duration, 3), joint, round(place, 4),
                            (fx, fy, fz)))
@@ -380,8 +372,7 @@ def record_stimulus(
         parts.append(loop.run(reference.q[part], reference.dq[part], every=every))
         if progress is not None:
             progress(len(reference.q[part]))
-    signals = LoopRecord(*(np.concatenate([getattr(part, name) for part in parts])
-                           for name in LoopRecord.__dataclass_fields__))
+    signals = LoopRecord.joined(parts)
     stamp = START + np.round(signals.t * 1e9).astype(np.int64)
     series: list[JointStateSeries | WrenchSeries] = [
         *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),

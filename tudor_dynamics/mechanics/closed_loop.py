@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ from tudor_dynamics.control.damper import (
     arm_damping, Damper, damper_law, moving_share, STATUS, Status)
 from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import unowned
-from tudor_dynamics.mechanics import chain as at, hardware as dr, integrator as gen
+from tudor_dynamics.mechanics import chain as at, hardware as dr, integrator as gen, settings
 from tudor_dynamics.mechanics.equations import inverse_dynamics, section_loads
 from tudor_dynamics.mechanics.hardware import (
     add_pushes_to_sections, drive_row, drive_sensor_row, Floor, floor_row, gauge_rows,
@@ -227,8 +227,6 @@ def run_loop(
 
 CHUNK = 2000
 """Steps between two looks from outside."""
-AT_REST = 1e4
-"""Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance."""
 FAULTS = {'none': NO_FAULT, 'stuck': STUCK, 'missing': MISSING}
 
 
@@ -245,7 +243,13 @@ class LoopRecord:
     # Position and speed of the reference, (samples, joints) [rad, rad/s].
     q_ref: FloatArray
     dq_ref: FloatArray
-    q_true: FloatArray  # angle of the link behind the gear, (samples, joints) [rad]
+    q_true: FloatArray  # angle of the link after the gear, (samples, joints) [rad]
+
+    @classmethod
+    def joined(cls, parts: Sequence[LoopRecord]) -> LoopRecord:
+        """Put records that follow each other into one."""
+        return cls(*(np.concatenate([getattr(part, item.name) for part in parts])
+                     for item in fields(cls)))
 
 
 class ClosedLoop:
@@ -290,17 +294,18 @@ class ClosedLoop:
         self._drive = np.array([drive_row(motor, self.dt, imperfections) for motor in chosen])
         mechanism.coordinate[index, at.STIFFNESS] = self._drive[:, dr.GEAR_STIFFNESS]
         mechanism.coordinate[index, at.DAMPING] = self._drive[:, dr.DAMPING]
-        self.plant = Plant(mechanism, self.dt, rho=0.8, tolerance=1e-5)
+        self.plant = Plant(mechanism, self.dt, rho=settings.LOOP_DAMPING,
+                           tolerance=settings.LOOP_TOLERANCE)
         probe = Probe(self.plant, [], arm)
         # Without the position loop it is a robot that takes speeds: who commands bounds them.
         self.cascade = Cascade(gains, self.dt, hard_limits(arm) if position_loop else None,
                                velocity_lag(arm.spec.damper), drive_stop(arm))
         if not position_loop:
             self.cascade.rows[:, POSITION_GAIN] = 0.0
-        settings = [item for item in arm_damping(arm, share=damping)
-                    if item.joint in arm.active_joints] if damping != 0.0 else []
-        self.damper = Damper(settings, self.dt)
-        n, count, gauges = len(index), len(settings), len(arm.gauges)
+        damped = [item for item in arm_damping(arm, share=damping)
+                  if item.joint in arm.active_joints] if damping != 0.0 else []
+        self.damper = Damper(damped, self.dt)
+        n, count, gauges = len(index), len(damped), len(arm.gauges)
         self._plant = DrivenPlant(self.plant.tables, index, np.zeros((mechanism.points, 6)),
                                   np.zeros(mechanism.size), push_table([], mechanism),
                                   floor_row(None, mechanism))
@@ -315,8 +320,8 @@ class ClosedLoop:
             self.cascade.rows, self.cascade.state, self.cascade.envelope.rows,
             self.cascade.envelope.state, self.damper.rows, self.damper.state,
             self.damper.past,
-            np.array([arm.active_joints.index(s.joint) for s in settings], dtype=np.int64),
-            np.array([arm.gauge_names.index(s.gauge) for s in settings], dtype=np.int64),
+            np.array([arm.active_joints.index(s.joint) for s in damped], dtype=np.int64),
+            np.array([arm.gauge_names.index(s.gauge) for s in damped], dtype=np.int64),
             np.zeros(n), np.zeros((count, len(Status))), motion_limits(arm).velocity)
         self._acting = self._loaded = False
         self._done = 0
@@ -350,7 +355,7 @@ class ClosedLoop:
 
     def reset(self, q: ArrayLike, ahead: ArrayLike = 0.0) -> None:
         """
-        Put the arm at rest, held by its motors; noise begins anew.
+        Put the arm at rest, held by its motors; noise begins again.
 
         Parameters
         ----------
@@ -379,7 +384,7 @@ class ClosedLoop:
         torque = np.zeros(len(plant.mechanism.joints))
         torque[self._joints] = need
         plant.start_torque(torque)
-        plant.tables.settings[gen.PEAK] = AT_REST
+        plant.tables.settings[gen.PEAK] = settings.REST_ACCELERATION
         state[:] = 0.0
         state[:, dr.ANGLE], state[:, dr.GEAR] = wanted, load
         state[:, dr.CURRENT] = load / self._drive[:, dr.TORQUE]
@@ -509,7 +514,7 @@ class ClosedLoop:
         every : int
             Steps between two records, counted from the last ``reset``.
         ahead : ndarray of shape (n_steps, n_joints), optional
-            Current that is fed forward in each step, as a drive takes it beside its speed; none
+            Current that is fed forward in each step, as a drive takes it with its speed; none
             by default [A].
 
         Returns
@@ -568,8 +573,9 @@ class ArmProcess:
     """
     An arm whose joints take velocities.
 
-    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; failure: empty
-    where nothing has failed.
+    rate [Hz], payload [kg], force (3,) [N], command_timeout [s], held [rad or m]; speed (joints,):
+    last command, or what the joints brake to by themselves [rad/s]; failure: empty where nothing
+    has failed.
     """
 
     def __init__(
@@ -609,7 +615,7 @@ class ArmProcess:
     def _rest(self) -> None:
         self.loop.reset(self.loop.described)
         count = len(self.loop.arm.active_joints)
-        self._speed = np.zeros(count)
+        self.speed = np.zeros(count)
         self._age = np.inf
         self.force = np.zeros(3)
 
@@ -617,13 +623,8 @@ class ArmProcess:
         """Take speeds of the joints; a failed arm does not [rad/s]."""
         if self.failure:
             return
-        self._speed = np.array(speed, dtype=float)
+        self.speed = np.array(speed, dtype=float)
         self._age = 0.0
-
-    @property
-    def speed(self) -> FloatArray:
-        """Speeds that the joints were told last, or brake to by themselves [rad/s]."""
-        return self._speed.copy()
 
     def tip(self) -> FloatArray:
         """Give the place of the tip in the base frame [m]."""
@@ -650,15 +651,16 @@ class ArmProcess:
             force, floor = np.zeros(3), None
         self.loop.set_force(force)
         self.loop.set_floor(floor)
-        felt = np.array(force, dtype=float)
+        total = np.array(force, dtype=float)
         if floor is not None:
-            felt[2] += floor.stiffness * max(floor.height - float(self.tip()[2]), 0.0)
+            total[2] += floor.stiffness * max(floor.height - float(self.tip()[2]), 0.0)
         period = self.steps * self.loop.dt
         if self._age >= self.command_timeout:  # as good drives do: braked, not cut off
-            self._speed -= np.clip(self._speed, -period * self._braking, period * self._braking)
-        speed = self._speed
+            self.speed = self.speed - np.clip(
+                self.speed, -period * self._braking, period * self._braking)
+        speed = self.speed
         self._age += period
         q_ref = np.zeros((self.steps, len(speed)))  # no position loop: not used
         signals = self.loop.run(q_ref, np.tile(speed, (self.steps, 1)), every=self.steps)
         return Sample(t, signals.q[0], signals.dq[0], signals.current[0], signals.strain[0],
-                      felt)
+                      total)

@@ -27,7 +27,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import InertiaPart, MotorSpec
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SimulationError
-from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics import chain as at, settings
 from tudor_dynamics.mechanics.chain import Chain, vector_at
 from tudor_dynamics.mechanics.equations import add_to_sections, point_motion, put_force
 from tudor_dynamics.mechanics.mechanism import Mechanism
@@ -57,12 +57,9 @@ PLAY = 10  # half of the backlash [rad]
 LOADED = 11  # friction per torque through the gear
 PRESLIDING = 12  # how far friction gives way before it slides [rad]
 PARAMETERS = 13
-# Columns of the state of one joint; bent is how far friction has given way, over PRESLIDING.
-ANGLE, SPEED, CURRENT, GEAR, LIMITED, BENT = range(6)
+# Columns of the state of one joint; bristle is the deflection of friction over PRESLIDING.
+ANGLE, SPEED, CURRENT, GEAR, LIMITED, BRISTLE = range(6)
 STATES = 6
-
-RIGID = 0.5
-"""Angle of the fastest allowed swing of the rotor on its gear per step [rad]."""
 
 
 @compiled
@@ -100,21 +97,22 @@ def bristle_holds(drive: NDArray, state: NDArray, dt: float, free: float) -> boo
     """
     Advance a rotor whose friction gives way but does not slide; False where it slides.
 
-    Then the bristle is bent to its end in the direction of motion, ``state[BENT]`` is 1 or -1.
+    Then the bristle is deflected to its end in the direction of motion: ``state[BRISTLE]`` is 1
+    or -1.
     """
-    bent = state[BENT]
-    side = 0 if bent > 0.0 or (bent == 0.0 and free >= 0.0) else 1
+    deflection = state[BRISTLE]
+    side = 0 if deflection > 0.0 or (deflection == 0.0 and free >= 0.0) else 1
     grip = drive[COULOMB + side] + drive[LOADED] * abs(state[GEAR])
     per, most = dt / drive[INERTIA], drive[BREAKAWAY]
-    if abs(bent) == 1.0 and bent * state[SPEED] > 0.0:
+    if abs(deflection) == 1.0 and deflection * state[SPEED] > 0.0:
         most = 1.0  # it slides already
-    speed = (free - per * grip * bent) / (
+    speed = (free - per * grip * deflection) / (
         1.0 + per * (drive[VISCOUS + side] + dt * grip / drive[PRESLIDING]))
-    further = bent + dt * speed / drive[PRESLIDING]
+    further = deflection + dt * speed / drive[PRESLIDING]
     if abs(further) > most:
-        state[BENT] = 1.0 if further > 0.0 else -1.0
+        state[BRISTLE] = 1.0 if further > 0.0 else -1.0
         return False
-    state[BENT], state[SPEED] = further, speed
+    state[BRISTLE], state[SPEED] = further, speed
     state[ANGLE] += dt * speed
     return True
 
@@ -182,10 +180,11 @@ def drive_row(motor: MotorSpec, dt: float, chosen: Imperfections) -> FloatArray:
                'it, give it in motors')
         raise SimulationError(msg)
     # A rigid gear is as stiff as the step allows, well damped.
-    stiffest = inertia * (RIGID / dt) ** 2
+    stiffest = inertia * (settings.RIGID_GEAR / dt) ** 2
     stiffness, damping = motor.stiffness, motor.damping
     if stiffness is None or stiffness > stiffest or not chosen.gear_compliance:
-        stiffness, damping = stiffest, 0.2 * math.sqrt(stiffest * inertia)
+        stiffness = stiffest
+        damping = settings.RIGID_GEAR_DAMPING * math.sqrt(stiffest * inertia)
     friction = float(chosen.friction)
     limit = motor.current_limit if chosen.current_limit else None
     return np.array([
@@ -396,7 +395,7 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
                    f'{list(mechanism.body_of)}')
             raise SimulationError(msg)
         body = mechanism.body_of[push.joint]
-        length = link_length(mechanism, push.joint)
+        length = mechanism.length(push.joint)
         if not 0.0 <= push.distance <= length + 1e-9:
             msg = (f'a push {push.distance:g} m along the link of {push.joint!r} lies outside '
                    f'its {length:g} m')
@@ -408,14 +407,6 @@ def push_table(pushes: Sequence[Push], mechanism: Mechanism) -> FloatArray:
         row[:] = (push.time, push.duration, min(push.rise, 0.5 * push.duration), body,
                   push.distance, *push.force)
     return table
-
-
-def link_length(mechanism: Mechanism, joint: str) -> float:
-    """Give the length of the beam behind a joint, 0 for a rigid link [m]."""
-    ints = mechanism.body_int[mechanism.body_of[joint]]
-    if not ints[at.FLEXIBLE]:
-        return 0.0
-    return float(ints[at.ELEMENTS] * mechanism.body_float[mechanism.body_of[joint], at.LENGTH])
 
 
 def push_forces(table: FloatArray, t: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import array_at, compiled, places_of, REAL, TRUTH, WHOLE
-from tudor_dynamics.mechanics import chain as at
+from tudor_dynamics.mechanics import chain as at, settings as tuned
 from tudor_dynamics.mechanics.chain import Chain
 from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.mechanics.mass import Composite, mass_matrix
@@ -159,7 +159,7 @@ def forget(past: NDArray) -> None:
 
 # Rows of the array of vectors.
 Z, DZ, DDZ, ACC, FORCE, DELTA, OLD_Z, OLD_DZ, OLD_ACC, OLD_DDZ = range(10)
-VECTORS = OLD_DDZ + PAST  # those before OLD_DDZ come behind it
+VECTORS = OLD_DDZ + PAST  # those before OLD_DDZ follow it
 # Slices of the array of matrices.
 MASS, STIFFNESS, DAMPING, FACTOR = range(4)
 MATRICES = 4
@@ -168,8 +168,6 @@ STEP, RHO, TOLERANCE, FACTORED, CONTRACTION, PEAK, ITERATIONS, FACTORS, LARGEST,
 SETTINGS = 10
 
 OK, NOT_CONVERGED, NOT_FINITE, BAD_INPUT, TOO_BENT, SINGULAR = range(6)
-MAX_ROTATION = 1.2  # rad: far beyond what a linear beam can mean
-MAX_ITERATIONS = 40
 
 
 class PlantTables(NamedTuple):
@@ -197,7 +195,7 @@ def _free_elastic(z: NDArray, body_int: NDArray) -> bool:
         if body_int[b, at.FLEXIBLE] == 1:
             for node in range(body_int[b, at.ELEMENTS]):
                 k = body_int[b, at.FIRST] + 6 * node + 3
-                if z[k] * z[k] + z[k + 1] * z[k + 1] + z[k + 2] * z[k + 2] > MAX_ROTATION**2:
+                if z[k] * z[k] + z[k + 1] * z[k + 1] + z[k + 2] * z[k + 2] > tuned.MAX_ROTATION**2:
                     return False
     return True
 
@@ -253,7 +251,7 @@ def _attempt(order: int, plant: PlantTables, loaded: bool) -> int:
             z[i], dz[i], ddz[i], acc[i] = motion[0, i], motion[1, i], motion[2, i], motion[2, i]
     status, size, last, fresh = NOT_CONVERGED, 0.0, 0.0, False
     contraction, since = settings[CONTRACTION], 0
-    for iteration in range(MAX_ITERATIONS):
+    for iteration in range(tuned.MAX_ITERATIONS):
         inverse_dynamics(z, dz, ddz, plant.chain, loaded, 1.0, force)
         if settings[FACTORED] == 0.0:
             if not build_factor(plant, speed_gain, place_gain):
@@ -363,7 +361,7 @@ def accelerations(plant: PlantTables, loaded: bool) -> bool:
 class Joints(NamedTuple):
     """Where joints stand in a plant, and what they do."""
 
-    # Coordinate of each joint and the body behind it, (joints,).
+    # Coordinate of each joint and the body after it, (joints,).
     q_index: NDArray
     bodies: NDArray
     state: NDArray  # (4, joints): position, velocity, acceleration and effort of each; overwritten

@@ -240,7 +240,7 @@ class Builder:
         return self._append(ints, floats)
 
     def link(self, index: int) -> None:
-        """Add the link behind joint ``index`` of the Pinocchio model."""
+        """Add the link after joint ``index`` of the Pinocchio model."""
         model, name = self.model, self.model.names[index]
         spec = self.links.get(name)
         urdf_mass = model.inertias[index].mass
@@ -313,7 +313,7 @@ class Builder:
         """Frame at the end of the chain: ``tip``, or the last one on the last joint."""
         model = self.model
         named = [frame for frame in model.frames if frame.name == 'tip']
-        if named:  # a joint and the link behind it may share the name: the link comes last
+        if named:  # a joint and the link after it may share the name: the link comes last
             return named[-1]
         last = model.njoints - 1
         frames = [f for f in model.frames if f.parentJoint == last]
@@ -353,8 +353,8 @@ class Mechanism:
     joints: tuple[str, ...]  # all joints, base first
     driven: NDArray[np.bool_]  # joints that are active in the description; the others are held
     q_index: IntArray  # coordinate of each joint
-    body_of: dict[str, int]  # body behind each joint
-    beams: dict[str, BeamProperties]  # beam behind each joint that has one
+    body_of: dict[str, int]  # body after each joint
+    beams: dict[str, BeamProperties]  # beam after each joint that has one
     # Tables for compiled code.
     body_int: IntArray
     body_float: FloatArray
@@ -411,8 +411,15 @@ class Mechanism:
                 names[row[at.FIRST] + i] = f'{kind} of node {i // 6 + 1} behind {joint}'
         return names
 
+    def length(self, joint: str) -> float:
+        """Give the length of the beam after a joint, 0 for a rigid link [m]."""
+        body = self.body_of[joint]
+        if not self.body_int[body, at.FLEXIBLE]:
+            return 0.0
+        return float(self.body_int[body, at.ELEMENTS] * self.body_float[body, at.LENGTH])
+
     def point(self, joint: str, node: int = -1) -> int:
-        """Give the number of a node behind a joint."""
+        """Give the number of a node after a joint."""
         row = self.body_int[self.body_of[joint]]
         count = int(row[at.ELEMENTS]) + 1 if row[at.FLEXIBLE] else 1
         return int(row[at.POINT]) + (node + count if node < 0 else node)
@@ -472,7 +479,7 @@ def build_mechanism(arm: Arm) -> Mechanism:
         points=builder.points, tip=tip_point, start=arm.spec.simulation.start)
 
 
-# -- Where a gauge sits on the beam of its link, and which bending it feels
+# -- Where a gauge sits on the beam of its link, and which bending it measures
 
 @dataclass(frozen=True)
 class GaugePlace:

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_type, SimulationError
-from tudor_dynamics.mechanics import chain as at, integrator as gen
+from tudor_dynamics.mechanics import chain as at, integrator as gen, settings
 from tudor_dynamics.mechanics.chain import Chain, forward, rotation_at, vector_at
 from tudor_dynamics.mechanics.equations import (
     along, hermite_mass, hermite_slope, hermite_stiffness, inner, inverse_dynamics, node_values)
@@ -103,35 +103,7 @@ def energy(
     return kinetic, elastic, weight
 
 
-@compiled
-def refresh(z: NDArray, dz: NDArray, ddz: NDArray, chain: Chain) -> None:
-    """Run the forward pass alone, see ``chain.forward``."""
-    forward(z, dz, ddz, chain, 0.0)
-
-
-# -- Arrays of a new plant
-
-def new_tables(mechanism: Mechanism) -> PlantTables:
-    """Make the tables of a plant that has no state yet."""
-    n = mechanism.size
-    return PlantTables(
-        vectors=np.zeros((gen.VECTORS, n)), matrices=np.zeros((gen.MATRICES, n, n)),
-        settings=np.zeros(gen.SETTINGS), prescribed=np.zeros(n, dtype=bool),
-        torque=np.zeros(n), motion=np.zeros((3, n)), chain=mechanism.chain(),
-        composite=mechanism.composite())
-
-
 # -- What is handed to a plant: taken as it is, or refused in one line
-
-def check_settings(dt: float, rho: float) -> None:
-    """Refuse settings that no integrator has: dt [s]."""
-    if not (np.isfinite(dt) and dt > 0.0):
-        msg = f'the step must be positive, found {dt} s'
-        raise SimulationError(msg)
-    if not 0.0 <= rho <= 1.0:
-        msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
-        raise SimulationError(msg)
-
 
 def put(
     vector: FloatArray, places: NDArray[np.intp], values: ArrayLike, name: str,
@@ -167,9 +139,9 @@ def put_force(wrench: FloatArray, force: FloatArray, tip: int) -> None:
         raise SimulationError(msg)
 
 
-# -- What a plant tells after a step, and after one that failed
+# -- What a plant reports after a step, and after one that failed
 
-Drive = Literal['torque', 'motion', 'hold']
+DrivenBy = Literal['torque', 'motion', 'hold']
 
 
 @dataclass(eq=False)
@@ -218,103 +190,11 @@ def failure_message(
         return (f'{name}: the mass matrix is singular: a joint or node moves nothing (joints free '
                 f'to move: {loose}); give every moving link a mass, or a hub_inertia')
     if status == gen.TOO_BENT:
-        return (f'{name}: at t = {t:.6g} s a link is bent by more than {gen.MAX_ROTATION} rad, '
-                f'where a linear beam means nothing; energy before: {energy:.6g} J; check torques '
-                'and sections')
+        return (f'{name}: at t = {t:.6g} s a link is bent by more than {settings.MAX_ROTATION} '
+                f'rad, where a linear beam means nothing; energy before: {energy:.6g} J; check '
+                'torques and sections')
     return (f'{name}: the run diverged at t = {t:.6g} s, energy before: {energy:.6g} J; take a '
             f'smaller step than {dt:g} s or check torques and masses')
-
-
-# -- A mechanism's tables, and its equations of motion at a state
-
-class Dynamics:
-    """
-    State of a mechanism with its energy, its matrices and what a motion needs.
-
-    Parameters
-    ----------
-    mechanism : Mechanism
-        Tables, see ``build_mechanism``.
-
-    Attributes
-    ----------
-    tables : PlantTables
-        Arrays of the plant, for compiled functions that advance or look at it.
-    loaded : bool
-        Whether forces act from outside.
-
-    """
-
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
-        self.tables = new_tables(mechanism)
-        self.loaded = False
-
-    def parameters_changed(self) -> None:
-        """Take over changed tables of the mechanism: stiffness, damping, masses."""
-        mechanism = self.mechanism
-        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
-                         self.tables.matrices[gen.STIFFNESS], self.tables.matrices[gen.DAMPING])
-        self.tables.chain.base[:] = -mechanism.gravity
-        self.tables.settings[gen.FACTORED] = 0.0
-
-    @property
-    def coordinates(self) -> FloatArray:
-        """All coordinates, joints and nodes; a view [rad, m]."""
-        return self.tables.vectors[gen.Z]
-
-    @property
-    def rates(self) -> FloatArray:
-        """Rates of all coordinates; a view."""
-        return self.tables.vectors[gen.DZ]
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Elastic stiffness matrix of the straight links; a view."""
-        return self.tables.matrices[gen.STIFFNESS]
-
-    @property
-    def prescribed(self) -> NDArray[np.bool_]:
-        """Which coordinates follow a given motion; a view."""
-        return self.tables.prescribed
-
-    def energy(self) -> Energy:
-        """Give the energy of the present state [J]."""
-        tables = self.tables
-        z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
-        refresh(z, dz, tables.vectors[gen.DDZ], tables.chain)
-        return Energy(*energy(z, dz, self.mechanism.gravity, tables.chain))
-
-    def mass_matrix(self) -> FloatArray:
-        """Give the mass matrix over all coordinates at the present state."""
-        z, chain = self.tables.vectors[gen.Z], self.tables.chain
-        result = np.empty((z.size, z.size))
-        refresh(z, z * 0.0, z * 0.0, chain)
-        mass_matrix(z, chain, self.tables.composite, result)
-        return result
-
-    def imbalance(
-        self, z: FloatArray, dz: FloatArray, ddz: FloatArray, *, elastic: bool = True,
-    ) -> FloatArray:
-        """
-        Give the generalised force that a motion needs.
-
-        Parameters
-        ----------
-        z, dz, ddz : ndarray of shape (n,)
-            Coordinates and rates.
-        elastic : bool
-            Whether the stiffness counts.
-
-        Returns
-        -------
-        ndarray of shape (n,)
-            Joint efforts, and what is missing at elastic coordinates.
-
-        """
-        result = np.empty(self.mechanism.size)
-        inverse_dynamics(z, dz, ddz, self.tables.chain, self.loaded, float(elastic), result)
-        return result
 
 
 # -- Static equilibrium of a mechanism, and whether a step can follow its links
@@ -379,10 +259,10 @@ def check_step(
 
 # -- A mechanism that is advanced step by step: the plant of a control loop
 
-__all__ = ['Counts', 'Drive', 'Energy', 'Plant', 'PlantState']
+__all__ = ['Counts', 'DrivenBy', 'Energy', 'Plant', 'PlantState']
 
 
-class Plant(Dynamics):
+class Plant:
     """
     A mechanism with its state and its integrator.
 
@@ -405,8 +285,12 @@ class Plant(Dynamics):
 
     Attributes
     ----------
+    tables : PlantTables
+        Arrays of the plant, for compiled functions that advance or observe it.
+    loaded : bool
+        Whether forces act from outside.
     bodies : ndarray of int, shape (n_joints,)
-        Body behind each joint.
+        Body after each joint.
 
     """
 
@@ -415,8 +299,20 @@ class Plant(Dynamics):
         tolerance: float = 1e-6,
     ) -> None:
         check_type(mechanism, Mechanism, 'mechanism', 'build_mechanism(arm)')
-        check_settings(dt, rho)
-        super().__init__(mechanism)
+        if not (np.isfinite(dt) and dt > 0.0):
+            msg = f'the step must be positive, found {dt} s'
+            raise SimulationError(msg)
+        if not 0.0 <= rho <= 1.0:
+            msg = f'rho is the damping of the integrator, from 0 to 1, found {rho}'
+            raise SimulationError(msg)
+        self.mechanism = mechanism
+        n = mechanism.size
+        self.tables = PlantTables(
+            vectors=np.zeros((gen.VECTORS, n)), matrices=np.zeros((gen.MATRICES, n, n)),
+            settings=np.zeros(gen.SETTINGS), prescribed=np.zeros(n, dtype=bool),
+            torque=np.zeros(n), motion=np.zeros((3, n)), chain=mechanism.chain(),
+            composite=mechanism.composite())
+        self.loaded = False
         self.tables.settings[[gen.STEP, gen.RHO, gen.TOLERANCE]] = dt, rho, tolerance
         self._q = mechanism.q_index
         self.bodies = np.array([mechanism.body_of[name] for name in mechanism.joints])
@@ -428,12 +324,78 @@ class Plant(Dynamics):
         self.reset()
         check_step(mechanism, self.stiffness, self.mass_matrix(), dt)
 
+    def parameters_changed(self) -> None:
+        """Take over changed tables of the mechanism: stiffness, damping, masses."""
+        mechanism = self.mechanism
+        stiffness_matrix(mechanism.body_int, mechanism.body_float, mechanism.coordinate,
+                         self.tables.matrices[gen.STIFFNESS], self.tables.matrices[gen.DAMPING])
+        self.tables.chain.base[:] = -mechanism.gravity
+        self.tables.settings[gen.FACTORED] = 0.0
+
+    @property
+    def coordinates(self) -> FloatArray:
+        """All coordinates, joints and nodes; a view [rad, m]."""
+        return self.tables.vectors[gen.Z]
+
+    @property
+    def rates(self) -> FloatArray:
+        """Rates of all coordinates; a view."""
+        return self.tables.vectors[gen.DZ]
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Elastic stiffness matrix of the straight links; a view."""
+        return self.tables.matrices[gen.STIFFNESS]
+
+    @property
+    def prescribed(self) -> NDArray[np.bool_]:
+        """Which coordinates follow a given motion; a view."""
+        return self.tables.prescribed
+
+    def energy(self) -> Energy:
+        """Give the energy of the present state [J]."""
+        tables = self.tables
+        z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
+        forward(z, dz, tables.vectors[gen.DDZ], tables.chain, 0.0)
+        return Energy(*energy(z, dz, self.mechanism.gravity, tables.chain))
+
+    def mass_matrix(self) -> FloatArray:
+        """Give the mass matrix over all coordinates at the present state."""
+        z, chain = self.tables.vectors[gen.Z], self.tables.chain
+        result = np.empty((z.size, z.size))
+        forward(z, z * 0.0, z * 0.0, chain, 0.0)
+        mass_matrix(z, chain, self.tables.composite, result)
+        return result
+
+    def imbalance(
+        self, z: FloatArray, dz: FloatArray, ddz: FloatArray, *, elastic: bool = True,
+    ) -> FloatArray:
+        """
+        Give the generalised force that a motion needs.
+
+        Parameters
+        ----------
+        z, dz, ddz : ndarray of shape (n,)
+            Coordinates and rates.
+        elastic : bool
+            Whether the stiffness counts.
+
+        Returns
+        -------
+        ndarray of shape (n,)
+            Joint efforts, and what is missing at elastic coordinates.
+
+        """
+        result = np.empty(self.mechanism.size)
+        inverse_dynamics(z, dz, ddz, self.tables.chain, self.loaded, float(elastic), result)
+        return result
+
     def reset(
         self, q: ArrayLike | None = None, dq: ArrayLike | None = None, *,
         equilibrium: bool | None = None, external_force: ArrayLike | None = None,
     ) -> PlantState:
         """
-        Start anew.
+        Restart.
 
         Parameters
         ----------
@@ -481,7 +443,7 @@ class Plant(Dynamics):
         self._read_state()
         return self.state
 
-    def drive(self, joint: str, kind: Drive) -> None:
+    def drive(self, joint: str, kind: DrivenBy) -> None:
         """
         Choose how a joint is driven from the next step on.
 
@@ -613,8 +575,8 @@ class Plant(Dynamics):
 
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
-        settings = self.tables.settings
-        return Counts(int(settings[gen.ITERATIONS]), int(settings[gen.FACTORS]))
+        counts = self.tables.settings
+        return Counts(int(counts[gen.ITERATIONS]), int(counts[gen.FACTORS]))
 
     def solve_accelerations(
         self, z: FloatArray, dz: FloatArray, torque: FloatArray,

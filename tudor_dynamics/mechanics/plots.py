@@ -32,7 +32,7 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.files import whole, write_whole
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.mechanics.run import Run
+from tudor_dynamics.mechanics.run import PlantRecord
 from tudor_dynamics.typing import FloatArray
 
 
@@ -63,7 +63,9 @@ def signal_names(mechanism: Mechanism, gauges: tuple[str, ...]) -> list[str]:
             + [f'strain:{gauge}' for gauge in gauges] + ['energy'])
 
 
-def pick_signal(run: Run, mechanism: Mechanism, gauges: tuple[str, ...], name: str) -> Curves:
+def pick_signal(
+    run: PlantRecord, mechanism: Mechanism, gauges: tuple[str, ...], name: str,
+) -> Curves:
     """Take a signal out of a run."""
     what, _, which = name.partition(':')
     if name not in signal_names(mechanism, gauges):
@@ -111,14 +113,15 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def plot_signal(
-    path: Path, run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
+    path: Path, run: PlantRecord, signal: Curves, *, title: str | None = None,
+    highest: float = 150.0,
 ) -> None:
     """Draw a signal into a picture."""
     save_figure(draw_signal(run, signal, title=title, highest=highest), path)
 
 
 def draw_signal(
-    run: Run, signal: Curves, *, title: str | None = None, highest: float = 150.0,
+    run: PlantRecord, signal: Curves, *, title: str | None = None, highest: float = 150.0,
 ) -> Figure:
     """Draw a signal over time and over frequency: highest [Hz]."""
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
@@ -215,7 +218,7 @@ def check_target(path: Path) -> None:
         raise SimulationError(msg)
 
 
-def animate(path: Path, run: Run, mechanism: Mechanism, *, rate: float = 25.0) -> None:
+def animate(path: Path, run: PlantRecord, mechanism: Mechanism, *, rate: float = 25.0) -> None:
     """Draw a run as a moving picture in real time: rate [Hz]."""
     check_target(path)
     seconds = float(run.t[-1] - run.t[0])

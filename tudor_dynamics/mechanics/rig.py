@@ -40,7 +40,7 @@ class RigLog:
     # Positions and speeds of the joints, true or measured as the arm's encoders have it.
     q: list[FloatArray] = field(default_factory=list)
     dq: list[FloatArray] = field(default_factory=list)
-    # Speeds that the drives were told last, or brake to by themselves [rad/s].
+    # Speeds that the drives were commanded last, or brake to by themselves [rad/s].
     command: list[FloatArray] = field(default_factory=list)
     # Commands that left a controller: time [s], a number that changes where it took over an arm
     # whose speed was not its own doing, and speeds [rad/s].

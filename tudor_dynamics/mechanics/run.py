@@ -34,10 +34,11 @@ from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.files import write_whole
 from tudor_dynamics.mechanics import chain as at
-from tudor_dynamics.mechanics.chain import Chain, put_rotation, put_vector, rotation_at, vector_at
+from tudor_dynamics.mechanics.chain import (
+    Chain, forward, put_rotation, put_vector, rotation_at, vector_at)
 from tudor_dynamics.mechanics.equations import joint_reactions, LOADS, nodal_motion, section_loads
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge, with_motors
-from tudor_dynamics.mechanics.plant import Plant, refresh
+from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.small_algebra import (
     add, exponential, left_jacobian, product, sub, turn, turn_back)
 from tudor_dynamics.mechanics.stiffness import add_stretch
@@ -74,17 +75,6 @@ class BeamPlace:
     distance: float  # distance from the beam's start [m]
 
 
-def middle_sections(mechanism: Mechanism) -> list[BeamPlace]:
-    """Give the middle of each beam."""
-    result = []
-    for joint in mechanism.beams:
-        body = mechanism.body_of[joint]
-        length = (mechanism.body_float[body, at.LENGTH]
-                  * mechanism.body_int[body, at.ELEMENTS])
-        result.append(BeamPlace(joint, 0.5 * float(length)))
-    return result
-
-
 class Probe:
     """
     Nodal motion, internal loads and strains of a plant.
@@ -96,7 +86,8 @@ class Probe:
                  arm: Arm | None = None) -> None:
         self.plant = plant
         mechanism = plant.mechanism
-        self.sections = middle_sections(mechanism) if sections is None else list(sections)
+        self.sections = [BeamPlace(joint, 0.5 * mechanism.length(joint))
+                         for joint in mechanism.beams] if sections is None else list(sections)
         self.gauge_names = tuple(g.name for g in arm.gauges) if arm is not None else ()
         self._count = len(self.sections)
         places = [(s.joint, s.distance) for s in self.sections]
@@ -128,7 +119,7 @@ class Probe:
         chain, seen = plant.tables.chain, self.observation
         joint_reactions(z, dz, ddz, chain, plant.loaded, self._force, plant.bodies, seen.reaction)
         section_loads(z, dz, ddz, chain, self.bodies, self.places, self.loads)
-        refresh(z, dz, ddz, chain)
+        forward(z, dz, ddz, chain, 0.0)
         nodal_motion(z, dz, ddz, plant.mechanism.gravity, chain, *self._points)
         for number, (per_moment, per_rate, axis, sign) in enumerate(self._gauge_gains):
             row = self._gauge_loads[number]
@@ -158,8 +149,7 @@ class Probe:
             msg = (f'{mechanism.name}: there is no beam behind joint {joint!r}; beams stand '
                    f'behind {list(mechanism.beams)}')
             raise SimulationError(msg)
-        body = mechanism.body_of[joint]
-        length = mechanism.body_float[body, at.LENGTH] * mechanism.body_int[body, at.ELEMENTS]
+        length = mechanism.length(joint)
         if not -1e-9 <= distance <= length + 1e-9:
             msg = (f'{mechanism.name}: a section {distance:g} m from the start of the beam behind '
                    f'{joint!r} lies outside its {length:g} m')
@@ -172,7 +162,7 @@ TIP = 'tip'
 
 
 @compiled
-def feel(
+def read_inertial(
     z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain, bodies: NDArray, nodes: NDArray,
     acceleration: NDArray, axes: NDArray, turning: NDArray, force: NDArray,
 ) -> None:
@@ -184,9 +174,9 @@ def feel(
         if nodes[s] > 0:
             k = body_int[bodies[s], at.FIRST] + 6 * (nodes[s] - 1) + 3
             theta = vector_at(z, k)
-            bent = exponential(theta)
-            omega = turn_back(bent, add(omega, turn(left_jacobian(theta), vector_at(dz, k))))
-            frame = product(frame, bent)
+            turned = exponential(theta)
+            omega = turn_back(turned, add(omega, turn(left_jacobian(theta), vector_at(dz, k))))
+            frame = product(frame, turned)
         point = body_int[bodies[s], at.POINT] + nodes[s]
         put_rotation(axes[s], 0, frame)
         put_vector(turning[s], 0, omega)
@@ -195,9 +185,9 @@ def feel(
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class InertialReadings:
     """
-    What the sensors feel, each in its own axes.
+    What the sensors measure, each in its own axes.
 
     They are those of the beam's end, x along the beam; of the tip frame where no beam ends there.
     """
@@ -230,19 +220,21 @@ class InertialSensors:
         self._bodies = np.array([np.flatnonzero(first <= point)[-1] for point in points])
         self._nodes = np.array(list(points)) - first[self._bodies]
         count = len(self.names)
-        self._felt = Felt(np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
+        self._readings = InertialReadings(
+            np.zeros((count, 3, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
 
-    def feel(self, plant: Plant, acceleration: FloatArray) -> Felt:
+    def read(self, plant: Plant, acceleration: FloatArray) -> InertialReadings:
         """
-        Feel the present motion; to be called after ``Observer.observe``.
+        Measure the present motion; to be called after ``Probe.observe``.
 
         acceleration (points, 3) [m/s^2].
         """
-        felt = self._felt
-        feel(plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
-             self._bodies, self._nodes, acceleration, felt.axes.reshape(len(self.names), 9),
-             felt.angular_velocity, felt.specific_force)
-        return felt
+        found = self._readings
+        read_inertial(
+            plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
+            self._bodies, self._nodes, acceleration, found.axes.reshape(len(self.names), 9),
+            found.angular_velocity, found.specific_force)
+        return found
 
 
 # -- Eigenfrequencies and mode shapes of a mechanism, joints held or free
@@ -366,8 +358,6 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
 # -- Whole runs: drive a plant through given torques and keep what it shows
 
 Motion = tuple[FloatArray, FloatArray, FloatArray]
-LARGEST_ROTATION = 0.3
-"""Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]."""
 Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
 
@@ -389,7 +379,7 @@ class Steps(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class PlantRecord:
     """Recorded signals of a run."""
 
     t: FloatArray  # times of the records, (samples,) [s]
@@ -411,13 +401,13 @@ class Run:
     gauge_moment: FloatArray
     energy: FloatArray  # kinetic, elastic, gravitational, (samples, 3) [J]
     # (samples,): largest elastic rotation of a node in its link's frame [rad], see
-    # `LARGEST_ROTATION`.
+    # `settings.LARGEST_ROTATION`.
     rotation: FloatArray
     # (samples, sensors, 3, 3): axes of each inertial sensor in the base frame, see
     # `InertialSensors`.
     sensor_axes: FloatArray
-    # (samples, sensors, 3): what each feels, in its axes: angular velocity [rad/s], acceleration
-    # less gravity [m/s^2].
+    # (samples, sensors, 3): what each measures, in its axes: angular velocity [rad/s],
+    # acceleration less gravity [m/s^2].
     sensor_turning: FloatArray
     sensor_acceleration: FloatArray
 
@@ -446,7 +436,7 @@ def largest_rotation(plant: Plant) -> float:
 
 def _empty(
     plant: Plant, probe: Probe, sensors: InertialSensors, samples: int,
-) -> Run:
+) -> PlantRecord:
     shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,), 'rotation': ()}
     shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
     shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
@@ -456,14 +446,14 @@ def _empty(
     shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(probe.gauge_names),))
     shapes['sensor_axes'] = (len(sensors.names), 3, 3)
     shapes |= dict.fromkeys(('sensor_turning', 'sensor_acceleration'), (len(sensors.names), 3))
-    return Run(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
+    return PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
 
 
 def _record(
-    run: Run, row: int, plant: Plant, probe: Probe, sensors: InertialSensors,
+    run: PlantRecord, row: int, plant: Plant, probe: Probe, sensors: InertialSensors,
 ) -> None:
     state, seen = plant.state, probe.observe()
-    felt, energy = sensors.feel(plant, seen.acceleration), plant.energy()
+    felt, energy = sensors.read(plant, seen.acceleration), plant.energy()
     run.t[row] = state.t
     run.q[row], run.dq[row], run.ddq[row] = state.q, state.dq, state.ddq
     run.effort[row] = state.effort
@@ -482,7 +472,7 @@ def run_plant(
     plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
     motion: Motion | None = None, force: FloatArray | None = None,
     progress: Callable[[int], None] | None = None,
-) -> Run:
+) -> PlantRecord:
     """
     Step a plant through given torques from its present state.
 
@@ -508,7 +498,7 @@ def simulate_with_scipy(
     plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
     method: Integrator = 'radau', rtol: float = 1e-6,
     progress: Callable[[int], None] | None = None,
-) -> Run:
+) -> PlantRecord:
     """Do the same with a solver of scipy, as a check of the integrator: slow, error controlled."""
     names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
     n, dt = plant.mechanism.size, plant.dt

@@ -36,7 +36,7 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
     Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
-from tudor_dynamics.mechanics.run import InertialSensors, Probe, Run, run_plant, Steps
+from tudor_dynamics.mechanics.run import InertialSensors, PlantRecord, Probe, run_plant, Steps
 from tudor_dynamics.typing import FloatArray
 
 
@@ -279,7 +279,7 @@ START_NS = 1_000_000_000
 """Stamp of the first message: 1 s, as 0 means no stamp to many tools [ns]."""
 
 
-def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
+def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Series]:
     """Lay a run out on the topics of joint states, strains and accelerations."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
@@ -300,7 +300,9 @@ def run_series(run: Run, arm: Arm, mechanism: Mechanism) -> list[Series]:
     return series
 
 
-def save_run(folder: Path, run: Run, arm: Arm, mechanism: Mechanism, *, bag: bool = True) -> None:
+def save_run(
+    folder: Path, run: PlantRecord, arm: Arm, mechanism: Mechanism, *, bag: bool = True,
+) -> None:
     """Write ``run.npz`` and ``bag/`` into a folder."""
     run.save(folder / 'run.npz', joints=np.array(mechanism.joints),
              gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
@@ -322,7 +324,7 @@ class SimulatedRun:
         Arm that moved.
     mechanism : Mechanism
         Its tables, with the order of joints and points.
-    run : Run
+    run : PlantRecord
         Arrays over time.
     plant : Plant
         The plant in its last state, for ``modes``.
@@ -331,7 +333,7 @@ class SimulatedRun:
 
     arm: Arm
     mechanism: Mechanism
-    run: Run
+    run: PlantRecord
     plant: Plant
 
     def __repr__(self) -> str:

@@ -227,7 +227,7 @@ class OscillationDamperNode(MovingNode):
             off = 'is off' if gains.allowed_share == 0.0 else 'takes less'
             return WARN, (f'the damper {off}: the loop has a delay of {1e3 * delay:.0f} ms, its '
                           f'gains hold up to {1e3 * gains.full_delay:.0f} ms')
-        gain = gains.position_gain_in_use(controller.period)
+        gain = gains.position_gain_in_use
         if gain < gains.position_gain:
             return WARN, (f'position gain {gain:.2g} 1/s instead of {gains.position_gain:.2g}: '
                           'the delay of the loop allows no more')
