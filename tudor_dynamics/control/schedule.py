@@ -292,27 +292,7 @@ def _number(value: float) -> str:
 
 
 def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
-    """
-    Read a schedule.
-
-    Parameters
-    ----------
-    path : str or Path
-        File that ``tudor tune`` wrote.
-    arm : Arm, optional
-        Arm that it must be of.
-
-    Returns
-    -------
-    Schedule
-        Checked.
-
-    Raises
-    ------
-    ScheduleError
-        If it cannot be read, is damaged, or of another arm.
-
-    """
+    """Read a schedule that ``tudor tune`` wrote; check that it is of an arm, if one is given."""
     remedy = 'write one with `tudor tune`'
     try:
         content: Any = load_yaml(read_bounded(Path(path), MAX_BYTES).decode())

@@ -38,8 +38,26 @@ class ForceRig:
     """
     Force control of the simulated arm, with the objects that its nodes hold.
 
-    stiffness: of the floor [N/m]; alter: changes readings of the gauges on their way; force: of
-    the floor at each sample so far [N].
+    Parameters
+    ----------
+    arm : Arm
+        Description with everything.
+    stiffness : float
+        Of the floor [N/m].
+    seed : int
+        Of the noise.
+    settings : ForceSettings, optional
+        Gains and bounds.
+
+    Attributes
+    ----------
+    process, controller, static : ArmProcess, ForceController, StaticStrain
+        The arm, and who gives its reference.
+    alter : callable
+        Changes readings of the gauges on their way.
+    force : list of float
+        Force of the floor at each sample so far [N].
+
     """
 
     def __init__(
@@ -55,7 +73,20 @@ class ForceRig:
         self.force: list[float] = []
 
     def run(self, seconds: float) -> FloatArray:
-        """Let time pass [s]; returns the forces of the floor meanwhile (samples,) [N]."""
+        """
+        Let time pass.
+
+        Parameters
+        ----------
+        seconds : float
+            How much [s].
+
+        Returns
+        -------
+        ndarray of shape (n_samples,)
+            Forces of the floor meanwhile [N].
+
+        """
         dt, begun = 1.0 / RATE, len(self.force)
         controller = self.controller
         for _ in range(round(seconds * RATE)):
@@ -79,11 +110,27 @@ class ForceRig:
         return self.controller.phase is Phase.HOLD
 
     def press(self, wanted: float) -> None:
-        """Give the controller another force to press with [N]."""
+        """
+        Give the controller another force.
+
+        Parameters
+        ----------
+        wanted : float
+            Force to press with [N].
+
+        """
         self.controller.press(wanted)
 
     def approach(self, wanted: float) -> None:
-        """Come to rest, put the floor below the tip, press on it until a force [N] is held."""
+        """
+        Come to rest, put the floor below the tip, and press on it until it is held.
+
+        Parameters
+        ----------
+        wanted : float
+            Force to press with [N].
+
+        """
         self.run(1.0)
         self.process.floor = Floor(float(self.process.tip()[2]) - GAP, self._stiffness)
         self.controller.press(wanted)
