@@ -71,7 +71,7 @@ fit/rigid+ = fit {T1} {T2} --test {TEST} --arm {BLADES} --out OUT/model --jobs 1
 fit/text = fit {SHORT}
 fit/folds = fit {T1}@0-30% {T2}@0-30% {TEST}@0-30% --arm {BLADES} --out OUT/model --jobs 1 --json
 fit/elm = fit {SHORT} --models analytical elm --elm-hidden 30 --random-split --json
-fit/ols+ = fit {SHORT} --estimator ols --friction viscous coulomb stribeck --filter causal --json
+fit/ols = fit {SHORT} --estimator ols --friction viscous coulomb stribeck --filter causal --json
 fit/huber = fit {SHORT} --estimator huber --friction viscous cube_root square offset \
   --filter zero_phase --cutoff 6 --rate 50 --json
 fit/wls = fit {SHORT} --estimator wls --friction viscous coulomb presliding load \
@@ -141,7 +141,7 @@ feedforward/bag = feedforward excite/tudor/plan/bag --model fit/masses/model --p
   --out OUT/plan
 
 excite/tudor = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --json
-excite/model+ = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --model fit/ignored/model \
+excite/model = excite {TUDOR} --out OUT/plan --steps 2 --seconds 10 --model fit/ignored/model \
   --seed 2
 
 tune/description = tune {TUDOR} --payloads 0 0.3 --out OUT/schedule.yaml --json

@@ -113,7 +113,7 @@ def of_yaml(text: str) -> Values:
     except yaml.YAMLError:
         return {'text': normal(text)}
     comments = re.findall(r'(?:^|(?<=\s))#.*', text, flags=re.MULTILINE)
-    return {**found, **({'comments': '\n'.join(comments)} if comments else {})}
+    return {**found, **({'comments': normal('\n'.join(comments))} if comments else {})}
 
 
 def of_page(text: str) -> Values:
