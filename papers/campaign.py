@@ -237,13 +237,13 @@ def hub_gauges(arm: td.Arm) -> list[int]:
 
 def fit(
     arm: td.Arm, training: Sequence[Path], test: Sequence[Path], settings: td.FitSettings,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: Callable[[str], None] = lambda _: None, *, bare: bool = True,
 ) -> td.ModelBundle:
     """Learn models, with nothing left to be chosen: estimator, filters and friction are fixed."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore', UserWarning)  # they are our own recordings
         return td.fit(training, arm, test=test, settings=settings.settled(),
-                      preprocessing=arm.spec.preprocessing, progress=progress)
+                      preprocessing=arm.spec.preprocessing, bare=bare, progress=progress)
 
 
 def predict(models: td.ModelBundle, paths: Sequence[Path]) -> Any:

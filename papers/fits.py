@@ -274,7 +274,8 @@ def collisions(fits: Fits, payload: float) -> Cached:
     campaign.progress(PUSHES, 0.0)
 
     def rigid() -> Cached:
-        models = fit(campaign.arm, training, test, td.FitSettings(kinds=('analytical',)))
+        models = fit(campaign.arm, training, test, td.FitSettings(kinds=('analytical',)),
+                     bare=False)
         campaign.progress(PUSHES, 0.2)
         return Cached({'methods': _found(models, pushed)})
 
@@ -286,7 +287,7 @@ def collisions(fits: Fits, payload: float) -> Cached:
 
         def elastic() -> Cached:
             models = fit(campaign.carrying(payload), training[:fits.stimuli_for_search()], test,
-                         elastic_settings(warm))
+                         elastic_settings(warm), bare=False)
             found = _found(models, pushed)
             return Cached({'methods': {ELASTIC_STRAIN: found['strain']}
                            if 'strain' in found else {}})

@@ -160,7 +160,7 @@ def fitted(setting: Setting) -> td.ModelBundle:
     """Fit a model to the least and the largest payload."""
     campaign = _campaign(setting, size_of(setting).training)
     return fit(campaign.arm, [path for end in ENDS for path in campaign.record(end)], [],
-               td.FitSettings(kinds=('analytical',), payloads=ENDS))
+               td.FitSettings(kinds=('analytical',), payloads=ENDS), bare=False)
 
 
 def offline(setting: Setting, models: td.ModelBundle) -> list[list[float]]:

@@ -36,9 +36,10 @@ from tudor_dynamics.identification.dataset import (
     with_recorded_gauges)
 from tudor_dynamics.identification.detection import evaluate_collisions, find_truth, MethodResult
 from tudor_dynamics.identification.doctor.between import examine_bags
+from tudor_dynamics.identification.doctor.findings import Finding
 from tudor_dynamics.identification.excitation_plan import PlanFolder
 from tudor_dynamics.identification.fit import check_kinds, fit_models, FitResult, FitSettings
-from tudor_dynamics.identification.loads import bundle_of, payload_of
+from tudor_dynamics.identification.loads import bare_bundle_of, bundle_of, payload_of
 from tudor_dynamics.identification.many_bags import ManyBags, Streaming, streams
 from tudor_dynamics.identification.next_steps import (
     assess, Assessment, compare_with_plan, Comparison)
@@ -112,15 +113,17 @@ class HeldBags:
 
 def fit_bags(
     bags: HeldBags | ManyBags, settings: FitSettings, progress: Progress = lambda _: None, *,
-    ignore_payload: bool = False,
+    ignore_payload: bool = False, examine: bool = True,
 ) -> FitResult:
     """Fit models to bags, of all payloads where the bags have several."""
     found = None if ignore_payload else payload_range(bags.training, bags.test)
     if found is not None:
         settings = _of_all_payloads(settings, found)
     chosen = bags.choose(settings)
-    progress('doctor')
-    findings = examine_bags(bags.arm, [*bags.held, *bags.held_test])
+    findings: tuple[Finding, ...] = ()
+    if examine:
+        progress('doctor')
+        findings = examine_bags(bags.arm, [*bags.held, *bags.held_test])
     specs = [chosen.preprocessing]
     if chosen.preprocessing.filter == 'zero_phase':  # causal ones run on the robot
         specs.append(chosen.preprocessing.model_copy(update={'filter': 'causal'}))
@@ -158,6 +161,7 @@ def fit(
     out: str | Path | None = None,
     overwrite: bool = False,
     streaming: Streaming | None = None,
+    bare: bool = False,
     progress: Progress = lambda _: None,
 ) -> ModelBundle:
     """
@@ -189,6 +193,9 @@ def fit(
         Replace a bundle that stands at ``out``.
     streaming : Streaming, optional
         Go through the bags one by one, as is done with many in any case, and how.
+    bare : bool, default=False
+        Give models and their figures alone, for studies with many fits: no doctor, no verdicts on
+        uses, no collision thresholds and nothing for loads, which take most of the time.
     progress : callable
         Called with what is done next, in words.
 
@@ -210,10 +217,19 @@ def fit(
     check_type(spec, PreprocessingSpec, 'preprocessing', 'arm.spec.preprocessing, changed')
     if preprocessing is not None:  # what is given is meant, defaults included
         spec = PreprocessingSpec.model_validate(spec.model_dump())
+    masses = _by_path(payloads or {}, [*training, *judging])
+    if bare:
+        if out is not None:
+            raise UsageError('bare models have no report to be written',
+                             remedy='leave bare or out')
+        check_choices(training, judging)
+        source = _source(arm, training, judging, spec, settings, masses, streaming, progress)
+        return bare_bundle_of(fit_bags(source, settings, progress, ignore_payload=ignore_payload,
+                                       examine=False))
     return fit_choices(
-        arm, training, judging, spec, settings, _by_path(payloads or {}, [*training, *judging]),
-        ignore_payload=ignore_payload, out=None if out is None else Path(out),
-        overwrite=overwrite, streaming=streaming, progress=progress).bundle
+        arm, training, judging, spec, settings, masses, ignore_payload=ignore_payload,
+        out=None if out is None else Path(out), overwrite=overwrite, streaming=streaming,
+        progress=progress).bundle
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,14 +258,8 @@ def fit_choices(
     check_choices(training, test)
     if out is not None:
         check_target(out, overwrite=overwrite)
-    check_kinds(settings.kinds, arm)
     clock = Clock()
-    if streams(len(training), settings, asked=streaming is not None):
-        bags: HeldBags | ManyBags = ManyBags(
-            arm, training, test, preprocessing, payloads, streaming or Streaming(Spool()),
-            progress)
-    else:
-        bags = HeldBags(arm, training, test, preprocessing, payloads, progress)
+    bags = _source(arm, training, test, preprocessing, settings, payloads, streaming, progress)
     clock.lap('read and filter')
     result = fit_bags(bags, settings, progress, ignore_payload=ignore_payload)
     clock.lap('fit and validate')
@@ -266,6 +276,19 @@ def fit_choices(
             'report.html': report_bytes(result, assessment, planned=planned)})
         clock.lap('save and report')
     return Fit(result, assessment, bundle, planned, clock.seconds)
+
+
+def _source(
+    arm: Arm, training: Sequence[BagChoice], test: Sequence[BagChoice], spec: PreprocessingSpec,
+    settings: FitSettings, payloads: Mapping[str, float], streaming: Streaming | None,
+    progress: Progress,
+) -> HeldBags | ManyBags:
+    """Read the bags, or, of many, look at them and be ready to go through them."""
+    check_kinds(settings.kinds, arm)
+    if streams(len(training), settings, asked=streaming is not None):
+        return ManyBags(arm, training, test, spec, payloads, streaming or Streaming(Spool()),
+                        progress)
+    return HeldBags(arm, training, test, spec, payloads, progress)
 
 
 class Clock:

@@ -74,6 +74,22 @@ def test_detect_refuses_what_it_cannot_use(model: Path, root: Path) -> None:
         td.detect(bare, root / 'bags/two_blade_pushes')
 
 
+def test_bare_models_are_the_same(model: Path, root: Path, tmp_path: Path) -> None:
+    """Models and figures of a full fit, and nothing on what they are good for."""
+    bags = [root / f'bags/two_blade_train_{k}' for k in (1, 2)]
+    arm, test = td.load_arm(root / 'config/two_blade_arm.yaml'), root / 'bags/two_blade_test'
+    bare, full = td.fit(bags, arm, test=test, bare=True), td.load_bundle(model)
+    for output, kinds in full.models.items():
+        for kind, known in kinds.items():
+            assert bare.models[output][kind].to_dict(arm, output) == known.to_dict(arm, output)
+    assert bare.facts['validation'] == full.facts['validation'] and not bare.facts['findings']
+    assert not {'thresholds', 'uses', 'payload_errors'} & {*bare.facts}
+    td.save_bundle(bare, tmp_path / 'bare')
+    assert td.predict(td.load_bundle(tmp_path / 'bare'), test).outputs.keys() == full.models.keys()
+    with pytest.raises(td.TudorError, match='no report'):
+        td.fit(bags, arm, out=tmp_path / 'x', bare=True)
+
+
 def test_signals_of_a_run(run: td.SimulatedRun, tmp_path: Path) -> None:
     """Curves with labels and unit, their amplitudes, a titled picture, a moving one."""
     curves = run.curves('acceleration:tip')

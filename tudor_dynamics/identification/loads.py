@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import math
 from typing import Any
 
@@ -187,6 +187,16 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
     """Collect the models of a fit with all that is known of their worth."""
     assessment = assess(result) if assessment is None else assessment
     bent = bent_links_of(result)
+    bare = bare_bundle_of(result)
+    return replace(bare, facts={
+        **bare.facts, **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
+        'payload_errors': payload_errors(result, bent),
+        **({} if bent is None else {FACT: bent.as_dict(result.arm)}),
+        **({} if result.causal is None else {'causal_validation': figures(result.causal)})})
+
+
+def bare_bundle_of(result: FitResult) -> ModelBundle:
+    """Collect the models of a fit with their figures, without what they are good for."""
     facts = {
         'training': [bag.as_dict() for bag in result.learned],
         'test': [bag.as_dict() for bag in result.judged],
@@ -195,14 +205,9 @@ def bundle_of(result: FitResult, assessment: Assessment | None = None) -> ModelB
                      'share': r.share} for r in result.ringing],
         'warnings': list(result.warnings), 'choices': choices_to_list(result.choices),
         'findings': [item.as_dict() for item in result.findings],
-        **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {}),
-        **assessment.as_dict(), 'thresholds': as_plain(assessment.thresholds),
-        'payload_errors': payload_errors(result, bent),
-        **({} if bent is None else {FACT: bent.as_dict(result.arm)})}
-    causal = None
-    if result.causal is not None:
-        facts['causal_validation'] = figures(result.causal)
-        causal = CausalModels(result.causal.preprocessing, _models(result.causal))
+        **({'unused': [asdict(bag) for bag in result.unused]} if result.unused else {})}
+    causal = (None if result.causal is None else
+              CausalModels(result.causal.preprocessing, _models(result.causal)))
     return ModelBundle(result.arm, result.preprocessing, _models(result), facts, causal)
 
 
