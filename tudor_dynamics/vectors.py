@@ -197,6 +197,7 @@ def _viewed(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def views(_: Any, tables: Any) -> Any:
+    """View the numbers of tables as vectors of lanes."""
     kinds = types.Tuple([_kind_of(kind) for kind in tables])
 
     def lower(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -221,5 +222,6 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def without_owner(_: Any, tables: Any) -> Any:
+    """Give tables of which no reference is counted."""
     return tables(tables), lambda context, builder, signature, values: _without_owner(
         context, builder, signature.args[0], values[0])

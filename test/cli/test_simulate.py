@@ -222,7 +222,7 @@ def test_bad_options_get_one_line(root, tmp_path, capsys, options, words):
     assert words in message
 
 
-@pytest.mark.parametrize('words', [[], ['table1', '--out', 'out'], ['--json'], ['--help']])
+@pytest.mark.parametrize('words', [[], ['table1', '--out', 'out'], ['--help']])
 def test_reproduce_says_what_took_its_place(capsys, words):
     """One line, and the exit code of wrong input."""
     if words == ['--help']:

@@ -143,11 +143,11 @@ def test_friction_turns_over_twice_the_presliding() -> None:
     motor = MOTOR.model_copy(update={'presliding': 2e-3, 'breakaway': 1.0})
     row, state = drive_row(motor, DT, Imperfections()), np.zeros(dr.STATES)
     turn(row, 1.0, 1000, state)
-    assert state[dr.BENT] == 1.0
+    assert state[dr.BRISTLE] == 1.0
     while state[dr.SPEED] > 0.0:
         dr.rotor_law(row, state, DT, -1.0)
     furthest = state[dr.ANGLE]
-    while state[dr.BENT] > -1.0:
+    while state[dr.BRISTLE] > -1.0:
         dr.rotor_law(row, state, DT, -1.0)
     assert furthest - state[dr.ANGLE] == pytest.approx(4e-3, abs=abs(2 * DT * state[dr.SPEED]))
 
@@ -185,14 +185,14 @@ def test_friction_only_takes_energy(
 
     def energy() -> float:
         return float(0.5 * row[dr.INERTIA] * state[dr.SPEED] ** 2
-                     + 0.5 * grip * presliding * state[dr.BENT] ** 2)
+                     + 0.5 * grip * presliding * state[dr.BRISTLE] ** 2)
 
     before = energy()
     for _ in range(200):
         dr.rotor_law(row, state, DT, current)
         assert energy() <= before * (1.0 + 1e-9) + 1e-15
         before = energy()
-    assert abs(state[dr.BENT]) <= breakaway
+    assert abs(state[dr.BRISTLE]) <= breakaway
 
 
 @settings(deadline=None, max_examples=50)

@@ -235,7 +235,7 @@ def test_a_blind_monitor_outranks_a_warning(
     def mute(_: int, messages: dict[str, Any]) -> None:
         del messages['link_strains']
     watched.feed(0, 200)
-    monkeypatch.setattr(ModelNode, 'status', lambda _: (WARN, 'payload 0.7 kg', {}))
+    monkeypatch.setattr(ModelNode, 'verdict', lambda _: (WARN, 'payload 0.7 kg'))
     level, message, _ = watched.told()
     assert level == WARN and 'payload 0.7 kg' in message
     watched.feed(200, 325, mute)
@@ -304,7 +304,7 @@ def test_diagnostics_of_a_node_that_was_shut_down(world: World) -> None:
 def test_counting_is_cheap(watched: Watched) -> None:
     """A message costs two sums and a comparison; looks come ten times a second."""
     looked: list[float] = []
-    judged = watched.node.coverage._judged[0]
+    judged = watched.node.coverage._outputs[0]
     look = judged.look
     judged.look = lambda now: (looked.append(now), look(now))[1]
     watched.feed(0, 300)

@@ -42,11 +42,8 @@ from tudor_dynamics.nodes.dynamics_predictor import DynamicsPredictorNode
 from tudor_dynamics.nodes.joint_state_filter import JointStateFilterNode
 from tudor_dynamics.nodes.monitor import MonitorNode
 from tudor_dynamics.nodes.payload_estimator import PayloadEstimatorNode
-from tudor_dynamics.online.detector import Level
 from tudor_dynamics.online.monitor import follow_load
-from tudor_dynamics.online.prediction import Residual
 from tudor_dynamics.online.settings import LAGS, WINDOW
-from tudor_dynamics.online.streams import Motion
 from tudor_dynamics.online.threshold_learning import thresholds_to_dict
 from tudor_dynamics.online.thresholds import MethodThresholds, Tail
 
@@ -234,14 +231,10 @@ def test_detector_hears(world: World, bundle: Path) -> None:
     publisher.publish(message)
     assert world.spin(lambda: node.port.load.mass == 0.25)
     assert node.watch.payload is node.port.load
-    first = node.port.load.step(residual_at(1_000_000_000), Level.COLLISION)
+    sample = 0.01, np.zeros(6), np.zeros(2)
+    first = node.port.load.step(1_000_000_000, *sample, touched=True)
     assert first is not None and first.change == pytest.approx(0.25)
-    assert node.port.load.step(residual_at(1_010_000_000), Level.COLLISION) is None
-
-
-def residual_at(stamp: int) -> Residual:
-    """Give a sample of nothing."""
-    return Residual(Motion(stamp, 1.0, 0.01, np.zeros(6)), np.zeros(2), np.zeros(2), np.zeros(2))
+    assert node.port.load.step(1_010_000_000, *sample, touched=True) is None
 
 
 def test_gripper(world: World, bundle: Path) -> None:

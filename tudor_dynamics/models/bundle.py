@@ -88,7 +88,7 @@ class ModelBundle:
 
     @property
     def payload_range(self) -> tuple[float, float] | None:
-        """Loads that the models were fitted to [kg]; None where they know of none."""
+        """Give the loads that the models were fitted to [kg]; None where they know of none."""
         ranges = (model.payload_range for kinds in self.models.values()
                   for model in kinds.values())
         return next((found for found in ranges if found is not None), None)

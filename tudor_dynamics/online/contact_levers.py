@@ -127,7 +127,7 @@ class Span:
 
     @property
     def spread(self) -> float:
-        """Standard deviation of the place before anything is known [m]."""
+        """Give the standard deviation of the place before anything is known [m]."""
         return (self.outer - self.inner) / math.sqrt(12.0)
 
     @property
