@@ -95,7 +95,14 @@ def scenario(args: argparse.Namespace, user: Listener) -> dict[str, Any]:
                 'floor': react(user, 'floor', lambda: lower(user))}
     return {'move': judge_move(user, begin, end, args.save), 'false_events': false,
             'dropped_by_monitor': drops_of_monitor(user) - dropped,
+            'longest_gap_s': max(spread(stamps_of(user, topic))['longest gap']
+                                 for topic in ('joint_states', 'joint_reference')),
             **{name: judge_contact(user, item) for name, item in contacts.items()}}
+
+
+def stamps_of(user: Listener, topic: str) -> FloatArray:
+    """Give all stamps of a topic [s]."""
+    return user.series(topic, 'position', user.arm.active_joints)[0]
 
 
 def drops_of_monitor(user: Listener) -> int:
@@ -161,12 +168,13 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     t, force = user.series('applied_wrench', 'force')
     during = (t > seen['begin']) & (t < seen['end'])
     t, size = t[during], np.linalg.norm(force[during], axis=1)
-    event = seen['event']
-    result: dict[str, Any] = {'found': event is not None, 'largest_N': float(size.max()),
+    event, touching = seen['event'], size > 0.01
+    result: dict[str, Any] = {'found': event is not None and bool(touching.any()),
+                              'largest_N': float(size.max()),
                               'at_the_end_N': float(size[-100:].max())}
-    if event is None:
-        return result
-    touched, onset = float(t[size > 0.01][0]), nanoseconds(event.stamp) * 1e-9
+    if not result['found']:  # no event, or one without contact
+        return {**result, 'false': event is not None}
+    touched, onset = float(t[touching][0]), nanoseconds(event.stamp) * 1e-9
     told = {item.key: item.value
             for array in user.events['/diagnostics'] for status in array.status
             if status.name.endswith(': collision') for item in status.values
@@ -174,7 +182,7 @@ def judge_contact(user: Listener, seen: dict[str, Any]) -> dict[str, Any]:
     t_ref, q_ref = user.series('joint_reference', 'position', user.arm.active_joints)
     t_ref, q_ref = t_ref[t_ref < seen['end']], q_ref[t_ref < seen['end']]
     reacting = q_ref[t_ref > seen['arrived']]
-    pressing = t[size > 0.01]
+    pressing = t[touching]
     # diagnostics keep one message: on a busy machine the one with the event may be lost
     sure = (onset - touched + 1e-3 * float(told['certain after [ms]']) if told
             else seen['arrived'] - touched)

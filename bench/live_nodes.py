@@ -244,9 +244,12 @@ class Listener:
         """Call a service."""
         client = self.node.create_client(kind, service)
         self.wait(client.service_is_ready, service)
-        future = client.call_async(request)
-        self.wait(future.done, service)
-        return future.result()
+        for _ in range(6):  # an answer is lost where the server does not know the reader yet
+            future, asked = client.call_async(request), time.monotonic()
+            self.wait(lambda: future.done() or time.monotonic() > asked + 10.0, service)
+            if future.done():
+                return future.result()
+        raise SystemExit(f'{service}: no answer')
 
     def reset(self, node: str) -> None:
         """Call ``~/reset`` of a node."""

@@ -38,6 +38,8 @@ from tudor_dynamics.cli.main import main  # noqa: E402
 from tudor_dynamics.nodes.common.messages import floats, nanoseconds, time_message  # noqa: E402
 from tudor_dynamics.nodes.common.runner import new_executor  # noqa: E402
 
+ANSWER = 10.0
+"""How long a service is waited for before it is called again [s]."""
 JOINTS, GAUGES = ['joint2', 'joint3'], ['link2_hub', 'link3_hub']
 
 
@@ -105,6 +107,22 @@ class World:
                 return True
             self.executor.spin_once(timeout_sec=0.02)
         return until()
+
+    def call(self, kind: Any, service: str, request: Any | None = None) -> Any:
+        """
+        Call a service of another node; give its answer.
+
+        An answer is lost where the server does not know the client's reader yet, although the
+        service is ready for the client: then it is asked again.
+        """
+        client = self.probe.create_client(kind, service)
+        assert self.spin(client.service_is_ready), f'{service} is not there'
+        for _ in range(round(PATIENCE / ANSWER)):
+            future = client.call_async(request or kind.Request())
+            if self.spin(future.done, ANSWER):
+                self.probe.destroy_client(client)
+                return future.result()
+        raise AssertionError(f'{service} does not answer')
 
     def rest(self, seconds: float) -> None:
         """Spin for a while."""

@@ -124,13 +124,9 @@ def test_ros2_run(workspace: Path, prefix: Path) -> None:
     try:
         assert world.spin(lambda: ('oscillation_damper', '/left')
                           in world.probe.get_node_names_and_namespaces(), 60.0)
-        client = world.probe.create_client(
-            GetParameters, '/left/oscillation_damper/get_parameters')
-        assert world.spin(client.service_is_ready)
-        future = client.call_async(GetParameters.Request(
-            names=['damping', 'use_sim_time', 'timeout']))
-        assert world.spin(future.done)
-        damping, simulated, timeout = future.result().values
+        damping, simulated, timeout = world.call(
+            GetParameters, '/left/oscillation_damper/get_parameters',
+            GetParameters.Request(names=['damping', 'use_sim_time', 'timeout'])).values
         assert damping.double_value == 0.25 and simulated.bool_value
         assert timeout.double_value == 0.1
         assert world.spin(lambda: world.probe.count_publishers('/left/speeds') == 1)

@@ -62,10 +62,7 @@ def test_it_comes_back_after_a_diverged_run(world: World, root: Path, clock: boo
     assert status.level == DiagnosticStatus.ERROR
     assert node.arm.failure in status.message and '~/reset' in status.message
     assert int(values_of(status)['dropped: diverged']) > 0
-    client = world.probe.create_client(Trigger, 'arm_simulator/reset')
-    assert world.spin(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    assert world.spin(future.done) and future.result().success
+    assert world.call(Trigger, 'arm_simulator/reset').success
     assert drive(lambda: heard[-1].position[1] > 0.85)
     assert world.status('arm_simulator').level != DiagnosticStatus.ERROR
     stamps, _ = series(heard, 'position')

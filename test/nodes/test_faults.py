@@ -199,12 +199,9 @@ def test_model_of_another_arm_and_reload(
     link = tmp_path / 'current'
     link.symlink_to(model)
     node = start(world, link)
-    client = world.probe.create_client(Trigger, 'monitor/reload')
-    assert world.spin(client.service_is_ready)
 
     def reload() -> None:
-        future = client.call_async(Trigger.Request())
-        assert world.spin(future.done) and future.result().success
+        assert world.call(Trigger, 'monitor/reload').success
     count = counter(node)
     feed(world, recording, count, last=100)
     before = node.monitor

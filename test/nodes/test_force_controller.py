@@ -47,9 +47,7 @@ def test_approach_hold_and_retreat(world: World, root: Path) -> None:  # noqa: F
     assert world.spin(lambda: node.controller.phase.name == 'HOLD'), node.controller.cause
     assert world.spin(lambda: bool(felt) and abs(felt[-1].wrench.force.z - 2.0) < 0.2)
     assert state_of(world)['state'] == 'hold'
-    client = world.probe.create_client(Trigger, '/force_controller/retreat')
-    assert world.spin(client.service_is_ready)
-    client.call_async(Trigger.Request())
+    world.call(Trigger, '/force_controller/retreat')
     assert world.spin(lambda: node.controller.phase.name == 'IDLE'), node.controller.cause
     world.end(simulator)
     assert world.spin(lambda: world.status(

@@ -85,16 +85,10 @@ def test_each_is_a_monitor_of_its_own(
         assert world.spin(lambda: all(world.output(f'/{arm}/joint_states').get_subscription_count()
                                       for arm in fleet.arms))
         assert fleet.flows(*fleet.arms)
-        get = world.probe.create_client(GetParameters, '/hall/left/monitor/get_parameters')
-        assert world.spin(get.service_is_ready)
-        future = get.call_async(GetParameters.Request(names=['debounce', 'robot']))
-        assert world.spin(future.done)
-        values = future.result().values
+        values = world.call(GetParameters, '/hall/left/monitor/get_parameters',
+                            GetParameters.Request(names=['debounce', 'robot'])).values
         assert (values[0].double_value, values[1].string_value) == (0.02, 'first')
-        reset = world.probe.create_client(Trigger, '/right/monitor/reset')
-        assert world.spin(reset.service_is_ready)
-        future = reset.call_async(Trigger.Request())
-        assert world.spin(future.done) and future.result().success
+        assert world.call(Trigger, '/right/monitor/reset').success
         found = world.status('monitor', lambda status: status.name.endswith('/third'))
         assert found.level == found.ERROR and 'none' in found.message
         host = world.status('monitors')

@@ -137,10 +137,7 @@ def test_expected(world: World, bundle: Path) -> None:
     node = world.add(PayloadEstimatorNode, model=str(bundle))
     answer = node.port._expect()
     assert 'without being a collision' in answer and node.port.load is not None
-    client = world.probe.create_client(Trigger, 'payload_estimator/expect_payload')
-    assert world.spin(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    assert world.spin(future.done) and future.result().success
+    assert world.call(Trigger, 'payload_estimator/expect_payload').success
 
 
 def test_without_a_scale(world: World, model: Path) -> None:

@@ -54,11 +54,9 @@ def test_filter_process(executor: str, number: int, world: World, root: Path) ->
             if len(heard) >= 15:
                 break
         assert len(heard) >= 15
-        get = world.probe.create_client(GetParameters, '/arm/joint_state_filter/get_parameters')
-        assert world.spin(get.service_is_ready)
-        future = get.call_async(GetParameters.Request(names=['velocity_cutoff', 'gap']))
-        assert world.spin(future.done)
-        assert [v.double_value for v in future.result().values] == [33.0, 0.0]
+        values = world.call(GetParameters, '/arm/joint_state_filter/get_parameters',
+                            GetParameters.Request(names=['velocity_cutoff', 'gap'])).values
+        assert [value.double_value for value in values] == [33.0, 0.0]
     finally:
         finish(process, number)
 
@@ -100,11 +98,7 @@ def test_parameters_over_services(world: World, model: Path) -> None:
     node = world.add(node_class('monitor'), model=str(model))
 
     def call(kind, name, request):
-        client = world.probe.create_client(kind, f'monitor/{name}')
-        assert world.spin(client.service_is_ready)
-        future = client.call_async(request)
-        assert world.spin(future.done)
-        return future.result()
+        return world.call(kind, f'monitor/{name}', request)
 
     names = call(ListParameters, 'list_parameters', ListParameters.Request()).result.names
     assert {param.name for param in NODES['monitor']} <= set(names)
@@ -133,14 +127,12 @@ def test_queues_are_made_deeper(world: World, root: Path, tmp_path: Path) -> Non
     (tmp_path / 'deep.yaml').write_text(shown.replace('/**/monitor:', '/**/joint_state_filter:'))
     process = launch('joint_state_filter', '--params-file', str(tmp_path / 'deep.yaml'))
     try:
-        get = world.probe.create_client(GetParameters, 'joint_state_filter/get_parameters')
         name = 'qos_overrides./joint_states.subscription.depth'
 
         def depth() -> int:
-            future = get.call_async(GetParameters.Request(names=[name]))
-            assert world.spin(future.done)
-            return future.result().values[0].integer_value
-        assert world.spin(get.service_is_ready)
+            answer = world.call(GetParameters, 'joint_state_filter/get_parameters',
+                                GetParameters.Request(names=[name]))
+            return answer.values[0].integer_value
         assert world.spin(lambda: depth() == 1000)
     finally:
         finish(process, signal.SIGINT)

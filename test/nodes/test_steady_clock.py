@@ -53,10 +53,7 @@ def test_reload_while_ros_time_stands_still(world: World, model: Path) -> None:
     """A model that was reloaded is taken into use without any /clock."""
     node = world.add(MonitorNode, model=str(model), use_sim_time=True)
     before = node.monitor
-    client = world.probe.create_client(Trigger, 'monitor/reload')
-    assert world.spin(client.service_is_ready)
-    future = client.call_async(Trigger.Request())
-    assert world.spin(future.done) and future.result().success
+    assert world.call(Trigger, 'monitor/reload').success
     assert world.spin(lambda: node.monitor is not before, 20.0)
 
 
