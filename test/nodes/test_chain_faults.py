@@ -145,18 +145,16 @@ def test_predictor_and_detector_of_another_arm(world: World, model: Path) -> Non
         assert world.spin(lambda: all(
             sum(drops['unknown_names'] for drops in node.counters()) == sent for node in nodes))
 
-    def named() -> bool:
+    def found_wrong(node: str) -> bool:
         send()  # what was told before the probe heard is told again
-        return any('unknown_names' in status.message for status in told())
+        return any(status.level in (DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+                   for status in told_by(world, node)())
     for _ in range(40):
         send()
     assert not heard
-    told = told_by(world, 'dynamics_predictor')
-    assert world.spin(named)
-    for node in nodes:  # the detector soon says that it hears no prediction, and counts on
-        assert world.status(node.get_name(), lambda status: status.level in (
-            DiagnosticStatus.WARN, DiagnosticStatus.ERROR) and int(
-                values_of(status).get('dropped: unknown_names', '0')) >= 40)
+    for node in nodes:
+        assert world.spin(lambda: found_wrong(node.get_name()))  # noqa: B023
+        assert int(values_of(world.status(node.get_name()))['dropped: unknown_names']) >= 40
 
 
 def test_simulator_takes_no_impossible_command(world: World, root: Path) -> None:
