@@ -16,6 +16,8 @@
 """Sphinx: the reference of the API, made of the docstrings; ``make docs`` builds it."""
 
 from pathlib import Path
+from types import GenericAlias
+from typing import Any
 
 import tudor_dynamics
 
@@ -41,3 +43,13 @@ library = Path(__file__).parent / 'generated' / 'library.txt'
 library.parent.mkdir(exist_ok=True)
 library.write_text('.. autosummary::\n   :nosignatures:\n\n' + ''.join(
     f'   ~{home}.{name}\n' for home, names in tudor_dynamics._HOMES.items() for name in names))
+
+
+def skip_alias(_: Any, what: str, name: str, item: object, skip: bool, options: Any) -> bool:
+    """Leave aliases of types out: they are taken for classes, and have no signature."""
+    return skip or isinstance(item, GenericAlias)
+
+
+def setup(app: Any) -> None:
+    """Connect what is above."""
+    app.connect('autodoc-skip-member', skip_alias)
