@@ -16,15 +16,21 @@
 """
 Time and memory of a `tudor` command, run several times in processes of its own.
 
+    python bench/command_cost.py evaluate --model model BAG
+    python bench/command_cost.py --against ../before fit BAG --arm ARM --out model --overwrite
+    python bench/command_cost.py --against ../before --script bench/simulate_speed.py
+
 CPU time counts user and system, with one thread for linear algebra; beside other work it is the
 figure to compare. The first run is not counted: it reads files from disk, and compiles what is not
-kept yet.
+kept yet. With another checkout both run by turns; the ratio is that of CPU times, before / now:
+above 1 the tree here is faster.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+from pathlib import Path
 import resource
 import subprocess
 import sys
@@ -32,29 +38,52 @@ import time
 
 import numpy as np
 
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def run(tree: Path, words: list[str]) -> tuple[float, float]:
+    """Run a command of a tree here; CPU and wall time [s]."""
+    environment = {**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1',
+                   'PYTHONPATH': str(tree)}
+    before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(words, stdout=subprocess.DEVNULL, env=environment, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode > 1:  # 1 is an answer
+        raise SystemExit(done.returncode)
+    return (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            time.perf_counter() - begun)
+
 
 def main() -> int:
     """Print the table; the exit code of the command where it fails."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--runs', type=int, default=5)
+    parser.add_argument('--against', metavar='TREE', type=Path, help='checkout to compare with')
+    parser.add_argument('--script', action='store_true',
+                        help='the words are a script of each tree and its options')
     parser.add_argument('command', nargs=argparse.REMAINDER, metavar='...',
-                        help='words behind `tudor`, such as: evaluate --model model BAG')
+                        help='words after `tudor`, such as: evaluate --model model BAG')
     args = parser.parse_args()
-    words = [sys.executable, '-m', 'tudor_dynamics', *args.command]
-    environment = {**os.environ, 'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1'}
-    taken = []
+    trees = [ROOT] if args.against is None else [args.against.resolve(), ROOT]
+    taken: dict[Path, list[tuple[float, float]]] = {tree: [] for tree in trees}
     for _ in range(1 + args.runs):
-        before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        done = subprocess.run(words, stdout=subprocess.DEVNULL, env=environment, check=False)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        if done.returncode > 1:  # 1 is an answer
-            return done.returncode
-        taken.append((after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
-                      time.perf_counter() - begun))
-    for name, column in zip(('CPU', 'time'), np.array(taken[1:]).T, strict=True):
-        print(f'{name:5s} median {np.median(column):.2f} s, from {column.min():.2f} to '
-              f'{column.max():.2f} s')
-    print(f'memory {after.ru_maxrss / 1024:.0f} MiB at most')
+        for tree in trees:
+            words = ([str(tree / args.command[0]), *args.command[1:]] if args.script
+                     else ['-m', 'tudor_dynamics', *args.command])
+            taken[tree].append(run(tree, [sys.executable, *words]))
+    for tree in trees:
+        if len(trees) > 1:
+            print('now' if tree is ROOT else 'before')
+        for name, column in zip(('CPU', 'time'), np.array(taken[tree][1:]).T, strict=True):
+            print(f'{name:5s} median {np.median(column):.2f} s, from {column.min():.2f} to '
+                  f'{column.max():.2f} s')
+    if len(trees) > 1:
+        ratios = np.array([before[0] / now[0] for before, now in zip(
+            taken[trees[0]][1:], taken[ROOT][1:], strict=True)])
+        print(f'ratio of CPU times, before / now: median {np.median(ratios):.2f}, from '
+              f'{ratios.min():.2f} to {ratios.max():.2f}')
+    used = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    print(f'memory {used:.0f} MiB at most')
     return 0
 
 
