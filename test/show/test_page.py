@@ -182,10 +182,10 @@ def test_page_names_every_finding(result: FitResult, html: str) -> None:
         for channel in item.validation.channels:
             assert channel in page.text
         for group in coefficient_groups(item, result.arm):
-            for row in group.rows:
-                assert row.name in page.text
-                assert number(row.value, 4) in page.text
-                assert pretty_unit(row.unit) in page.text
+            for row in group['coefficients']:
+                assert row['name'] in page.text
+                assert number(row['value'], 4) in page.text
+                assert pretty_unit(row['unit']) in page.text
         assert number(item.validation.score.rmse) in page.text
     assert 'Random split : random half of the samples (optimistic)' in page.text
     assert 'run3' in page.text and '3 backward stamps' in page.text and 'c0ffee' in page.text
@@ -292,11 +292,12 @@ def test_unexcited_coefficients_are_marked() -> None:
         still.append(BagData(data.choice, recording,
                              tuple(prepare(recording, arm.spec.preprocessing))))
     result = fit_models(arm, still[:2], still[2:], None, arm.spec.preprocessing, SMALL)
-    rows = [row for group in coefficient_groups(result.fitted[0], arm) for row in group.rows]
-    notes = {row.name: row.note for row in rows}
+    rows = [row for group in coefficient_groups(result.fitted[0], arm)
+            for row in group['coefficients']]
+    notes = {row['name']: row['note'] for row in rows}
     assert notes['viscous(axis2)'] == 'not excited'
     assert notes['viscous(axis1)'] != 'not excited'
-    marked = [row for row in rows if row.note == 'not excited']
+    marked = [row for row in rows if row['note'] == 'not excited']
     assert Page(render(result)).values('class').count('unexcited') == len(marked)
 
 
@@ -335,8 +336,8 @@ def test_units_of_mixed_joints() -> None:
             {'name': 'hinge', 'effort': {'unit': 'A', 'torque_constant': 2.0}}]},
         base=Path(), source='test')
     result = fit(arm)
-    units = {row.name: row.unit for group in coefficient_groups(result.fitted[0], arm)
-             for row in group.rows}
+    units = {row['name']: row['unit'] for group in coefficient_groups(result.fitted[0], arm)
+             for row in group['coefficients']}
     assert units['viscous(slide)'] == 'N s/m'
     assert units['coulomb(slide)'] == 'N'
     assert units['viscous(hinge)'] == 'N m s/rad'
@@ -353,10 +354,9 @@ def test_coverage_counts_what_lies_outside() -> None:
     result = fit_models(arm, [inside, bag(arm, 'a2', 1)], [outside], None,
                         arm.spec.preprocessing, SMALL)
     row = coverage(result)[0]
-    assert row.training[0] >= q.min() and row.training[1] <= q.max()
-    assert row.outside is not None and row.outside > 99.0
-    assert row.test is not None and row.test[0] == pytest.approx(
-        row.training[0] + q.max() - q.min())
+    assert row['training'][0] >= q.min() and row['training'][1] <= q.max()
+    assert row['outside'] > 99.0
+    assert row['test'][0] == pytest.approx(row['training'][0] + q.max() - q.min())
 
 
 def test_detail_is_where_the_arm_moves(result: FitResult) -> None:

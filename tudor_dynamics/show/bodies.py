@@ -28,48 +28,22 @@ from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.load.offline import Leftover, PayloadEstimate
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.comparison import (
-    body_row, BodyRow, described_bodies, described_parameters_of, full_parameters_of,
-    FullParameters, relative_errors)
+    body_row, described_bodies, described_parameters_of, full_parameters_of, relative_errors)
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show.figures import (
     BLUE, label, new_cells, on_page, PAGE_MEASURED, thin)
-from tudor_dynamics.typing import FloatArray
 
 
-# -- What a description says of the bodies, beside what was identified, and what that is worth
+def before_after(result: FitResult) -> dict[str, Any] | None:
+    """
+    Compare an arm as described with an arm as identified, for `before.html.j2`.
 
-@dataclass(frozen=True)
-class JointErrors:
-    """What bodies are worth for a joint, on motion that nothing was fitted to."""
-
-    joint: str  # name of the joint
-    # Relative error of its effort by bodies as described with the drives that suit them best, by
-    # identified ones that can exist, and by base parameters [%].
-    described: float
-    identified: float
-    free: float
-
-
-@dataclass(frozen=True)
-class IdentifiedBody:
-    """A body before and after."""
-
-    row: BodyRow  # as described, and as identified
-    mass_error: float  # standard error of the identified mass [kg]
-    shown: int  # of its ten parameters, those that the recordings fix
-
-
-@dataclass(frozen=True)
-class BeforeAfter:
-    """A description and a fit side by side."""
-
-    bodies: tuple[IdentifiedBody, ...]  # one for each joint
-    joints: tuple[JointErrors, ...]
-    assumed: bool  # whether torque is known up to a factor only, so that masses are not absolute
-
-
-def before_after(result: FitResult) -> BeforeAfter | None:
-    """Compare an arm as described with an arm as identified."""
+    Returns ``bodies``: both bodies of each joint, the standard error of the identified mass [kg],
+    and how many of ten parameters the recordings fix; ``joints``: relative errors of effort [%] on
+    motion that nothing was fitted to, by bodies as described with the drives that suit them best,
+    by identified ones that can exist, and by base parameters; ``assumed``: whether torque is known
+    up to a factor only, so that masses are not absolute.
+    """
     arm = result.arm
     fitted = next((item for item in result.fitted
                    if (item.output, item.kind) == ('effort', 'analytical')), None)
@@ -85,29 +59,19 @@ def before_after(result: FitResult) -> BeforeAfter | None:
         assert isinstance(model, AnalyticalModel)
         for kind, judged in enumerate((described_parameters_of(arm, model).model,
                                        full_parameters_of(arm, model).model, model)):
-            errors[kind] += _squares(relative_errors(judged, data.stretches), len(models) - 1)
+            # a joint that shows nothing in a bag has no part in the mean square
+            found = np.nan_to_num(relative_errors(judged, data.stretches))
+            errors[kind] += found ** 2 / (len(models) - 1)
     assert isinstance(fitted.model, AnalyticalModel)
     full = full_parameters_of(arm, fitted.model)
-    return BeforeAfter(
-        tuple(_body(full, joint, before[joint], place)
-              for place, joint in enumerate(full.bodies)),
-        tuple(JointErrors(joint, *(100.0 * np.sqrt(errors[:, place])).tolist())
-              for place, joint in enumerate(arm.active_joints)), full.assumed)
+    sources, mass_errors = full.sources(), full.solution.body_errors[:, 0].tolist()
+    return {
+        'bodies': [(body_row(joint, (arm, arm), (before[joint], body)), mass_errors[place],
+                    sources[10 * place:10 * (place + 1)].count('data'))
+                   for place, (joint, body) in enumerate(full.bodies.items())],
+        'joints': list(zip(arm.active_joints, (100.0 * np.sqrt(errors)).T.tolist(), strict=True)),
+        'assumed': full.assumed}
 
-
-def _squares(errors: FloatArray, bags: int) -> FloatArray:
-    """Give the part of a bag in the mean square; a joint that shows nothing in it has none."""
-    return np.asarray(np.nan_to_num(errors) ** 2 / bags)
-
-
-def _body(full: FullParameters, joint: str, before: FloatArray, place: int) -> IdentifiedBody:
-    sources = full.sources()[10 * place:10 * (place + 1)]
-    return IdentifiedBody(
-        body_row(joint, (full.arm, full.arm), (before, full.bodies[joint])),
-        float(full.solution.body_errors[place, 0]), sources.count('data'))
-
-
-# -- A load that a model did not know of: what became known of it, and what it explains
 
 WITH_LOAD: dict[str, Any] = {'color': BLUE, 'linewidth': 0.9, 'linestyle': '-'}
 COLUMNS = 2
@@ -137,23 +101,6 @@ class ChannelShare:
     before: float
     after: float
     share: float  # part of its squares that the load explains [%]
-
-
-@dataclass(frozen=True, eq=False)
-class LoadSection:
-    """All that the page shows of a load."""
-
-    bag: str  # bag that it was found in
-    estimate: PayloadEstimate  # what is known of it
-    values: tuple[LoadValue, ...]  # mass, centre and inertia, as far as they are shown
-    channels: tuple[ChannelShare, ...]  # joints and gauges
-    figure: str  # residuals without and with the load, as data URI
-
-
-def load_section(arm: Arm, bag: str, load: PayloadEstimate) -> LoadSection:
-    """Collect what the page shows of a load."""
-    return LoadSection(bag, load, load_values(load), load_shares(arm, load),
-                       load_figure(arm, load))
 
 
 def load_values(load: PayloadEstimate) -> tuple[LoadValue, ...]:

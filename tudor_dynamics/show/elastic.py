@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +27,13 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, Identified, RUN_IN, Start
+from tudor_dynamics.identification.elastic_problem import CLUSTER, HUBER, RUN_IN, Start
 from tudor_dynamics.identification.elastic_search import EXCERPT, FACTORS, STARTS
 from tudor_dynamics.identification.fit import FitResult
 from tudor_dynamics.identification.ringdowns import (
     find_ringdowns, LEAST_SECONDS, mode_map, ModeMap, Ringdown)
 from tudor_dynamics.models.elastic.arm import INNER_STEP
-from tudor_dynamics.models.elastic.model import driven_arm, PhysicalParameter
-from tudor_dynamics.models.elastic.parameters import in_words
+from tudor_dynamics.models.elastic.model import driven_arm
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show.figures import (
     joint_axes, label, legend_above, new_figure, on_page, plain_text)
@@ -193,84 +190,14 @@ def ringdown_figure(ringdowns: Sequence[Ringdown]) -> Figure:
     return figure
 
 
-# -- Rows and section of the elastic arm, as the page takes them
-
-@dataclass(frozen=True)
-class ParameterRow:
-    """A physical parameter; ``described`` is what the arm description says of it."""
-
-    name: str
-    symbol: str  # name as the bundle has it
-    value: float  # identified value, in its unit
-    unit: str  # unit of the value
-    standard_error: float  # standard deviation, in the same unit
-    described: float  # what the arm description says, in the same unit
-    note: str  # what is odd about it
-
-
-@dataclass(frozen=True)
-class GaugeRow:
-    """Gain and offset of a gauge, with their standard deviations."""
-
-    name: str
-    gain: float  # reading per bending moment, in the unit below
-    gain_error: float  # its standard deviation
-    gain_unit: str
-    offset: float  # reading without load, in the unit of the gauge
-    offset_error: float  # its standard deviation
-    unit: str
-
-
-@dataclass(frozen=True)
-class StartRow:
-    """A stiffness that the search began with; ``fit`` in percent, on the pieces compared."""
-
-    factor: float  # factor on the stiffness
-    share: str  # what the gears have of the compliance, in words
-    fit: float  # fit on the pieces compared [%]
-    note: str  # what became of it
-
-
-@dataclass(frozen=True)
-class RingRow:
-    """A ring-down with its bag and pose as the page writes them."""
-
-    bag: str  # bag as the page writes it
-    pose: str  # pose as the page writes it
-    unit: str  # unit of the amplitude
-    ring: Ringdown  # ring-down that was measured and predicted
-
-
-@dataclass(frozen=True, eq=False)
-class ElasticSection:
-    """All that the page shows of the elastic arm; figures as data URI."""
-
-    parameters: tuple[ParameterRow, ...]  # physical parameters of the arm
-    payload: float  # mass at the tip that was identified or given [kg]
-    payloads: bool  # whether the model is of all payloads
-    gauges: tuple[GaugeRow, ...]  # gain and offset of each gauge
-    modes: str | None  # figure of the modes as data URI
-    ringdowns: int  # number of ring-downs in all bags
-    ringdown_rows: tuple[RingRow, ...]  # ring-downs that the table shows
-    ringdown_figure: str | None  # figure of the ring-downs as data URI
-    ringdown_summary: str  # how well they are predicted, in words
-    shortest: float  # shortest standstill that counts [s]
-    starts: tuple[StartRow, ...]  # starts of the search
-    fit: float  # fit on the training bags [%]
-    runs: int  # simulations done in all
-    settings: str  # how it was identified, in words
-
-
-# -- The report's section on the elastic model: what the bags say of the arm's physics
-
 MOST_ROWS = 24
 """Ring-downs in the table; the figure has all."""
 NOT_SHOWN = 'not shown by these bags'
 
 
-def elastic_section(result: FitResult) -> ElasticSection | None:
+def elastic_section(result: FitResult) -> dict[str, Any] | None:
     """
-    Collect what the page shows of the elastic model.
+    Collect what `elastic.html.j2` shows of the elastic model.
 
     Returns None where no elastic model was fitted.
     """
@@ -286,46 +213,30 @@ def elastic_section(result: FitResult) -> ElasticSection | None:
     modes = mode_map(driven, np.column_stack([axis.training for axis in axes]))
     bags = [bag for bag in (*result.training, *result.test) if bag.has('strain')]
     ringdowns = find_ringdowns(driven, values, bags)
-    units = output_units(arm, 'strain')
-    return ElasticSection(
-        tuple(_parameter(p, described[p.name]) for p in found.physical), values['payload'],
-        result.settings.payloads is not None, gauge_rows(arm, found, units),
-        None if modes is None else mode_figure(
+    return {
+        'parameters': found.physical, 'described': described, 'not_shown': NOT_SHOWN,
+        'payload': values['payload'], 'payloads': result.settings.payloads is not None,
+        'gauges': list(zip(arm.gauge_names, found.gauges, found.gauge_errors, strict=True)),
+        'units': output_units(arm, 'strain'),
+        'modes': None if modes is None else mode_figure(
             modes, [(axes[i].name, axes[i].unit) for i in modes.joints], ringdowns),
-        len(ringdowns), ring_rows(ringdowns, units),
-        ringdown_figure(ringdowns) if ringdowns else None, summary(ringdowns), LEAST_SECONDS,
-        start_rows(found.starts), found.fit, found.runs, settings_text())
+        'ringdowns': len(ringdowns), 'strongest': strongest(ringdowns),
+        'ringdown_figure': ringdown_figure(ringdowns) if ringdowns else None,
+        'ringdown_summary': summary(ringdowns), 'shortest': LEAST_SECONDS,
+        'starts': start_rows(found.starts), 'fit': found.fit, 'runs': found.runs,
+        'settings': settings_text()}
 
 
-def _parameter(parameter: PhysicalParameter, described: float) -> ParameterRow:
-    return ParameterRow(
-        in_words(parameter.name), parameter.name, parameter.value, parameter.unit,
-        parameter.standard_error, described, '' if parameter.shown else NOT_SHOWN)
+def strongest(ringdowns: Sequence[Ringdown]) -> list[tuple[Ringdown, str, str]]:
+    """List the ring-downs, of many the strongest, with bag and pose for people."""
+    chosen = sorted(ringdowns, key=lambda r: -r.amplitude)[:MOST_ROWS]
+    # rounded before it is written: no minus before zero
+    return [(ring, Path(ring.bag).name, ', '.join(f'{round(x, 2) + 0.0:.2f}' for x in ring.q))
+            for ring in ringdowns if ring in chosen]
 
 
-def gauge_rows(
-    arm: Arm, found: Identified, units: dict[str, str],
-) -> tuple[GaugeRow, ...]:
-    """List gains and offsets."""
-    return tuple(
-        GaugeRow(name, float(value[0]), float(error[0]), f'({units[name]})/(N m)',
-                 float(value[1]), float(error[1]), units[name])
-        for name, value, error in
-        zip(arm.gauge_names, found.gauges, found.gauge_errors, strict=True))
-
-
-def ring_rows(ringdowns: Sequence[Ringdown], units: dict[str, str]) -> tuple[RingRow, ...]:
-    """List the ring-downs, of many the strongest."""
-    strongest = sorted(ringdowns, key=lambda r: -r.amplitude)[:MOST_ROWS]
-    return tuple(
-        # rounded before it is written: no minus before zero
-        RingRow(Path(ring.bag).name, ', '.join(f'{round(x, 2) + 0.0:.2f}' for x in ring.q),
-                units[ring.gauge], ring)
-        for ring in ringdowns if ring in strongest)
-
-
-def start_rows(starts: Sequence[Start]) -> tuple[StartRow, ...]:
-    """List the starts of the search, the best one marked."""
+def start_rows(starts: Sequence[Start]) -> list[tuple[Start, str, str]]:
+    """List the starts of the search with their shares and notes, the best one marked."""
     rows = []
     best = max((start.fit for start in starts), default=0.0)
     for start in sorted(starts, key=lambda start: (start.share or 0.0, start.factor)):
@@ -333,8 +244,8 @@ def start_rows(starts: Sequence[Start]) -> tuple[StartRow, ...]:
         if not FACTORS[0] * 1.01 < start.factor < FACTORS[-1] * 0.99:
             notes.append('at the edge of what was tried')
         share = 'as described' if start.share is None else f'{100.0 * start.share:g} %'
-        rows.append(StartRow(start.factor, share, start.fit, ', '.join(notes)))
-    return tuple(rows)
+        rows.append((start, share, ', '.join(notes)))
+    return rows
 
 
 def summary(ringdowns: Sequence[Ringdown]) -> str:

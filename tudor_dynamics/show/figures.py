@@ -343,26 +343,6 @@ DETAIL = 10.0
 MAX_PAIRS = 3
 
 
-@dataclass(frozen=True)
-class JointCoverage:
-    """Where a joint has been, in training and in validation."""
-
-    # Joint and the unit of its position.
-    joint: str
-    unit: str
-    # Smallest and largest position; None without test bag.
-    training: tuple[float, float]
-    # Largest in training, per second and per second squared.
-    speed: float
-    acceleration: float
-    test: tuple[float, float] | None = None
-    # Share of the validation samples outside the training range of positions [%].
-    outside: float | None = None
-    # Largest in validation.
-    test_speed: float | None = None
-    test_acceleration: float | None = None
-
-
 def channel_series(fitted: Sequence[FittedOutput], arm: Arm) -> list[ComparedSignal]:
     """Collect what the models of one output say of the first validation bag."""
     traces = {item.kind: item.validation.traces[0] for item in fitted}
@@ -427,24 +407,29 @@ def joint_pairs(axes: Sequence[JointPositions]) -> list[tuple[JointPositions, Jo
     return list(zip(moving, moving[1:], strict=False))[:MAX_PAIRS]
 
 
-def coverage(result: FitResult) -> list[JointCoverage]:
-    """Say where each joint has been and how fast."""
-    peaks = [[np.max(np.abs(_kept(data, name)), axis=0) for name in ('dq', 'ddq')]
-             if data else None for data in (result.training, result.test)]
+def coverage(result: FitResult) -> list[dict[str, Any]]:
+    """
+    Say where each joint has been and how fast, in training and, where there is a test bag, in it.
+
+    Returns for each joint smallest and largest position, largest speed and acceleration, and the
+    share of the validation samples ``outside`` the training range [%].
+    """
+    def peaks(data: Sequence[BagData], signal: str) -> list[float]:
+        return np.max(np.abs(_kept(data, signal)), axis=0).tolist() if data else []
+
     rows = []
-    for i, axis in enumerate(joint_axes(result)):
+    for axis in joint_axes(result):
         low, high = float(axis.training.min()), float(axis.training.max())
-        seen, unseen = peaks
-        assert seen is not None  # there is a training bag in every fit
-        row = JointCoverage(
-            axis.name, axis.unit, (low, high), float(seen[0][i]), float(seen[1][i]))
-        if unseen is not None:
-            beyond = np.mean((axis.test < low) | (axis.test > high))
-            row = JointCoverage(
-                row.joint, row.unit, row.training, row.speed, row.acceleration,
-                (float(axis.test.min()), float(axis.test.max())), 100.0 * float(beyond),
-                float(unseen[0][i]), float(unseen[1][i]))
+        row: dict[str, Any] = {
+            'joint': axis.name, 'unit': axis.unit, 'training': (low, high)}
+        if len(axis.test):
+            row['test'] = float(axis.test.min()), float(axis.test.max())
+            row['outside'] = 100.0 * float(np.mean((axis.test < low) | (axis.test > high)))
         rows.append(row)
+    for prefix, data in (('', result.training), ('test_', result.test)):
+        for name, signal in (('speed', 'dq'), ('acceleration', 'ddq')):
+            for row, peak in zip(rows, peaks(data, signal), strict=False):
+                row[prefix + name] = peak
     return rows
 
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from typing import Any
@@ -27,23 +27,21 @@ import jinja2
 from tudor_dynamics._version import __version__
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.doctor.between import Evaluated
 from tudor_dynamics.identification.fit import FitResult, FittedOutput
 from tudor_dynamics.identification.next_steps import assess, Assessment, Comparison, ErrorChange
 from tudor_dynamics.identification.validation import (
     GOOD_FIT, Grade, LARGEST_CONDITION, USABLE_FIT, Validation)
 from tudor_dynamics.models.bundle import ModelBundle
+from tudor_dynamics.models.elastic.parameters import in_words
 from tudor_dynamics.models.kinds import KINDS
 from tudor_dynamics.models.regressor import output_units
 from tudor_dynamics.show import figures as report_data
-from tudor_dynamics.show.bodies import before_after, load_section
-from tudor_dynamics.show.elastic import elastic_section, ElasticSection
+from tudor_dynamics.show.bodies import before_after, load_figure, load_shares, load_values
+from tudor_dynamics.show.elastic import elastic_section
 from tudor_dynamics.show.figures import (
     density_figure, error_figure, number, pair_figure, pretty_unit, signal_figure)
 
-
-# -- Rows of the report's tables, and the words for verdict, conditioning and preprocessing
 
 UNCERTAIN = 30.0
 """Relative standard error above which a coefficient is marked [%]."""
@@ -51,45 +49,6 @@ SHOWN = 50
 """Bags that a page lists."""
 GOOD_CONDITION = 100.0
 """Condition number up to which least squares is said to be well conditioned (Gautier)."""
-
-
-@dataclass(frozen=True)
-class Coefficient:
-    """One row of the table of coefficients; ``relative_error`` in percent."""
-
-    name: str  # name of the parameter
-    value: float  # estimate in its unit
-    unit: str  # unit of the value
-    standard_error: float  # standard deviation, in the same unit
-    relative_error: float  # standard deviation over value [%]
-    note: str  # whether it is uncertain, or not excited
-
-
-@dataclass(frozen=True)
-class CoefficientGroup:
-    """Coefficients that some channels share, with their conditioning in words."""
-
-    channels: tuple[str, ...]  # channels that share them
-    condition: float  # condition number of the scaled regressor
-    conditioning: str  # what that number means, in words
-    rows: tuple[Coefficient, ...]  # a row for each parameter
-
-
-@dataclass(frozen=True)
-class BagRow:
-    """A bag of the fit; times in seconds."""
-
-    name: str  # bag, or part of one
-    role: str  # whether it was learned from or judged by
-    recorded: int  # samples as recorded
-    used: int  # samples that are left after decimation
-    duration: float  # length of the bag [s]
-    rate: float  # samples per second as recorded [Hz]
-    gaps: int  # number of gaps
-    longest_gap: float  # length of the longest gap [s]
-    dropped: str  # messages that were left out, in words
-    checksum: str  # SHA-256 over the storage files
-    warnings: tuple[str, ...]  # what is odd about the bag
 
 
 @dataclass(frozen=True)
@@ -135,21 +94,22 @@ def overall(
     return Overall(worst.name.lower(), word, text[0].upper() + text[1:])
 
 
-def coefficient_groups(item: FittedOutput, arm: Arm) -> list[CoefficientGroup]:
-    """List the coefficients of a model that mean something by themselves."""
-    groups = []
-    for group in item.model.estimated(arm, item.output):
-        rows = []
+def coefficient_groups(item: FittedOutput, arm: Arm) -> list[dict[str, Any]]:
+    """
+    List the coefficients of a model that mean something by themselves.
+
+    Returns groups as `Model.estimated` gives them, with ``conditioning`` in words; each
+    coefficient has a ``relative_error`` [%] and a ``note``.
+    """
+    groups = item.model.estimated(arm, item.output)
+    for group in groups:
         for row in group['coefficients']:
             value, error = row['value'], row['standard_error']
-            relative = 100.0 * error / abs(value) if value else math.inf
-            note = ('not excited' if not row['excited'] else
-                    'uncertain' if relative > UNCERTAIN else '')
-            rows.append(Coefficient(row['name'], value, row['unit'], error, relative, note))
+            row['relative_error'] = 100.0 * error / abs(value) if value else math.inf
+            row['note'] = ('not excited' if not row['excited'] else
+                           'uncertain' if row['relative_error'] > UNCERTAIN else '')
         excited = all(row['excited'] for row in group['coefficients'])
-        groups.append(CoefficientGroup(
-            tuple(group['channels']), group['condition'],
-            _conditioning(group['condition'], excited), tuple(rows)))
+        group['conditioning'] = _conditioning(group['condition'], excited)
     return groups
 
 
@@ -161,25 +121,6 @@ def _conditioning(condition: float, excited: bool) -> str:
     if condition <= LARGEST_CONDITION:
         return 'some parameters are hard to tell apart; their standard errors say which'
     return 'badly conditioned: predictions hold on similar motion only'
-
-
-def bag_rows(result: FitResult) -> list[BagRow]:
-    """List the bags of a fit, training first."""
-    return [_bag_row(bag, role) for role, bags in
-            (('training', result.learned), ('validation', result.judged)) for bag in bags]
-
-
-def _bag_row(bag: BagFacts, role: str) -> BagRow:
-    dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(bag.dropped.items())
-                        if count)
-    return BagRow(bag.bag, role, bag.recorded, bag.used, bag.duration, bag.rate, bag.gaps,
-                  bag.longest_gap, dropped or 'none', bag.checksum[:12], bag.warnings)
-
-
-def other_warnings(result: FitResult) -> list[str]:
-    """Give the warnings that no single bag is to blame for."""
-    of_bags = {warning for bag in (*result.learned, *result.judged) for warning in bag.warnings}
-    return [warning for warning in result.warnings if warning not in of_bags]
 
 
 def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tuple[str, str]]:
@@ -205,49 +146,7 @@ def preprocessing_rows(spec: PreprocessingSpec, sample_rate: float) -> list[tupl
     return rows
 
 
-def sample_rate(result: FitResult) -> float:
-    """Give the rate of the first training bag [Hz]."""
-    return 1.0 / result.training[0].recording.dt
-
-
-# -- The report of a fit: one HTML file that needs nothing else, neither network nor scripts
-
 TITLES = {'effort': 'Effort', 'strain': 'Strain'}
-
-
-@dataclass(frozen=True, eq=False)
-class PageSection:
-    """A section of the page."""
-
-    # Its place, and what the contents call it.
-    anchor: str
-    title: str
-    template: str  # file of `templates/` without its suffix
-    context: dict[str, Any]  # what the template shows
-    html: str = ''  # what it came to
-
-
-@dataclass(frozen=True, eq=False)
-class SignalPlot:
-    """Figure of one channel, as data URI."""
-
-    channel: str  # name of the channel
-    figure: str  # the figure as data URI
-
-
-@dataclass(frozen=True, eq=False)
-class OutputSection:
-    """All that the page shows of one output; ``unit`` is empty where channels differ in it."""
-
-    key: str  # output, `effort` or `strain`
-    title: str  # heading of the section
-    unit: str  # unit of all channels; empty where they differ
-    units: dict[str, str]  # unit of each channel
-    fitted: tuple[FittedOutput, ...]  # models of the output
-    bag: str  # bag that is drawn
-    signals: tuple[SignalPlot, ...]  # a figure for each channel
-    errors: str  # figure of the errors as data URI
-    groups: tuple[CoefficientGroup, ...]  # coefficients of the analytical model
 
 
 def report_bytes(
@@ -266,106 +165,73 @@ def render(
     result: FitResult, assessment: Assessment | None = None, *, date: str | None = None,
     planned: Comparison | None = None,
 ) -> str:
-    """Render the report of a fit."""
-    environment = _environment()
+    """Render the report of a fit: sections with their templates, and what all of them show."""
     assessment = assess(result) if assessment is None else assessment
     outputs = [_output(result, output) for output in
                dict.fromkeys(item.output for item in result.fitted)]
-    elastic, ringing = elastic_section(result), _ringing(result)
-    parts = [replace(section, html=environment.get_template(
-        f'{section.template}.html.j2').render(section.context))
-        for section in sections(result, assessment, outputs, elastic, bool(ringing), planned)]
-    return environment.get_template('page.html.j2').render(
-        arm=result.arm.name, date=date, version=__version__, sections=parts, outputs=outputs,
-        overall=overall(result.fitted, assessment.detects), ringing=ringing,
-        elastic=elastic, joints=result.arm.active_joints, bags=bag_rows(result))
-
-
-def sections(
-    result: FitResult, assessment: Assessment, outputs: Sequence[OutputSection],
-    elastic: ElasticSection | None, ringing: bool, planned: Comparison | None = None,
-) -> list[PageSection]:
-    """List the sections of the page, each with all that it shows."""
-    bags, warnings = bag_rows(result), other_warnings(result)
-    analytical = any(item.kind == 'analytical' for item in result.fitted)
-    kinds = {'analytical': analytical, 'elastic': elastic, 'fitted': result.fitted}
-    number_of_warnings = len(warnings) + sum(len(bag.warnings) for bag in bags)
+    elastic, before = elastic_section(result), before_after(result)
+    bags = [('training', bag) for bag in result.learned]
+    bags += [('validation', bag) for bag in result.judged]
+    of_bags = {warning for _, bag in bags for warning in bag.warnings}
+    warnings = [warning for warning in result.warnings if warning not in of_bags]
     axes = report_data.joint_axes(result)
     pairs = report_data.joint_pairs(axes)
-    found = [
-        PageSection('verdict', 'Verdict', 'verdict', {
-            **kinds, 'ringing': ringing, 'n_warnings': number_of_warnings,
-            'assessment': assessment}),
-        PageSection('doctor', 'Doctor', 'doctor', {'findings': result.findings}),
-        PageSection('figures', 'Figures', 'figures', {'outputs': outputs}),
-        *(PageSection(output.key, f'{output.title} over time', 'signals', {'output': output})
-          for output in outputs)]
-    if any(output.groups for output in outputs):
-        found.append(PageSection('coefficients', 'Coefficients', 'coefficients', {
-            'outputs': outputs, 'uncertain': UNCERTAIN}))
-    before = before_after(result)
-    if before is not None:
-        found.append(PageSection('before', 'Before and after', 'before', {'before': before}))
-    if planned is not None:
-        found.append(PageSection('planned', 'What was planned', 'planned', {
-            'comparison': planned, 'ratios': planned.ratios()}))
-    if elastic is not None:
-        found.append(PageSection('elastic', 'Elastic arm', 'elastic', {
-            'elastic': elastic, 'joints': result.arm.active_joints}))
-    if result.choices or result.causal is not None:
-        found.append(PageSection('choices', 'What was chosen', 'choices', {
-            'choices': result.choices,
-            'causal': () if result.causal is None else result.causal.fitted}))
-    return [
-        *found,
-        PageSection('coverage', 'Coverage', 'coverage', {
-            'separate': bool(result.test), 'coverage': report_data.coverage(result),
-            'density': density_figure(axes), 'pairs': pair_figure(pairs) if pairs else None}),
-        PageSection('bags', 'Bags and warnings', 'bags', {
-            'bags': bags, 'warnings': warnings, 'n_warnings': number_of_warnings,
-            'unused': result.unused, 'shown': SHOWN,
-            'sampled': len(result.training) if len(result.learned) > len(result.training) else 0
-        }),
-        PageSection('settings', 'Preprocessing and settings', 'settings', {
-            **kinds, 'outputs': outputs, 'settings': result.settings,
-            'preprocessing': preprocessing_rows(
-                result.preprocessing, sample_rate(result))}),
-        PageSection('reading', 'How to read this', 'reading', {
-            **kinds, 'good_fit': GOOD_FIT, 'usable_fit': USABLE_FIT,
-            'good_condition': GOOD_CONDITION}),
-        PageSection('next', 'What to do next', 'next', {'steps': assessment.steps})]
+    sections = [
+        ('verdict', 'Verdict', True), ('doctor', 'Doctor', True), ('figures', 'Figures', True),
+        *((output['key'], f'{output["title"]} over time', True) for output in outputs),
+        ('coefficients', 'Coefficients', any(output['groups'] for output in outputs)),
+        ('before', 'Before and after', before is not None),
+        ('planned', 'What was planned', planned is not None),
+        ('elastic', 'Elastic arm', elastic is not None),
+        ('choices', 'What was chosen', bool(result.choices) or result.causal is not None),
+        ('coverage', 'Coverage', True), ('bags', 'Bags and warnings', True),
+        ('settings', 'Preprocessing and settings', True),
+        ('reading', 'How to read this', True), ('next', 'What to do next', True)]
+    return rendered(
+        'page', arm=result.arm.name, date=date, joints=result.arm.active_joints,
+        sections=[(anchor, title) for anchor, title, there in sections if there],
+        overall=overall(result.fitted, assessment.detects), ringing=_ringing(result),
+        analytical=any(item.kind == 'analytical' for item in result.fitted),
+        fitted=result.fitted, outputs=outputs, elastic=elastic, before=before,
+        assessment=assessment, findings=result.findings, uncertain=UNCERTAIN,
+        comparison=planned, ratios=None if planned is None else planned.ratios(),
+        choices=result.choices, causal=() if result.causal is None else result.causal.fitted,
+        separate=bool(result.test), coverage=report_data.coverage(result),
+        density=density_figure(axes), pairs=pair_figure(pairs) if pairs else None,
+        bags=bags, warnings=warnings,
+        n_warnings=len(warnings) + sum(len(bag.warnings) for _, bag in bags),
+        unused=result.unused, shown=SHOWN, trained=len(result.learned),
+        sampled=len(result.training) if len(result.learned) > len(result.training) else 0,
+        settings=result.settings, preprocessing=preprocessing_rows(
+            result.preprocessing, 1.0 / result.training[0].recording.dt),
+        good_fit=GOOD_FIT, usable_fit=USABLE_FIT, good_condition=GOOD_CONDITION,
+        steps=assessment.steps)
 
 
 def rendered(template: str, **values: Any) -> str:
-    """Render another page of the same style."""
-    return _environment().get_template(f'{template}.html.j2').render(
-        version=__version__, **values)
-
-
-def _environment() -> jinja2.Environment:
+    """Render a page."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent / 'templates'), autoescape=True,
         undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters['number'] = number
-    environment.filters['unit'] = pretty_unit
-    environment.filters['kind'] = lambda kind: KINDS[kind].label
-    return environment
+    environment.filters |= {'number': number, 'unit': pretty_unit, 'in_words': in_words,
+                            'kind': lambda kind: KINDS[kind].label}
+    return environment.get_template(f'{template}.html.j2').render(version=__version__, **values)
 
 
-def _output(result: FitResult, output: str) -> OutputSection:
+def _output(result: FitResult, output: str) -> dict[str, Any]:
+    """Collect what templates show of one output; ``unit`` is empty where channels differ in it."""
     fitted = tuple(item for item in result.fitted if item.output == output)
     units = output_units(result.arm, output)
     unit = units[fitted[0].validation.channels[0]]
     trace = fitted[0].validation.traces[0]
     stretch = report_data.liveliest(trace, (*result.test, *result.training))
-    return OutputSection(
-        output, TITLES[output], unit if set(units.values()) == {unit} else '', units, fitted,
-        trace.bag,
-        tuple(SignalPlot(series.name, signal_figure(series, stretch))
-              for series in report_data.channel_series(fitted, result.arm)),
-        error_figure(report_data.channel_errors(fitted, result.arm)),
-        tuple(group for item in fitted
-              for group in coefficient_groups(item, result.arm)))
+    return {
+        'key': output, 'title': TITLES[output], 'units': units,
+        'unit': unit if set(units.values()) == {unit} else '', 'fitted': fitted, 'bag': trace.bag,
+        'signals': [(series.name, signal_figure(series, stretch))
+                    for series in report_data.channel_series(fitted, result.arm)],
+        'errors': error_figure(report_data.channel_errors(fitted, result.arm)),
+        'groups': [group for item in fitted for group in coefficient_groups(item, result.arm)]}
 
 
 def _ringing(result: FitResult) -> list[dict[str, Any]]:
@@ -377,18 +243,17 @@ def _ringing(result: FitResult) -> list[dict[str, Any]]:
             for item in result.ringing]
 
 
-# -- The page of an evaluation: figures of a model on other bags, and a load where one is found
-
 def evaluation_page(
     bundle: ModelBundle, bags: Sequence[str], outputs: dict[str, dict[str, Validation]],
     evaluated: Evaluated, worse: Sequence[ErrorChange],
 ) -> str:
     """Render the page."""
-    rows = [{'output': output, 'kind': kind, 'channel': name, 'score': score,
+    rows = [{'kind': kind, 'channel': name, 'score': score,
              'unit': output_units(bundle.arm, output)[name]}
             for output, kinds in outputs.items() for kind, item in kinds.items()
             for name, score in item.score.channels.items()]
+    loads = [{'bag': bag, 'estimate': load, 'found': load_values(load),
+              'channels': load_shares(bundle.arm, load), 'figure': load_figure(bundle.arm, load)}
+             for bag, load in evaluated.loads.items()]
     return rendered('evaluation', arm=bundle.arm.name, bags=bags, rows=rows, worse=worse,
-                    findings=evaluated.findings,
-                    loads=[load_section(bundle.arm, bag, told)
-                           for bag, told in evaluated.loads.items()])
+                    findings=evaluated.findings, loads=loads)
