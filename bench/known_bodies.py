@@ -34,7 +34,7 @@ import numpy as np
 import pinocchio as pin
 from reference_fits import fit
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.identification.dataset import load, parse_choice
 from tudor_dynamics.models.analytical import AnalyticalModel
@@ -98,7 +98,7 @@ def record(folder, arm, model, name, seconds, seed):
     effort += ROTOR * ddq + VISCOUS * dq + COULOMB * np.tanh(dq / sharp)
     effort += NOISE * np.random.default_rng(seed).standard_normal(effort.shape)
     stamps = (1e9 + np.arange(len(q)) * 1e9 / RATE).astype(np.int64)
-    write_bag(folder / name, [JointStateSeries(
+    write_bag(folder / name, [joint_signals(
         topic='/joint_states', stamp=stamps, names=NAMES, position=q, velocity=dq,
         effort=effort)])
     return folder / name

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Reading a bag as arrays against rosbags' own decoding, message by message.
+Reading a bag as arrays, and encoding arrays, against rosbags message by message.
 
 Run ``python bench/read_bags.py`` (``--messages``, ``--joints``, ``--runs``). Bags are written to a
 temporary directory and removed. Each figure is the median of several runs in this process.
@@ -31,25 +31,37 @@ from time import perf_counter
 import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.encoding import JointStateSeries
-from tudor_dynamics.bags.messages import load_topics
+from tudor_dynamics.bags.messages import (
+    FIELDS, joint_signals, JOINT_STATE, load_topics, Signals)
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.writer import encode, write_bag
 
 TOPIC = '/joint_states'
 
 
-def write(path: Path, storage: str, messages: int, joints: int) -> None:
-    """Write a bag of sines, all fields present."""
+def sines(messages: int, joints: int) -> Signals:
+    """Give sines, all fields present."""
     stamp = 1_700_000_000_000_000_000 + 1_000_000 * np.arange(messages)
     t = np.arange(messages)[:, None] * 1e-3
     rate = 1 + 0.3 * np.arange(joints)
-    write_bag(path, [JointStateSeries(
+    return joint_signals(
         TOPIC, stamp, [f'joint_{i}' for i in range(joints)], np.sin(rate * t),
-        rate * np.cos(rate * t), 10 * np.sin(rate * t))], storage=storage)
+        rate * np.cos(rate * t), 10 * np.sin(rate * t))
+
+
+def encode_with_rosbags(signals: Signals) -> None:
+    """Encode each message with rosbags."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    time, header, kind = (store.types[name] for name in (
+        'builtin_interfaces/msg/Time', 'std_msgs/msg/Header', JOINT_STATE))
+    names, columns = list(signals.names), [signals.values[field] for field in FIELDS]
+    for row, stamp in enumerate(signals.stamp.tolist()):
+        store.serialize_cdr(kind(header(time(*divmod(stamp, 10**9)), ''), names,
+                                 *(values[row] for values in columns)), JOINT_STATE)
 
 
 def with_rosbags(path: Path) -> None:
@@ -115,11 +127,12 @@ def main() -> None:
     print(f'{args.messages} JointState messages of {args.joints} joints, '
           f'median of {args.runs} runs; faster = against the decode loop that keeps nothing')
     print(f'{"":36s} {"mcap [s]":>9s} {"faster":>7s} {"sqlite3 [s]":>12s} {"faster":>7s}')
+    signals = sines(args.messages, args.joints)
     with tempfile.TemporaryDirectory() as folder:
         times: dict[tuple[str, str], list[float]] = {}
         paths = {storage: Path(folder) / storage for storage in ('mcap', 'sqlite3')}
         for storage, path in paths.items():
-            write(path, storage, args.messages, args.joints)
+            write_bag(path, [signals], storage=storage)
         for _ in range(args.runs):  # ways in turn, so that a busy moment hits them all
             for storage, path in paths.items():
                 for name, way in ways.items():
@@ -134,6 +147,12 @@ def main() -> None:
                           / took))
         print(f'{name:36s} {cells[0][0]:9.3f} {cells[0][1]:6.1f}x {cells[1][0]:12.3f} '
               f'{cells[1][1]:6.1f}x')
+    start = perf_counter()
+    encode(signals)
+    own, start = perf_counter() - start, perf_counter()
+    encode_with_rosbags(signals)
+    theirs = perf_counter() - start
+    print(f'encoding: {own:.3f} s, with rosbags {theirs:.3f} s ({theirs / own:.0f}x)')
 
 
 if __name__ == '__main__':

@@ -14,6 +14,7 @@
 
 """Synthetic motions, arms and bags for the tests of this folder."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 
 START = 1_700_000_000_000_000_000
@@ -57,29 +58,29 @@ def motion(stamp):
     return size * np.sin(rate * t), size * rate * np.cos(rate * t)
 
 
-def joint_states(stamp=None, **changes):
-    """Give a series of joint states with all fields."""
+def joint_states(stamp=None, frame='', **changes):
+    """Give signals of joint states with all fields."""
     stamp = times() if stamp is None else stamp
     q, dq = motion(stamp)
     fields = {'topic': '/joint_states', 'stamp': stamp, 'names': JOINTS, 'position': q,
               'velocity': dq, 'effort': 5 * q}
-    return JointStateSeries(**(fields | changes))
+    return replace(joint_signals(**(fields | changes)), frame=frame)
 
 
 def currents(stamp=None, **changes):
-    """Give a series of motor currents."""
+    """Give signals of motor currents."""
     stamp = times() if stamp is None else stamp
     fields = {'topic': '/motor_currents', 'stamp': stamp, 'names': JOINTS,
               'effort': 2 * motion(stamp)[0]}
-    return JointStateSeries(**(fields | changes))
+    return joint_signals(**(fields | changes))
 
 
 def strains(stamp=None, **changes):
-    """Give a series of strains."""
+    """Give signals of strains."""
     stamp = times() if stamp is None else stamp
     fields = {'topic': '/link_strains', 'stamp': stamp, 'names': GAUGES,
               'position': 100 * motion(stamp)[0]}
-    return JointStateSeries(**(fields | changes))
+    return joint_signals(**(fields | changes))
 
 
 def make_bag(path, *series, storage='mcap'):

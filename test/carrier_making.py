@@ -23,7 +23,8 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import Signals
+from tudor_dynamics.bags.writer import encode
 
 ARRAY = 'std_msgs/msg/Float64MultiArray'
 DYNAMIC = 'control_msgs/msg/DynamicJointState'
@@ -68,9 +69,9 @@ class Topic:
     data: list[bytes]
 
 
-def topic_of(series: JointStateSeries) -> Topic:
-    """Give a series with the usual delay."""
-    return Topic(series.topic, series.msgtype, series.stamp + DELAY, series.encode())
+def topic_of(signals: Signals) -> Topic:
+    """Give signals with the usual delay."""
+    return Topic(signals.topic, signals.msgtype, signals.stamp + DELAY, encode(signals).data)
 
 
 def write(path: Path, *topics: Topic, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.kinematics import model_from_urdf
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 
 JOINTS = ('shoulder', 'elbow')
@@ -83,11 +83,11 @@ def write(
     stamp, q = motion()
     q = np.column_stack([q, *([np.zeros(len(q))] * (len(names) - 2))])
     own = topic == '/joint_states'
-    series = [JointStateSeries('/joint_states', stamp, names, q, effort=effort if own else None)]
+    series = [joint_signals('/joint_states', stamp, names, q, effort=effort if own else None)]
     if not own and effort is not None:
-        series.append(JointStateSeries(topic, stamp, names, effort=effort))
+        series.append(joint_signals(topic, stamp, names, effort=effort))
     if strains:
-        series.append(JointStateSeries('/link_strains', stamp, list(strains),
-                                       np.column_stack(list(strains.values()))))
+        series.append(joint_signals('/link_strains', stamp, list(strains),
+                                    np.column_stack(list(strains.values()))))
     write_bag(path, series, **options)
     return path

@@ -26,12 +26,13 @@ import mcap_records as mcap
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 from tudor_dynamics.arm.description import arm_from_dict
-from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import (
-    array_layout, decode, decode_topic, dynamic_layout, JOINT_STATE)
+    array_layout, decode, decode_topic, dynamic_layout, joint_signals, JOINT_STATE, Signals,
+    WRENCH_STAMPED)
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
 from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.models.bundle_io import dump_yaml
 import yaml
@@ -70,16 +71,17 @@ def _write(path, plugin, mode):
     t = 0.02 * np.arange(MESSAGES)[:, None]
     rate = np.array([2.0, 3.0])
     q, dq = np.sin(rate * t), rate * np.cos(rate * t)
-    series = [JointStateSeries('/joint_states', stamp, JOINTS, q, dq, 5 * q),
-              JointStateSeries('/motor_currents', stamp[::2], JOINTS, effort=2 * q[::2]),
-              WrenchSeries('/applied_wrench', stamp[::4], np.ones((MESSAGES // 4, 3)),
-                           np.zeros((MESSAGES // 4, 3)), 'link2')]
+    series = [joint_signals('/joint_states', stamp, JOINTS, q, dq, 5 * q),
+              joint_signals('/motor_currents', stamp[::2], JOINTS, effort=2 * q[::2]),
+              Signals('/applied_wrench', stamp[::4], {
+                  'force': np.ones((MESSAGES // 4, 3)), 'torque': np.zeros((MESSAGES // 4, 3))},
+                  frame='link2', msgtype=WRENCH_STAMPED)]
     writer = Writer(path, version=9, storage_plugin=plugin)
     if mode is not None:
         writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         writer.set_custom_data('payload', '0.2')
-        topics = [(item.topic, item.msgtype, item.stamp, item.encode()) for item in series]
+        topics = [(item.topic, item.msgtype, item.stamp, encode(item).data) for item in series]
         topics.append(('/bridge', ARRAY, stamp[::3], [array(50 * row) for row in q[::3]]))
         topics.append(('/dynamic_joint_states', DYNAMIC, stamp[::2], [
             dynamic(int(at), {name: {'current': x, 'temperature': 40.0}

@@ -35,6 +35,7 @@ from tudor_dynamics.bags.messages import CdrError, joint_state_layout, MAX_NAMES
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.unpacking import Damaged, FREE_BYTES, MAX_PIECE, Unpacker
+from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError
 import yaml
 
@@ -282,8 +283,8 @@ def test_number_of_names() -> None:
     many = joint_states(names=[f'j{i}' for i in range(MAX_NAMES + 1)], position=None,
                         velocity=None, effort=None)
     with pytest.raises(CdrError, match=f'at most {MAX_NAMES} are read'):
-        many.encode()
-    buffer = bytearray(joint_states().encode()[0])
+        encode(many)
+    buffer = bytearray(encode(joint_states()).data[0])
     buffer[20:24] = struct.pack('<I', MAX_NAMES + 1)
     with pytest.raises(CdrError, match='announces'):
         joint_state_layout(bytes(buffer))

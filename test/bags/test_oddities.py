@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.bags.reader import read_recording, set_backs
+from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import TudorWarning
 from tudor_dynamics.identification.doctor.examine import examine
 
@@ -38,8 +39,8 @@ def test_a_clock_set_back_is_found_and_splits_the_record(tmp_path: Path) -> None
     assert (newest, lost) == (stamp[599], 99)
     assert size == pytest.approx(NS, rel=1e-3)
     assert set_backs(stamp) == []
-    write_raw(tmp_path / 'bag', stamp, joint_states(
-        late, position=q, velocity=dq, effort=5.0 * q).encode())
+    write_raw(tmp_path / 'bag', stamp, encode(joint_states(
+        late, position=q, velocity=dq, effort=5.0 * q)).data)
     with pytest.warns(TudorWarning, match='backward'):
         found = read_recording(tmp_path / 'bag', plain_arm())
     assert found.segments == (slice(0, 600), slice(600, 1100))

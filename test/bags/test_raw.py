@@ -33,6 +33,7 @@ from tudor_dynamics.bags.messages import JOINT_STATE
 from tudor_dynamics.bags.reader import read_recording
 from tudor_dynamics.bags.storage import open_bag
 from tudor_dynamics.bags.unpacking import Damaged
+from tudor_dynamics.bags.writer import encode
 from tudor_dynamics.errors import BagError, TudorWarning
 
 STORAGES = ('mcap', 'sqlite3')
@@ -59,7 +60,7 @@ def write_packed(path, plugin, mode, series):
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         connection = writer.add_connection(series.topic, JOINT_STATE, typestore=store)
-        for stamp, data in zip(series.stamp.tolist(), series.encode(), strict=True):
+        for stamp, data in zip(series.stamp.tolist(), encode(series).data, strict=True):
             writer.write(connection, stamp, data)
 
 
@@ -82,7 +83,7 @@ def test_scan_orders_messages_that_were_written_late(tmp_path):
     with Writer(tmp_path / 'b', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection('/joint_states', JOINT_STATE, typestore=store)
         order = np.random.default_rng(0).permutation(300)
-        data = series.encode()
+        data = encode(series).data
         for index in order.tolist():
             writer.write(connection, int(series.stamp[index]), data[index])
     raw = open_bag(tmp_path / 'b').read(['/joint_states'])['/joint_states']
@@ -100,7 +101,7 @@ def test_compressed_bags_are_read(tmp_path, plugin, mode):
     """Compression by chunk, message or file makes no difference to the arrays."""
     write_packed(tmp_path / 'b', plugin, mode, joint_states())
     recording = read_recording(tmp_path / 'b', plain_arm())
-    np.testing.assert_array_equal(recording.q, joint_states().position)
+    np.testing.assert_array_equal(recording.q, joint_states().values['position'])
 
 
 @pytest.mark.parametrize('plugin', StoragePlugin)
@@ -108,12 +109,12 @@ def test_compressed_messages_without_metadata(tmp_path, plugin):
     """Without metadata, or with damaged ones, compressed messages are known by their begin."""
     write_packed(tmp_path / 'b', plugin, CompressionMode.MESSAGE, joint_states())
     alone = read_recording(storage_file(tmp_path / 'b'), plain_arm())
-    np.testing.assert_array_equal(alone.q, joint_states().position)
+    np.testing.assert_array_equal(alone.q, joint_states().values['position'])
     metadata = tmp_path / 'b' / 'metadata.yaml'
     metadata.write_text(re.sub('version: [0-9]+', 'version: 5.5', metadata.read_text()))
     with pytest.warns(TudorWarning, match='version 5.5'):
         damaged = read_recording(tmp_path / 'b', plain_arm())
-    np.testing.assert_array_equal(damaged.q, joint_states().position)
+    np.testing.assert_array_equal(damaged.q, joint_states().values['position'])
 
 
 def test_zstd_chunks_are_scanned(tmp_path):
@@ -121,7 +122,7 @@ def test_zstd_chunks_are_scanned(tmp_path):
     write_packed(tmp_path / 'b', StoragePlugin.MCAP, CompressionMode.STORAGE, joint_states())
     file = McapFile(storage_file(tmp_path / 'b'))
     _, data = file.read(['/joint_states'], with_data=True)['/joint_states']
-    assert data == joint_states().encode()
+    assert data == encode(joint_states()).data
 
 
 def test_checksums_of_chunks_are_checked(tmp_path):

@@ -21,9 +21,9 @@ import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
 
-from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.messages import joint_signals, Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.reader import read_recording, read_wrenches
-from tudor_dynamics.bags.writer import recording_series, write_bag
+from tudor_dynamics.bags.writer import encode, recording_series, write_bag
 from tudor_dynamics.errors import BagError, TudorWarning
 
 
@@ -40,10 +40,10 @@ def test_recording_has_all_signals(tmp_path, recwarn, storage):
     bag = make_bag(tmp_path / 'b', *series, storage=storage)
     found = read_recording(bag, make_arm(), need_output=True, need_motion=True)
     np.testing.assert_array_equal(found.stamp, times())
-    np.testing.assert_array_equal(found.q, series[0].position)
-    np.testing.assert_array_equal(found.dq, series[0].velocity)
-    np.testing.assert_array_equal(found.effort, series[1].effort)
-    np.testing.assert_array_equal(found.strain, series[2].position)
+    np.testing.assert_array_equal(found.q, series[0].values['position'])
+    np.testing.assert_array_equal(found.dq, series[0].values['velocity'])
+    np.testing.assert_array_equal(found.effort, series[1].values['effort'])
+    np.testing.assert_array_equal(found.strain, series[2].values['position'])
     assert (found.dt, found.segments, found.dropped) == (0.01, (slice(0, 300),), {})
     assert not recwarn.list and not found.warnings and len(found.checksum) == 64
 
@@ -53,11 +53,11 @@ def test_joints_are_found_by_name(tmp_path):
     first, second = times()[:150], times()[150:]
     q, dq = motion(second)
     pad = np.full((150, 1), 9.0)
-    other = JointStateSeries('/joint_states', second, ('elbow', 'gripper', 'shoulder'),
-                             np.hstack([q[:, 1:], pad, q[:, :1]]),
-                             np.hstack([dq[:, 1:], pad, dq[:, :1]]))
+    other = joint_signals('/joint_states', second, ('elbow', 'gripper', 'shoulder'),
+                          np.hstack([q[:, 1:], pad, q[:, :1]]),
+                          np.hstack([dq[:, 1:], pad, dq[:, :1]]))
     # Two series on one topic make two layouts; the writer wants each topic once.
-    data = joint_states(first, effort=None).encode() + other.encode()
+    data = encode(joint_states(first, effort=None)).data + encode(other).data
     bag = tmp_path / 'b'
     write_raw(bag, times(), data)
     found = read_recording(bag, plain_arm())
@@ -67,10 +67,10 @@ def test_joints_are_found_by_name(tmp_path):
 
 def test_two_publishers_share_a_topic(tmp_path):
     """Messages of a gripper between those of the arm do not disturb."""
-    gripper = JointStateSeries('/joint_states', times() + 3_000_000, ('finger',),
-                               np.ones((300, 1)))
-    pairs = sorted(zip([*times(), *gripper.stamp], joint_states().encode() + gripper.encode(),
-                       strict=True), key=lambda pair: pair[0])
+    gripper = joint_signals('/joint_states', times() + 3_000_000, ('finger',),
+                            np.ones((300, 1)))
+    pairs = sorted(zip([*times(), *gripper.stamp], encode(joint_states()).data
+                       + encode(gripper).data, strict=True), key=lambda pair: pair[0])
     write_raw(tmp_path / 'b', np.array([time for time, _ in pairs]), [raw for _, raw in pairs])
     found = read_recording(tmp_path / 'b', plain_arm())
     np.testing.assert_array_equal(found.stamp, times())
@@ -117,8 +117,8 @@ def test_only_what_is_absent_counts_as_a_reason(tmp_path):
 
 def test_velocity_in_some_messages_is_not_used(tmp_path):
     """Velocities that come and go are left to differentiation."""
-    data = (joint_states(times()[:200]).encode()
-            + joint_states(times()[200:], velocity=None).encode())
+    data = (encode(joint_states(times()[:200])).data
+            + encode(joint_states(times()[200:], velocity=None)).data)
     write_raw(tmp_path / 'b', times(), data)
     found = read_warned(tmp_path / 'b', plain_arm(), '200 of 300 messages only')
     assert found.dq is None and len(found.stamp) == 300
@@ -157,8 +157,7 @@ def test_nothing_is_interpolated_across_a_gap(tmp_path):
 def test_clocks_that_do_not_overlap_are_refused(tmp_path):
     """Currents stamped an hour later cannot be aligned."""
     bag = make_bag(tmp_path / 'b', joint_states(effort=None),
-                   currents(times()).__class__('/motor_currents', times() + 3600 * 10**9, JOINTS,
-                                               effort=currents().effort))
+                   currents(times() + 3600 * 10**9, effort=currents().values['effort']))
     with pytest.raises(BagError, match='same clock'):
         read_recording(bag, make_arm())
 
@@ -168,7 +167,7 @@ def test_duplicate_and_backward_stamps_are_dropped(tmp_path):
     stamp = times().copy()
     stamp[50:53] = stamp[49]
     stamp[80] = stamp[70] + 1
-    write_raw(tmp_path / 'b', times(), joint_states(stamp).encode())
+    write_raw(tmp_path / 'b', times(), encode(joint_states(stamp)).data)
     found = read_warned(tmp_path / 'b', plain_arm(), 'duplicate stamp')
     assert found.dropped == {'duplicate_stamp': 3, 'backward_stamp': 1}
     assert np.all(np.diff(found.stamp) > 0) and len(found.stamp) == 296
@@ -177,15 +176,15 @@ def test_duplicate_and_backward_stamps_are_dropped(tmp_path):
 
 def test_stamps_that_stand_still_are_refused(tmp_path):
     """A frozen clock is no recording."""
-    write_raw(tmp_path / 'b', times(), joint_states(np.full(300, START)).encode())
+    write_raw(tmp_path / 'b', times(), encode(joint_states(np.full(300, START))).data)
     with pytest.raises(BagError, match='do not increase .299 duplicate'):
         read_recording(tmp_path / 'b', plain_arm())
 
 
 def test_log_times_replace_stamps_that_are_not_set(tmp_path):
     """Zero stamps: log times with a warning; without these, an error with a remedy."""
-    data = joint_states(position=motion(times())[0], stamp=np.zeros(300, np.int64),
-                        velocity=motion(times())[1], effort=None).encode()
+    data = encode(joint_states(position=motion(times())[0], stamp=np.zeros(300, np.int64),
+                               velocity=motion(times())[1], effort=None)).data
     write_raw(tmp_path / 'b', times(), data)
     found = read_warned(tmp_path / 'b', plain_arm(), 'log times are used')
     np.testing.assert_array_equal(found.stamp, times())
@@ -224,7 +223,7 @@ def test_lost_messages_are_no_gap_and_lonely_ones_are_dropped(tmp_path):
 def test_few_samples_that_are_not_finite_are_left_out(tmp_path, value):
     """The warning names joint, count and time of the first."""
     series = joint_states()
-    series.effort[100:103, 1] = value
+    series.values['effort'][100:103, 1] = value
     found = read_warned(make_bag(tmp_path / 'b', series), plain_arm(),
                         r'elbow 3, the first at 1\.000 s')
     assert found.dropped == {'not_finite': 3}
@@ -236,7 +235,7 @@ def test_few_samples_that_are_not_finite_are_left_out(tmp_path, value):
 def test_channel_of_nan_is_refused(tmp_path, field):
     """A joint that is never measured cannot be left out silently."""
     series = joint_states()
-    getattr(series, field)[:, 1] = np.nan
+    series.values[field][:, 1] = np.nan
     with pytest.raises(BagError, match=f'{field} in /joint_states.*elbow 300'):
         read_recording(make_bag(tmp_path / 'b', series), plain_arm())
 
@@ -246,7 +245,7 @@ def test_channel_of_nan_is_refused(tmp_path, field):
 def test_arrays_of_another_length_than_names_are_refused(tmp_path, field, extra):
     """Topic, message and both lengths are named."""
     store, kind = get_typestore(Stores.ROS2_JAZZY), 'sensor_msgs/msg/JointState'
-    data = joint_states().encode()
+    data = encode(joint_states()).data
     for index in range(120, 300):
         message = store.deserialize_cdr(data[index], kind)
         setattr(message, field, np.ones(2 + extra))
@@ -333,9 +332,15 @@ def test_missing_joint_is_refused_with_both_lists(tmp_path):
     assert "['shoulder', 'elbow']" in str(caught.value)
 
 
+def wrenches(topic, force):
+    """Give signals of forces, with the opposite torques."""
+    return Signals(topic, times(), {'force': force, 'torque': -force}, frame='tip',
+                   msgtype=WRENCH_STAMPED)
+
+
 def test_other_type_and_missing_topic_are_refused(tmp_path):
     """A topic of the right name and the wrong type, and no topic at all."""
-    wrench = WrenchSeries('/joint_states', times(), np.zeros((300, 3)), np.zeros((300, 3)))
+    wrench = wrenches('/joint_states', np.zeros((300, 3)))
     with pytest.raises(BagError, match='WrenchStamped, expected sensor_msgs'):
         read_recording(make_bag(tmp_path / 'b', wrench), plain_arm())
     with pytest.raises(BagError, match='is on /motor_currents'):
@@ -353,12 +358,12 @@ def test_effort_of_another_joint_is_told(tmp_path):
 def test_wrenches_are_read(tmp_path):
     """Force, torque and frame come back; a bag without the topic has none."""
     force = np.arange(900.0).reshape(300, 3)
-    bag = make_bag(tmp_path / 'b', WrenchSeries('/applied_wrench', times(), force, -force, 'tip'))
+    bag = make_bag(tmp_path / 'b', wrenches('/applied_wrench', force))
     found = read_wrenches(bag)
     np.testing.assert_array_equal(found.stamp, times())
-    np.testing.assert_array_equal(found.force, force)
-    np.testing.assert_array_equal(found.torque, -force)
-    assert set(found.frame_id) == {'tip'} and found.topic == '/applied_wrench'
+    np.testing.assert_array_equal(found.values['force'], force)
+    np.testing.assert_array_equal(found.values['torque'], -force)
+    assert set(found.frame) == {'tip'} and found.topic == '/applied_wrench'
     assert read_wrenches(make_bag(tmp_path / 'c')) is None
     with pytest.raises(BagError, match='expected geometry_msgs'):
         read_wrenches(bag.parent / 'c', 'joint_states')
@@ -398,7 +403,7 @@ def test_recording_is_written_and_read_again(tmp_path, own):
     joints = [{'name': JOINTS[0], 'effort': {'topic': 'motor_currents', 'unit': 'A'}},
               {'name': JOINTS[1]}] if own else None
     arm = make_arm(**({'joints': joints} if own else {}))
-    effort = joint_states().effort if own else None
+    effort = joint_states().values['effort'] if own else None
     bag = make_bag(tmp_path / 'b', joint_states(effort=effort), currents(), strains())
     first = read_recording(bag, arm)
     series = recording_series(first, arm)

@@ -114,7 +114,7 @@ def test_published_file_is_read():
 def test_pushes_have_their_truth():
     """Pushes of 2 to 6 N are found in the wrenches."""
     found = read_wrenches(DATA / 'bags' / 'arm_200g_pushes')
-    largest = np.linalg.norm(found.force, axis=1).max()
+    largest = np.linalg.norm(found.values['force'], axis=1).max()
     assert len(found.stamp) == 8000 and 2 <= largest <= 6.01
 
 

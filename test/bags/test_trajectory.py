@@ -22,8 +22,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.trajectory import (
+    read_trajectory, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.errors import BagError
 
 
@@ -60,8 +60,8 @@ def test_what_is_known_goes_into_the_table(tmp_path: Path) -> None:
 
 def test_message_as_others_read_it(tmp_path: Path) -> None:
     """Rosbags reads the message: names, points, times, no effort."""
-    write_bag(tmp_path / 'bag', [TrajectorySeries(
-        '/joint_trajectory', np.array([5_000_000_000]), [sample(150)])])
+    write_trajectories(tmp_path / 'bag', [
+        Sent(sample(150), time=5_000_000_000, stamp=5_000_000_000)])
     with AnyReader([tmp_path / 'bag']) as reader:
         [(connection, stamp, raw)] = list(reader.messages())
         message = reader.deserialize(raw, connection.msgtype)

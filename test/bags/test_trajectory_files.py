@@ -24,7 +24,7 @@ import numpy as np
 import pytest
 from tudor_dynamics.bags import trajectory
 from tudor_dynamics.bags.trajectory import (
-    read_trajectories, Sent, Trajectory, TrajectorySeries, write_trajectories)
+    read_trajectories, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, TudorError
 
@@ -73,8 +73,7 @@ def test_bags_without_trajectories_and_with_several_topics(tmp_path: Path) -> No
 @given(st.integers(0, 400), st.binary(min_size=1, max_size=8), st.integers(0, 60))
 def test_damaged_messages(place: int, noise: bytes, cut: int) -> None:
     """Any bytes give a trajectory or one line, nothing else, and not without end."""
-    data = bytearray(TrajectorySeries(
-        '/plan', np.zeros(1, np.int64), [Trajectory(JOINTS, T, Q, Q)]).encode()[0])
+    data = bytearray(Sent(Trajectory(JOINTS, T, Q, Q)).encode())
     place %= len(data)
     data[place:place + len(noise)] = noise
     try:

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from robot_making import described_arm, efforts_of, fitted, JOINTS, motion_of
 from tudor_dynamics.arm.schema import PreprocessingSpec
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.models.bundle import ModelBundle
@@ -43,7 +43,7 @@ def sides(tmp_path_factory):
     motion = motion_of(20.0, 9, rate=100.0)
     stamps = (1e9 + np.arange(len(motion)) * 1e7).astype(np.int64)
     n = len(JOINTS)
-    write_bag(path / 'bag', [JointStateSeries(
+    write_bag(path / 'bag', [joint_signals(
         topic='/joint_states', stamp=stamps, names=JOINTS, position=motion[:, :n],
         velocity=motion[:, n:2 * n], effort=efforts_of(arm, motion))])
     return path

@@ -19,7 +19,7 @@ import json
 import numpy as np
 import pytest
 
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 
@@ -39,8 +39,8 @@ def bag(tmp_path):
     effort = np.cos(t)
     effort[5] = np.nan
     write_bag(tmp_path / 'bag', [
-        JointStateSeries('/joint_states', stamp, ('axis',), np.sin(t), np.cos(t), effort),
-        JointStateSeries('/link_strains', stamp, ('\x1b[31mgauge',), 100 * np.sin(t))])
+        joint_signals('/joint_states', stamp, ('axis',), np.sin(t), np.cos(t), effort),
+        joint_signals('/link_strains', stamp, ('\x1b[31mgauge',), 100 * np.sin(t))])
     return tmp_path / 'bag'
 
 
@@ -94,7 +94,7 @@ def test_tables_are_whole_on_a_narrow_terminal(tmp_path, capsys, monkeypatch):
     name = 'left_arm_shoulder_pan_joint_of_the_first_robot'
     stamp = 10**18 + 10_000_000 * np.arange(300)
     wave = np.sin(0.01 * np.arange(300))[:, None]
-    write_bag(tmp_path / 'bag', [JointStateSeries(
+    write_bag(tmp_path / 'bag', [joint_signals(
         '/a_namespace_of_some_length/joint_states', stamp, (name,), wave - 0.12345,
         1.2345e-7 * wave, -9.8765e11 * wave)])
     assert main(['info', str(tmp_path / 'bag')]) == 0

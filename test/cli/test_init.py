@@ -28,7 +28,7 @@ import numpy as np
 import pytest
 
 from tudor_dynamics.arm.description import load_arm
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.cli.main import main
 from tudor_dynamics.errors import ArmError
@@ -144,7 +144,7 @@ def test_arrays_and_interfaces(place: Path, capsys: pytest.CaptureFixture[str]) 
     """An interface is found by its name; of an array it is not known which value is whose."""
     stamp, q = motion()
     tau = torques(q)
-    states = topic_of(JointStateSeries('/joint_states', stamp, JOINTS, q))
+    states = topic_of(joint_signals('/joint_states', stamp, JOINTS, q))
     if not (place / 'carriers').exists():
         interfaces = [dynamic(int(s), {name: {'current': row[i] / 8, 'temperature': 40.0}
                                        for i, name in enumerate(JOINTS)})
@@ -195,8 +195,8 @@ def test_a_prismatic_joint_and_a_large_effort(
 ) -> None:
     """More than drives take in ampere is a force, where the rows say that the joint slides."""
     stamp, q = motion()
-    write_bag(tmp_path / 'bag', [JointStateSeries('/joint_states', stamp, ['axis'], q[:, :1],
-                                                  effort=200 * q[:, :1])])
+    write_bag(tmp_path / 'bag', [joint_signals('/joint_states', stamp, ['axis'], q[:, :1],
+                                               effort=200 * q[:, :1])])
     (tmp_path / 'rows').write_text('axis 0 0 0 0 prismatic')
     content = run(tmp_path, 'bag', '--dh', 'rows')
     assert content['joints'] == [{'name': 'axis', 'type': 'prismatic',

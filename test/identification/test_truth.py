@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from bag_making import joint_states, make_bag, times
@@ -25,26 +24,19 @@ from numpy.typing import NDArray
 import pytest
 from sample_arms import recording_of
 
-from tudor_dynamics.bags.encoding import WrenchSeries
+from tudor_dynamics.bags.messages import Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.reader import BOOL
+from tudor_dynamics.bags.storage import RawMessages
 from tudor_dynamics.errors import BagError, UsageError
 from tudor_dynamics.identification.detection import (
     alarms_at, find_truth, FREE, KnownPush, push_of, score, table_of_pushes, Truth, truth_of_table,
     WatchedBag)
 
 
-@dataclass(frozen=True, eq=False)
-class Flags:
-    """Messages of a Bool topic."""
-
-    stamp: NDArray[np.int64]
-    value: tuple[bool, ...]
-    topic: str = '/button'
-    msgtype: str = BOOL
-
-    def encode(self) -> list[bytes]:
-        """Encode them."""
-        return [b'\x00\x01\x00\x00' + bytes([item]) for item in self.value]
+def button(stamp: NDArray[np.int64], *value: bool) -> RawMessages:
+    """Give messages of a Bool topic."""
+    return RawMessages('/button', BOOL, stamp,
+                       [b'\x00\x01\x00\x00' + bytes([item]) for item in value])
 
 
 def test_truth_of_a_wrench(tmp_path: Path) -> None:
@@ -52,8 +44,9 @@ def test_truth_of_a_wrench(tmp_path: Path) -> None:
     stamp = times()
     force = np.zeros((300, 3))
     force[50:80, 0], force[84:90, 0], force[200:220, 1] = 2.0, 3.0, -4.0
-    bag = make_bag(tmp_path / 'bag', joint_states(), WrenchSeries(
-        '/applied_wrench', stamp, force, np.zeros((300, 3)), 'tip'))
+    bag = make_bag(tmp_path / 'bag', joint_states(), Signals(
+        '/applied_wrench', stamp, {'force': force, 'torque': np.zeros((300, 3))}, frame='tip',
+        msgtype=WRENCH_STAMPED))
     found = find_truth(str(bag))
     assert found.known and found.source == 'applied_wrench'
     assert found.pushes == (KnownPush(int(stamp[50]), int(stamp[89]), 3.0),
@@ -64,12 +57,12 @@ def test_truth_of_a_bool(tmp_path: Path) -> None:
     """A Bool on change counts from rise to fall, on the header stamps of the joint states."""
     stamp = times()
     late = 70_000_000  # ns by which the clock of the bag is behind that of the headers
-    flags = Flags(stamp[[0, 40, 90, 250]], (False, True, False, True))
-    bag = make_bag(tmp_path / 'bag', joint_states(), flags)
+    changes, pressed = stamp[[0, 40, 90, 250]], (False, True, False, True)
+    bag = make_bag(tmp_path / 'bag', joint_states(), button(changes, *pressed))
     assert [(push.begin, push.end) for push in find_truth(str(bag), 'button').pushes] == [
         (stamp[40], stamp[90]), (stamp[250], stamp[250])]
-    moved = make_bag(tmp_path / 'moved', joint_states(stamp), Flags(
-        flags.stamp - late, flags.value))
+    moved = make_bag(tmp_path / 'moved', joint_states(stamp), button(
+        changes - late, *pressed))
     assert find_truth(str(moved), '/button').pushes[0].begin == stamp[40] - late
     with pytest.raises(BagError, match='there is no message on /other'):
         find_truth(str(bag), '/other')

@@ -68,8 +68,8 @@ def test_bag_of_a_stimulus(root: Path, tmp_path: Path) -> None:
     force = np.array([[m.wrench.force.x, m.wrench.force.y, m.wrench.force.z] for m in wrenches])
     frames = np.array([m.header.frame_id for m in wrenches])
     read = read_wrenches(tmp_path / 'bag')
-    assert read is not None and list(read.frame_id) == frames.tolist()
-    np.testing.assert_array_equal(read.force, force)
+    assert read is not None and list(read.frame) == frames.tolist()
+    np.testing.assert_array_equal(read.values['force'], force)
     acting = np.linalg.norm(force, axis=1) > 0.0
     assert set(frames[~acting]) == {'base'}
     for push in result.pushes:

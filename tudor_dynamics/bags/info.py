@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.bags.messages import DecodedTopic, JOINT_STATE, LAYOUTS, load_topics
+from tudor_dynamics.bags.messages import DecodedTopic, JOINT_STATE, load_topics, NAMED
 from tudor_dynamics.bags.reader import assemble, gap_limit, increasing, split_at_gaps
 from tudor_dynamics.bags.recording import (
     ChannelSource, MANY_TURNS, plan_from_arm, Recording, Sources)
@@ -239,7 +239,7 @@ def describe(path: str | Path, arm: Arm | None = None) -> BagReport:
     topics = load_topics(bag, [name for name, info in bag.topics.items()
                                if info.msgtype == JOINT_STATE])
     for name, info in bag.topics.items():
-        if info.msgtype in LAYOUTS and name not in topics:
+        if info.msgtype in NAMED and name not in topics:
             try:
                 topics |= load_topics(bag, [name])
             except BagError as err:  # it may have nothing to do with the arm

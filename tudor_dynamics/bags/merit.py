@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tudor_dynamics.bags.encoding import JointStateSeries
+from tudor_dynamics.bags.messages import joint_signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError
 from tudor_dynamics.files import open_regular
@@ -126,8 +126,8 @@ def import_merit(path: str | Path, out: str | Path, *, storage: str = 'mcap') ->
     table = read_merit(path)
     stamp = START + np.round(table[:, 0] * 1e9).astype(np.int64)
     write_bag(out, [
-        JointStateSeries('/joint_states', stamp, JOINTS, table[:, 1:4], table[:, 4:7]),
-        JointStateSeries('/motor_currents', stamp, JOINTS, effort=table[:, 7:10]),
-        JointStateSeries('/link_strains', stamp, GAUGES, table[:, 10:14]),
+        joint_signals('/joint_states', stamp, JOINTS, table[:, 1:4], table[:, 4:7]),
+        joint_signals('/motor_currents', stamp, JOINTS, effort=table[:, 7:10]),
+        joint_signals('/link_strains', stamp, GAUGES, table[:, 10:14]),
     ], storage=storage)
     return len(table)

@@ -26,7 +26,7 @@ group by group.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field as dataclass_field
+from dataclasses import dataclass, field as dataclass_field, replace
 import re
 import struct
 from typing import Any
@@ -174,14 +174,11 @@ def joint_state_layout(buffer: bytes, spare: int = MAX_PADDING) -> Layout:
 
 
 def wrench_layout(buffer: bytes) -> Layout:
-    """
-    Parse the structure of a WrenchStamped.
-
-    Returns place of ``wrench``: force [N] and torque [N m].
-    """
+    """Parse the structure of a WrenchStamped: ``force`` [N] and ``torque`` [N m]."""
     cursor = Cursor(buffer)
     frame_id = cursor.header()
-    return cursor.finish(frame_id, (), {'wrench': (cursor.skip(48, 8), 6)})
+    fields = {field: (cursor.skip(24, 8), 3) for field in ('force', 'torque')}
+    return cursor.finish(frame_id, (), fields)
 
 
 def imu_layout(buffer: bytes) -> Layout:
@@ -392,14 +389,58 @@ def check_definition(msgtype: str, definition: str, topic: str, path: str) -> No
             raise BagError(msg, place=path)
 
 
-LAYOUTS = {JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
-           DYNAMIC_JOINT_STATE: dynamic_layout}
-"""Types of messages with named values; those of an array are named by their places."""
+# Those of an array are named by their places.
+NAMED = (JOINT_STATE, FLOAT64_MULTI_ARRAY, DYNAMIC_JOINT_STATE)
+"""Types of messages with named values."""
+LAYOUTS: Mapping[str, Callable[[bytes], Layout]] = {
+    JOINT_STATE: joint_state_layout, FLOAT64_MULTI_ARRAY: array_layout,
+    DYNAMIC_JOINT_STATE: dynamic_layout, WRENCH_STAMPED: wrench_layout, IMU: imu_layout}
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """
+    Signals over time of one topic: what its messages hold, or are to hold.
+
+    Fields are those of the messages: ``position``, ``velocity`` and ``effort`` of a JointState,
+    ``force`` and ``torque`` of a WrenchStamped [N, N m], ``orientation`` (x, y, z, w),
+    ``angular_velocity`` and ``linear_acceleration`` of an Imu [rad/s, m/s^2].
+    """
+
+    topic: str  # full name, e.g. `/joint_states`
+    stamp: NDArray[np.int64]  # header stamps, (n,) [ns]
+    values: Mapping[str, FloatArray]  # by field, (n, columns); what is missing stays empty
+    names: Sequence[str] = ()  # of the columns, where messages have names
+    frame: str | NDArray[np.object_] = ''  # of all messages, or of each (n,)
+    msgtype: str = JOINT_STATE  # type of the messages
+
+    @property
+    def what(self) -> str:
+        """Field and topic for people, e.g. `effort in /motor_currents`."""
+        return f'{", ".join(self.values)} in {self.topic}'
+
+    def at(self, rows: NDArray) -> Signals:
+        """Give the signals at a selection of their samples."""
+        return replace(
+            self, stamp=self.stamp[rows],
+            values={field: values[rows] for field, values in self.values.items()},
+            frame=self.frame if isinstance(self.frame, str) else self.frame[rows])
+
+
+def joint_signals(
+    topic: str, stamp: NDArray[np.int64], names: Sequence[str],
+    position: FloatArray | None = None, velocity: FloatArray | None = None,
+    effort: FloatArray | None = None,
+) -> Signals:
+    """Give what JointStates are to hold; a field that is None stays empty."""
+    columns = zip(FIELDS, (position, velocity, effort), strict=True)
+    return Signals(topic, stamp, {field: values for field, values in columns
+                                  if values is not None}, names)
 
 
 @dataclass(frozen=True, eq=False)
 class DecodedTopic:
-    """All messages of a topic of JointState, or of another type with named values."""
+    """All messages of a topic."""
 
     topic: str  # name of the topic
     # When each was recorded, and its header stamp, zero where it has none, (n,) [ns].
@@ -434,6 +475,17 @@ class DecodedTopic:
             order = np.argsort(index)
             index, values = index[order], values[order]
         return index, values
+
+    def signals(self) -> Signals:
+        """Give all messages of a type whose fields are always there, such as WrenchStamped."""
+        fields = self.blocks[0].layout.fields
+        values = {field: np.empty((len(self.stamp), size)) for field, (_, size) in fields.items()}
+        frames = np.empty(len(self.stamp), dtype=object)
+        for block in self.blocks:
+            for field, column in values.items():
+                column[block.index] = block.values(field)
+            frames[block.index] = block.layout.frame_id
+        return Signals(self.topic, self.stamp, values, (), frames, self.msgtype)
 
     def _check_lengths(self, block: MessageBatch, names: Sequence[str], path: str) -> None:
         """Refuse messages whose arrays do not go with their names."""

@@ -18,20 +18,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.bags.encoding import WrenchSeries
 from tudor_dynamics.bags.messages import (
-    decode, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE, load_topics,
-    wrench_layout, WRENCH_STAMPED)
+    decode_topic, DecodedTopic, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE,
+    load_topics, Signals, WRENCH_STAMPED)
 from tudor_dynamics.bags.recording import (
     ChannelSource, check_plausible, Oddities, plan_from_arm, Recording, SetBack, Sources)
-from tudor_dynamics.bags.storage import Bag, Notes, open_bag
+from tudor_dynamics.bags.storage import Bag, Notes, open_bag, RawMessages
 from tudor_dynamics.errors import BagError, check_type
 from tudor_dynamics.typing import FloatArray
 
@@ -136,21 +135,6 @@ MAX_VALUE = 1e12
 """Nothing about an arm is larger in any unit; squares and products stay far from overflowing."""
 
 
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """Values of some names in a topic, before they are aligned."""
-
-    # For messages, e.g. `effort in /motor_currents`.
-    what: str
-    names: tuple[str, ...]  # names of the columns
-    stamp: NDArray[np.int64]  # times of the samples, (n,) [ns]
-    values: FloatArray  # in the units of the topic, (n, names)
-
-    def at(self, rows: NDArray) -> Stream:
-        """Give the stream with a selection of its rows."""
-        return Stream(self.what, self.names, self.stamp[rows], self.values[rows])
-
-
 def choose_clock(
     topics: Mapping[str, DecodedTopic], notes: Notes, path: str,
 ) -> dict[str, NDArray[np.int64]]:
@@ -186,25 +170,25 @@ def choose_clock(
     return {name: states.log_time for name, states in topics.items()}
 
 
-def check_finite(stream: Stream, notes: Notes, path: str) -> Stream:
-    """Mark samples that are no measured numbers, refuse channels that are mostly so."""
-    bad = ~(np.abs(stream.values) <= MAX_VALUE)
+def check_finite(stream: Signals, field: str, notes: Notes, path: str) -> FloatArray:
+    """Give a field with NaN for what is no measured number; refuse what is mostly so."""
+    values = stream.values[field]
+    bad = ~(np.abs(values) <= MAX_VALUE)
     if not bad.any():
-        return stream
+        return values
     counts = bad.sum(axis=0)
     first = int(np.argmax(bad.any(axis=1)))
     seconds = (stream.stamp[first] - stream.stamp[0]) * 1e-9
     who = ', '.join(f'{name} {count}' for name, count in zip(stream.names, counts, strict=True)
                     if count)
-    large = '' if not np.isfinite(stream.values[bad]).any() else f' or beyond {MAX_VALUE:g}'
+    large = '' if not np.isfinite(values[bad]).any() else f' or beyond {MAX_VALUE:g}'
     text = (f'{stream.what}: of {len(bad)} samples are NaN or infinite{large}: {who}, the first '
             f'at {seconds:.3f} s')
     if counts.max() > FEW * len(bad):
         msg = f'{text}; repair the driver or leave this channel out, and record again'
         raise BagError(msg, place=path)
     notes.add(f'{text}; left out')
-    return Stream(stream.what, stream.names, stream.stamp,
-                  np.where(bad, np.nan, stream.values))
+    return np.where(bad, np.nan, values)
 
 
 REMEDIES = {
@@ -248,13 +232,13 @@ class Assembly:
 
     def select(
         self, states: DecodedTopic, names: Sequence[str], field: str,
-    ) -> tuple[Stream, NDArray[np.intp]]:
+    ) -> tuple[Signals, NDArray[np.intp]]:
         """Take the values of names from all messages that have them, and which these are."""
         index, values = states.select(names, field, self.path)
-        return Stream(f'{field} in {states.topic}', tuple(names),
-                      self.clock[states.topic][index], values), index
+        return Signals(states.topic, self.clock[states.topic][index], {field: values},
+                       names), index
 
-    def ordered(self, stream: Stream, *, count: bool = True) -> tuple[Stream, NDArray[np.bool_]]:
+    def ordered(self, stream: Signals, *, count: bool = True) -> tuple[Signals, NDArray[np.bool_]]:
         """Leave out duplicate and backward stamps, report how many, check what remains."""
         keep, duplicate, backward = increasing(stream.stamp)
         lost = duplicate + backward
@@ -271,9 +255,9 @@ class Assembly:
                                    f'{cause.replace("_", " ")}; left out')
         return stream.at(keep), keep
 
-    def motion(self) -> tuple[Stream, FloatArray | None]:
-        """Give positions with stamps that increase, and velocities on the same rows."""
-        plan, path = self.plan, self.path
+    def motion(self) -> Signals:
+        """Give positions with stamps that increase, and velocities where they are there."""
+        plan = self.plan
         name = self.names[plan.joint_topic]
         if name is None:
             others = sorted(topic for topic, info in self.bag.topics.items()
@@ -301,7 +285,9 @@ class Assembly:
                 SetBack(float(newest - stream.stamp[0]) * 1e-9, size * 1e-9, lost))
         self.others = states.ranges(plan.joints)
         stream, keep = self.ordered(stream)
-        return check_finite(stream, self.notes, path), self._velocity(states, index[keep])
+        values = {'position': check_finite(stream, 'position', self.notes, self.path)}
+        dq = self._velocity(states, index[keep])
+        return replace(stream, values=values if dq is None else {**values, 'velocity': dq})
 
     def _names_message(self, states: DecodedTopic) -> str:
         found = sorted({name for block in states.blocks for name in block.layout.names})
@@ -324,17 +310,17 @@ class Assembly:
                            f'{len(rows)} messages only; not used')
             return None
         stream = stream.at(place)
-        empty = [not column.any() for column in np.isfinite(stream.values).T]
+        empty = [not column.any() for column in np.isfinite(stream.values['velocity']).T]
         if any(empty):
             # joint_state_broadcaster fills the fields of interfaces that are not there with NaN
             names = [name for name, none in zip(stream.names, empty, strict=True) if none]
             self.notes.add(f'velocity in {states.topic} is NaN throughout for '
                            f'{", ".join(names)}; velocities are not used')
             return None
-        return check_finite(stream, self.notes, self.path).values
+        return check_finite(stream, 'velocity', self.notes, self.path)
 
     def output(
-        self, motion: Stream, names: Sequence[str], channels: Sequence[ChannelSource],
+        self, motion: Signals, names: Sequence[str], channels: Sequence[ChannelSource],
     ) -> tuple[FloatArray, NDArray[np.bool_]] | None:
         """
         Give efforts or strains on the stamps of the motion; None where there are none.
@@ -352,7 +338,8 @@ class Assembly:
                                          [channels[i] for i in columns])
             if stream is None:
                 return None
-            values[:, columns], inside = interpolate(motion.stamp, stream.stamp, stream.values)
+            values[:, columns], inside = interpolate(motion.stamp, stream.stamp,
+                                                     stream.values[source[1]])
             if not inside.any():
                 msg = (f'{stream.what} has no sample at the time of any joint '
                        'state; let both publishers stamp with the same clock')
@@ -366,7 +353,7 @@ class Assembly:
 
     def _output_stream(
         self, names: Sequence[str], channels: Sequence[ChannelSource],
-    ) -> Stream | None:
+    ) -> Signals | None:
         who, keys = ', '.join(names), [channel.name for channel in channels]
         wanted, field = channels[0].topic, channels[0].field
         topic = self.names[wanted]
@@ -387,29 +374,24 @@ class Assembly:
         if len(stream.stamp) < 2:
             self.notes.add(f'only one message with {stream.what} of {who}', lacking=True)
             return None
-        if not np.isfinite(stream.values).any():
+        if not np.isfinite(stream.values[field]).any():
             self.notes.add(f'{stream.what} is NaN throughout', lacking=True)
             return None
-        stream = check_finite(stream, self.notes, self.path)
-        spans = np.nanmax(stream.values, axis=0) - np.nanmin(stream.values, axis=0)
+        values = check_finite(stream, field, self.notes, self.path)
+        spans = np.nanmax(values, axis=0) - np.nanmin(values, axis=0)
         if not spans.all():
             still = [name for name, span in zip(names, spans, strict=True) if not span]
             self.notes.add(f'{stream.what} of {", ".join(still)} never changes')
-        return stream
+        return replace(stream, values={field: values})
 
     def rows(
-        self, motion: Stream, dq: FloatArray | None,
+        self, motion: Signals,
         outputs: Sequence[tuple[FloatArray, NDArray[np.bool_]] | None],
     ) -> NDArray[np.intp]:
-        """
-        Give the rows where everything is there; count the others by cause.
-
-        dq (samples, joints) [rad/s or m/s].
-        """
-        found = np.ones(len(motion.stamp), dtype=bool)
-        finite = np.isfinite(motion.values).all(axis=1)
-        if dq is not None:
-            finite &= np.isfinite(dq).all(axis=1)
+        """Give the rows where everything is there; count the others by cause."""
+        found, finite = np.ones((2, len(motion.stamp)), dtype=bool)
+        for values in motion.values.values():
+            finite &= np.isfinite(values).all(axis=1)
         for output in outputs:
             if output is not None:
                 values, inside = output
@@ -466,18 +448,19 @@ def assemble(
 ) -> Recording:
     """Make a recording of decoded topics; names: of topics in the bag, by those of the plan."""
     work = Assembly(bag, topics, plan, names)
-    motion, dq = work.motion()
+    motion = work.motion()
     effort = work.output(motion, plan.joints, plan.efforts)
     strain = work.output(motion, plan.gauges, plan.strains)
-    rows = work.rows(motion, dq, (effort, strain))
-    stamp = motion.stamp[rows]
+    rows = work.rows(motion, (effort, strain))
+    motion = motion.at(rows)
+    stamp = motion.stamp
     duration = (stamp[-1] - stamp[0]) * 1e-9 if len(stamp) else 0.0
     if len(rows) < MIN_SAMPLES or duration < MIN_DURATION:
         msg = (f'too short: {len(rows)} usable samples in {duration:.3g} s, at least '
                f'{MIN_SAMPLES} samples and {MIN_DURATION:g} s are needed; record longer')
         raise BagError(msg, place=bag.path)
     recording = Recording(
-        str(bag.path), stamp, motion.values[rows], None if dq is None else dq[rows],
+        str(bag.path), stamp, motion.values['position'], motion.values.get('velocity'),
         None if effort is None else effort[0][rows],
         None if strain is None else strain[0][rows],
         work.segments(stamp), float(np.median(np.diff(stamp))) * 1e-9,
@@ -549,8 +532,10 @@ BOOL_BYTES = 5
 """A Bool after its encapsulation header."""
 
 
-def _topic_of(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> str | None:
-    """Find a topic of the first of some types; None where it is not there, or is empty."""
+def _messages(
+    bag: Bag, topic: str, known: Sequence[str], path: str | Path,
+) -> RawMessages | None:
+    """Read a topic of the first of some types; None where it is not there, or is empty."""
     name = bag.find({topic: JOINT_STATE})[topic]
     if name is None or not bag.topics[name].count:
         return None
@@ -558,33 +543,20 @@ def _topic_of(bag: Bag, topic: str, known: Sequence[str], path: str | Path) -> s
         msg = (f'{path}: topic {name} is of type {bag.topics[name].msgtype}, expected '
                f'{" or ".join(known)}; name another topic')
         raise BagError(msg)
-    return name
+    return bag.read([name])[name]
 
 
-def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> WrenchSeries | None:
+def read_wrenches(path: str | Path, topic: str = 'applied_wrench') -> Signals | None:
     """
     Read the wrenches of a bag.
 
     Returns None where the bag has no such topic, or no message in it.
     """
-    bag = open_bag(path)
-    name = _topic_of(bag, topic, (WRENCH_STAMPED,), path)
-    if name is None:
+    raw = _messages(open_bag(path), topic, (WRENCH_STAMPED,), path)
+    if raw is None or not raw.data:
         return None
-    raw = bag.read([name])[name]
-    try:
-        blocks = decode(raw.data, wrench_layout, name)
-    except BagError as err:
-        raise err.at(path) from None
-    if not blocks:
-        return None
-    order = np.argsort(np.concatenate([block.index for block in blocks]))
-    stamp = np.concatenate([block.stamp for block in blocks])[order]
-    values = np.concatenate([block.values('wrench') for block in blocks])[order]
-    keep, _, _ = increasing(stamp)
-    names = np.concatenate([[block.layout.frame_id] * len(block.index) for block in blocks])
-    return WrenchSeries(name, stamp[keep], values[keep, :3], values[keep, 3:],
-                        tuple(names[order][keep].tolist()))
+    found = decode_topic(raw, str(path)).signals()
+    return found.at(increasing(found.stamp)[0])
 
 
 def read_flags(
@@ -596,12 +568,11 @@ def read_flags(
     Returns (n,) [ns], None where the bag has no such topic, or no message in it.
     """
     bag = open_bag(path)
-    name = _topic_of(bag, topic, (BOOL, WRENCH_STAMPED), path)
-    if name is None:
+    raw = _messages(bag, topic, (BOOL, WRENCH_STAMPED), path)
+    if raw is None:
         return None
-    raw = bag.read([name])[name]
     if any(not BOOL_BYTES <= len(data) < BOOL_BYTES + 8 or data[4] > 1 for data in raw.data):
-        msg = f'{path}: topic {name} has messages that are no {BOOL}; the bag is damaged'
+        msg = f'{path}: topic {raw.topic} has messages that are no {BOOL}; the bag is damaged'
         raise BagError(msg)
     joints = bag.find({clock: JOINT_STATE})[clock]
     shift = 0
@@ -609,5 +580,4 @@ def read_flags(
         known = load_topics(bag, [joints])[joints]
         if known.stamp.any():
             shift = int(np.median(known.stamp - known.log_time))
-    order = np.argsort(raw.log_time, kind='stable')
-    return raw.log_time[order] + shift, np.array([data[4] != 0 for data in raw.data])[order]
+    return raw.log_time + shift, np.array([data[4] != 0 for data in raw.data])

@@ -23,25 +23,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rosbags.typesys import get_typestore, Stores
 
 from tudor_dynamics.bags.messages import MAX_NAMES, POINT_FIELDS
-from tudor_dynamics.bags.storage import open_bag
+from tudor_dynamics.bags.storage import open_bag, RawMessages
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import BagError, SignalError, TudorError, UsageError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Motion of joints as points in time: as a table (CSV), and as JointTrajectory messages.
-#
 # A table has the columns ``t, JOINT, ...`` of positions, as ``tudor simulate --motion`` takes it,
 # and ``JOINT_velocity``, ``JOINT_acceleration``, ``JOINT_effort`` for what is known beside.
 
 Points = Sequence[Sequence[float]]
 MAX_TABLE_BYTES = 50_000_000
 TRAJECTORY = 'trajectory_msgs/msg/JointTrajectory'
+MOST_MESSAGES = 100_000
+SECOND = 1_000_000_000
 FIELDS = {'': 'q', '_velocity': 'dq', '_acceleration': 'ddq', '_effort': 'effort'}
 """What follows the name of a joint in the head of a table's column, and what stands there."""
 
@@ -223,73 +222,29 @@ def read_trajectory(path: Path) -> Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class TrajectorySeries:
-    """Messages of one JointTrajectory topic."""
-
-    # Full name, e.g. `/joint_trajectory`.
-    topic: str
-    # Times at which they are recorded, and header stamps where there are no others, (n,) [ns].
-    stamp: NDArray[np.int64]
-    trajectories: Sequence[Trajectory]  # one for each message
-    # Header stamps; 0 lets a controller begin at once, (n,) [ns].
-    header: NDArray[np.int64] | None = None
-    frames: Sequence[str] = ()  # frames of the headers; none by default
-    msgtype: str = TRAJECTORY  # type of the messages
-
-    def encode(self) -> list[bytes]:
-        """Encode the messages."""
-        typestore = get_typestore(Stores.ROS2_JAZZY)
-        types = typestore.types
-        nothing = np.zeros(0)
-
-        def message(stamp: int, frame: str, trajectory: Trajectory) -> bytes:
-            time = types['builtin_interfaces/msg/Time'](*divmod(stamp, 10**9))
-            fields = [getattr(trajectory, field) for field in FIELDS.values()]
-            points = [types['trajectory_msgs/msg/JointTrajectoryPoint'](
-                *(nothing if field is None else np.ascontiguousarray(field[k])
-                  for field in fields),
-                types['builtin_interfaces/msg/Duration'](*divmod(ns, 10**9)))
-                for k, ns in enumerate(
-                    np.round(trajectory.t * 1e9).astype(np.int64).tolist())]
-            return bytes(typestore.serialize_cdr(types[TRAJECTORY](
-                types['std_msgs/msg/Header'](time, frame), list(trajectory.joints), points),
-                TRAJECTORY))
-        stamps = self.stamp if self.header is None else self.header
-        return [message(*item) for item in zip(
-            stamps.tolist(), self.frames or [''] * len(stamps), self.trajectories, strict=True)]
-
-
-# -- Trajectories of files: tables, and bags of trajectory_msgs/JointTrajectory
-
-MOST_MESSAGES = 100_000
-SECOND = 1_000_000_000
-
-
-@dataclass(frozen=True, eq=False)
 class Sent:
-    """
-    A trajectory as it stood in a file.
+    """A trajectory as it stands in a file, a table or a bag of JointTrajectory."""
 
-    Attributes
-    ----------
-    trajectory : Trajectory
-        What joints are to do.
-    topic : str
-        Topic in the bag; empty for a table.
-    time : int
-        When the message was recorded [ns].
-    stamp : int
-        Header stamp; 0 lets a controller begin at once [ns].
-    frame_id : str
-        Of the header.
+    trajectory: Trajectory  # what joints are to do
+    topic: str = ''  # in the bag; empty for a table
+    time: int = 0  # when the message was recorded [ns]
+    stamp: int = 0  # of the header; 0 lets a controller begin at once [ns]
+    frame_id: str = ''  # of the header
 
-    """
-
-    trajectory: Trajectory
-    topic: str = ''
-    time: int = 0
-    stamp: int = 0
-    frame_id: str = ''
+    def encode(self) -> bytes:
+        """Encode the message."""
+        typestore = get_typestore(Stores.ROS2_JAZZY)
+        types, trajectory = typestore.types, self.trajectory
+        fields = [getattr(trajectory, field) for field in FIELDS.values()]
+        points = [types['trajectory_msgs/msg/JointTrajectoryPoint'](
+            *(np.zeros(0) if field is None else np.ascontiguousarray(field[k])
+              for field in fields),
+            types['builtin_interfaces/msg/Duration'](*divmod(ns, SECOND)))
+            for k, ns in enumerate(np.round(trajectory.t * 1e9).astype(np.int64).tolist())]
+        header = types['std_msgs/msg/Header'](
+            types['builtin_interfaces/msg/Time'](*divmod(self.stamp, SECOND)), self.frame_id)
+        return bytes(typestore.serialize_cdr(
+            types[TRAJECTORY](header, list(trajectory.joints), points), TRAJECTORY))
 
 
 def is_table(path: Path) -> bool:
@@ -387,11 +342,9 @@ def write_trajectories(path: Path, sent: Sequence[Sent]) -> None:
         topics: dict[str, list[Sent]] = {}
         for item in sent:
             topics.setdefault(item.topic or '/joint_trajectory', []).append(item)
-        write_bag(path, [TrajectorySeries(
-            topic, np.array([item.time for item in own], dtype=np.int64),
-            [item.trajectory for item in own],
-            np.array([item.stamp for item in own], dtype=np.int64),
-            [item.frame_id for item in own]) for topic, own in topics.items()])
+        write_bag(path, [RawMessages(
+            topic, TRAJECTORY, np.array([item.time for item in own], dtype=np.int64),
+            [item.encode() for item in own]) for topic, own in topics.items()])
         return
     if len(sent) != 1:
         msg = f'{len(sent)} trajectories do not go into one table'

@@ -135,7 +135,8 @@ def find_truth(path: str, topic: str | None = None, clock: str = 'joint_states')
             return Truth(topic, _flagged(*flags))
     wrenches = read_wrenches(path, name)
     if wrenches is not None:
-        return Truth(name, _pushes(wrenches.stamp, np.linalg.norm(wrenches.force, axis=1)))
+        size = np.linalg.norm(wrenches.values['force'], axis=1)
+        return Truth(name, _pushes(wrenches.stamp, size))
     if topic is None:
         return Truth()
     msg = (f'{path}: there is no message on {topic}, from which pushes were to be read; name '

@@ -30,8 +30,8 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import SelfCollision
 from tudor_dynamics.arm.schema import (
     FRICTION_KEYS, PreprocessingSpec, STATE_KEYS, validation_message)
-from tudor_dynamics.bags.trajectory import read_trajectory, Trajectory, TrajectorySeries
-from tudor_dynamics.bags.writer import write_bag
+from tudor_dynamics.bags.trajectory import (
+    read_trajectory, Sent, Trajectory, write_trajectories)
 from tudor_dynamics.errors import SignalError, UsageError
 from tudor_dynamics.files import read_bounded, write_whole
 from tudor_dynamics.identification.excitation import (
@@ -547,8 +547,7 @@ def write_plan(folder: Path, plan: Plan, head: dict[str, Any]) -> None:
 
     """
     write_whole(folder / TABLE, plan.trajectory.table())
-    write_bag(folder / BAG, [TrajectorySeries(
-        '/joint_trajectory', np.array([STAMP]), [plan.trajectory])])
+    write_trajectories(folder / BAG, [Sent(plan.trajectory, time=STAMP, stamp=STAMP)])
     write_whole(folder / HEAD, json.dumps(head, indent=2, allow_nan=False).encode() + b'\n')
 
 

@@ -31,7 +31,7 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.arm.kinematics import joint_axis, link_frame
 from tudor_dynamics.arm.limits import hard_limits
 from tudor_dynamics.arm.schema import InertiaPart
-from tudor_dynamics.bags.encoding import JointStateSeries, WrenchSeries
+from tudor_dynamics.bags.messages import joint_signals, Signals, WRENCH_STAMPED
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.bags.writer import recording_series, write_bag
@@ -187,7 +187,7 @@ def random_pushes(
 def push_wrenches(
     arm: Arm, mechanism: Mechanism, pushes: tuple[Push, ...], signals: LoopRecord,
     stamp: NDArray[np.int64],
-) -> WrenchSeries:
+) -> Signals:
     """
     Give the truth about the pushes, each in the frame of its (rigid) link.
 
@@ -195,7 +195,7 @@ def push_wrenches(
     """
     forces = push_forces(push_table(pushes, mechanism), signals.t)
     force, torque = np.zeros((2, len(stamp), 3))
-    frames = ['base'] * len(stamp)
+    frames = np.full(len(stamp), 'base', dtype=object)
     model = arm.full_model
     data = model.createData()
     hold = {joint.name: joint.hold for joint in arm.spec.joints}
@@ -214,7 +214,8 @@ def push_wrenches(
             force[row] = data.oMi[index].rotation.T @ values[row]
             torque[row] = np.cross(place, force[row])
             frames[row] = frame
-    return WrenchSeries('/applied_wrench', stamp, force, torque, frames)
+    return Signals('/applied_wrench', stamp, {'force': force, 'torque': torque}, frame=frames,
+                   msgtype=WRENCH_STAMPED)
 
 
 # -- Motions of stimuli: random ones by their seeds, and planned ones
@@ -374,13 +375,13 @@ def record_stimulus(
             progress(len(reference.q[part]))
     signals = LoopRecord.joined(parts)
     stamp = START + np.round(signals.t * 1e9).astype(np.int64)
-    series: list[JointStateSeries | WrenchSeries] = [
+    series = [
         *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
-        JointStateSeries('/joint_reference', stamp, arm.active_joints, signals.q_ref,
-                         signals.dq_ref)]
+        joint_signals('/joint_reference', stamp, arm.active_joints, signals.q_ref,
+                      signals.dq_ref)]
     if spec.loads:
         carried = carried_at(spec.loads, spec.payload, signals.t)
-        series.append(JointStateSeries('/applied_payload', stamp, ('payload',), carried[:, None]))
+        series.append(joint_signals('/applied_payload', stamp, ('payload',), carried[:, None]))
     if pushes:
         series.append(push_wrenches(arm, loop.plant.mechanism, pushes, signals, stamp))
     write_bag(path, series, custom={'payload': f'{spec.payload:g}'})

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import make_interp_spline
 
 from tudor_dynamics.arm.description import Arm, refuse_interfaces
-from tudor_dynamics.bags.encoding import ImuSeries, JointStateSeries, Series
+from tudor_dynamics.bags.messages import IMU, joint_signals, Signals
 from tudor_dynamics.bags.writer import write_bag
 from tudor_dynamics.errors import check_type, SimulationError, UsageError
 from tudor_dynamics.files import read_bounded
@@ -279,24 +279,27 @@ START_NS = 1_000_000_000
 """Stamp of the first message: 1 s, as 0 means no stamp to many tools [ns]."""
 
 
-def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Series]:
+def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals]:
     """Lay a run out on the topics of joint states, strains and accelerations."""
     refuse_interfaces(arm, 'a bag that is written here')
     stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
-    series: list[Series] = [JointStateSeries(
+    series = [joint_signals(
         '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
         run.effort)]
     topics: dict[str, list[int]] = {}
     for index, gauge in enumerate(arm.gauges):
         topics.setdefault(gauge.topic, []).append(index)
     for topic, chosen in topics.items():
-        series.append(JointStateSeries(
+        series.append(joint_signals(
             '/' + topic.lstrip('/'), stamp, [arm.gauge_names[i] for i in chosen],
             run.strain[:, chosen], effort=run.gauge_moment[:, chosen]))
     for index, name in enumerate(InertialSensors(mechanism).names):
-        series.append(ImuSeries(
-            f'/imu/{name}', stamp, run.orientation(index), run.sensor_turning[:, index],
-            run.sensor_acceleration[:, index], f'{name}_imu'))
+        series.append(Signals(
+            f'/imu/{name}', stamp, {
+                'orientation': run.orientation(index),
+                'angular_velocity': run.sensor_turning[:, index],
+                'linear_acceleration': run.sensor_acceleration[:, index]},
+            frame=f'{name}_imu', msgtype=IMU))
     return series
 
 
