@@ -66,7 +66,7 @@ def coupled(arm, recording, matrix, motor):
     case = examine(arm, recording).case
     output = case.outputs['effort'][:, motor]
     bodies = case.usual['effort'].parameters(case.outputs['effort'])[motor]
-    own = case.usual['effort'].of_own(motor, output, bodies)
+    own = case.usual['effort'].own_parameters(motor, output, bodies)
     q = recording.q @ matrix.T
     sharp = 0.03 * float(np.sqrt(np.mean(case.motion[:, len(matrix) + motor] ** 2)))
 

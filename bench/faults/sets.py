@@ -98,7 +98,8 @@ def of_loads(bags):
         bundle = td.fit([str(_place(bag))], bag.arm, settings=FitSettings(kinds=('analytical',)))
 
         def judged(name, bundle=bundle):
-            return examine_evaluation(bundle, [filtered(known[name].data, bundle.preprocessing)])
+            data = filtered(known[name].data, bundle.preprocessing)
+            return examine_evaluation(bundle, [data]).findings
 
         yield (known[loaded], Fault('load_unknown', ('load_unknown',), bag.arm, ()),
                judged(loaded))

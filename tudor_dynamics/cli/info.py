@@ -30,8 +30,9 @@ from tudor_dynamics.arm.description import Arm, load_arm
 from tudor_dynamics.bags.info import BagReport, ChannelReport, describe, TopicReport
 from tudor_dynamics.cli.console import finite, new_table, print_findings, print_table
 from tudor_dynamics.errors import BagError, printable
-from tudor_dynamics.identification.doctor.examine import examine, look_at_samples
+from tudor_dynamics.identification.doctor.examine import examine
 from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.samples import look_at_samples
 from tudor_dynamics.signals.preprocessing import retimed
 
 EXAMPLES = """\

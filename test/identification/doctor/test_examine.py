@@ -82,7 +82,7 @@ def test_a_late_output(name: str) -> None:
 
 
 def test_an_effort_with_its_sign_turned() -> None:
-    """Friction that drives tells of it, where each current has parameters of its own."""
+    """Friction that drives shows it, where each current has parameters of its own."""
     finding = _one(replace(_bag(), effort=_effort(_bag()) * [1.0, -1.0]))
     assert (finding.kind, finding.channels) == ('effort_sign', ('joint3',))
 

@@ -292,7 +292,7 @@ def test_a_load_that_the_model_does_not_know(
     seen, predicted = decimate(recording), decimate(other)
     assert seen is not None and predicted is not None
     finding = load_of(Case(described(), recording, seen),
-                      {name: predicted.output(name) for name in ('effort', 'strain')}, 'run')
+                      {name: predicted.output(name) for name in ('effort', 'strain')})
     assert (None if finding is None else finding.kind) == expected
     if finding is not None:
         assert finding.now is not None and finding.otherwise is not None
@@ -306,7 +306,7 @@ def test_another_friction_is_no_load() -> None:
     assert seen is not None
     case = Case(described(), recording, seen)
     speed = seen.motion[:, 2:4]
-    assert load_of(case, {'effort': seen.output('effort') - 3.0 * speed}, 'run') is None
+    assert load_of(case, {'effort': seen.output('effort') - 3.0 * speed}) is None
 
 
 def test_too_short_to_judge() -> None:

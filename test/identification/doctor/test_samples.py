@@ -23,8 +23,8 @@ import pytest
 from sample_arms import multisine, recording_of
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor.examine import look_at_samples
-from tudor_dynamics.identification.doctor.samples import flat, moving, outliers, standstill
+from tudor_dynamics.identification.doctor.findings import Finding
+from tudor_dynamics.identification.doctor.samples import look_at_samples
 from tudor_dynamics.typing import FloatArray
 
 RATE = 100.0
@@ -44,6 +44,10 @@ def _strain(recording: Recording, values: FloatArray) -> Recording:
     return replace(recording, strain=np.column_stack([recording.strain[:, 0], values]))
 
 
+def _found(recording: Recording) -> list[Finding]:
+    return look_at_samples(recording, JOINTS, GAUGES)[1]
+
+
 def test_a_clean_recording_stays_clean(recording: Recording) -> None:
     """Nothing is said, and nothing is changed."""
     same, findings = look_at_samples(recording, JOINTS, GAUGES)
@@ -56,7 +60,7 @@ def test_an_outlier_has_place_and_size(recording: Recording, size: float) -> Non
     """One sample far off is named and put right for the checks that follow."""
     q = recording.q.copy()
     q[700, 1] += size
-    clean, (finding,) = outliers(replace(recording, q=q), JOINTS, GAUGES)
+    clean, (finding,) = look_at_samples(replace(recording, q=q), JOINTS, GAUGES)
     assert (finding.kind, finding.channels) == ('outlier', ('j2',))
     assert finding.time == pytest.approx(7.0)
     assert finding.size == pytest.approx(size, rel=0.05)
@@ -65,7 +69,7 @@ def test_an_outlier_has_place_and_size(recording: Recording, size: float) -> Non
 
 def test_a_constant_channel(recording: Recording) -> None:
     """A sensor that never changes is named with its value."""
-    finding, = flat(_strain(recording, np.full(2000, 7.0)), JOINTS, GAUGES)
+    finding, = _found(_strain(recording, np.full(2000, 7.0)))
     assert (finding.kind, finding.channels, finding.size) == ('constant', ('g2',), 7.0)
 
 
@@ -74,7 +78,7 @@ def test_a_held_channel(recording: Recording) -> None:
     assert recording.strain is not None
     values = recording.strain[:, 1].copy()
     values[600:850] = values[600]
-    finding, = flat(_strain(recording, values), JOINTS, GAUGES)
+    finding, = _found(_strain(recording, values))
     assert (finding.kind, finding.channels) == ('held', ('g2',))
     assert finding.time == pytest.approx(6.0)
     assert finding.size == pytest.approx(2.5, abs=0.05)
@@ -85,7 +89,7 @@ def test_a_channel_that_is_held_to_the_end_dies(recording: Recording) -> None:
     assert recording.strain is not None
     values = recording.strain[:, 1].copy()
     values[1200:] = values[1200]
-    finding, = flat(_strain(recording, values), JOINTS, GAUGES)
+    finding, = _found(_strain(recording, values))
     assert (finding.kind, finding.time) == ('dying', pytest.approx(12.0))
 
 
@@ -93,22 +97,113 @@ def test_a_saturated_channel(recording: Recording) -> None:
     """The bound is named."""
     assert recording.strain is not None
     bound = float(np.percentile(recording.strain[:, 1], 85.0))
-    finding, = flat(_strain(recording, np.minimum(recording.strain[:, 1], bound)), JOINTS, GAUGES)
+    finding, = _found(_strain(recording, np.minimum(recording.strain[:, 1], bound)))
     assert (finding.kind, finding.size) == ('saturated', pytest.approx(bound))
 
 
 def test_few_digits_are_no_saturation(recording: Recording) -> None:
     """A sensor with coarse steps has flat runs everywhere."""
     assert recording.strain is not None
-    assert flat(_strain(recording, 40.0 * np.round(recording.strain[:, 1] / 40.0)),
-                JOINTS, GAUGES) == []
+    assert _found(_strain(recording, 40.0 * np.round(recording.strain[:, 1] / 40.0))) == []
 
 
 def test_standstill_at_the_ends(recording: Recording) -> None:
     """Seconds before and after the motion, and what to write to leave them out."""
     q = np.vstack([np.repeat(recording.q[:1], 500, axis=0), recording.q])
     longer = recording_of(q, RATE, path='run')
-    finding, = standstill(longer, moving(longer))
+    finding, = look_at_samples(longer, JOINTS, ())[1]
     assert finding.kind == 'standstill'
     assert finding.size == pytest.approx(5.0, abs=0.3)
     assert 'BAG@' in finding.remedy
+
+
+@pytest.mark.parametrize(('width', 'many'), [
+    (1, 'one sample'), (2, '2 samples'), (3, '3 samples')])
+def test_a_few_samples_in_a_row(recording: Recording, width: int, many: str) -> None:
+    """Up to three are outliers, and are counted."""
+    assert recording.strain is not None
+    values = recording.strain[:, 1].copy()
+    values[900:900 + width] += 5000.0
+    finding, = _found(_strain(recording, values))
+    assert finding.kind == 'outlier' and many in finding.what
+
+
+def test_a_jump_is_no_outlier(recording: Recording) -> None:
+    """What does not come back is another zero, and four samples in a row are a signal."""
+    assert recording.strain is not None
+    jump, four = recording.strain[:, 1].copy(), recording.strain[:, 1].copy()
+    jump[900:] += 5000.0
+    four[900:904] += 5000.0
+    for values in (jump, four):
+        assert 'outlier' not in {item.kind for item in _found(_strain(recording, values))}
+
+
+def test_a_gap_is_no_outlier(recording: Recording) -> None:
+    """Samples are compared with those before and after without a gap."""
+    assert recording.strain is not None
+    values = recording.strain[:, 1].copy()
+    values[900:] += 5000.0
+    parted = recording_of(recording.q, RATE, strain=np.column_stack([values, values]),
+                          gaps=(900,), path='run')
+    assert _found(parted) == []
+
+
+def test_outliers_of_several_channels_are_all_put_right(recording: Recording) -> None:
+    """Each is named by itself, and the checks that follow see none of them."""
+    assert recording.strain is not None
+    strain = recording.strain.copy()
+    strain[300, 0] += 9000.0
+    strain[800, 1] -= 9000.0
+    clean, findings = look_at_samples(replace(recording, strain=strain), JOINTS, GAUGES)
+    assert [item.channels for item in findings] == [('g1',), ('g2',)]
+    assert clean.strain is not None
+    assert np.abs(clean.strain - recording.strain).max() < 50.0
+
+
+def test_a_value_that_is_held_at_rest_is_no_fault(recording: Recording) -> None:
+    """Neither motion nor reading changes for three seconds."""
+    assert recording.strain is not None
+    q, strain = recording.q.copy(), recording.strain.copy()
+    q[600:900], strain[600:900] = q[600], strain[600]
+    assert _found(replace(recording, q=q, strain=strain)) == []
+
+
+def test_several_visits_to_the_end_of_the_range_are_a_saturation(recording: Recording) -> None:
+    """A sine that is cut off keeps one value for half a second, again and again."""
+    t = np.arange(2000) / RATE
+    values = np.minimum(400.0 * np.sin(2.0 * t), 150.0)
+    finding, = _found(_strain(recording, values))
+    assert (finding.kind, finding.size) == ('saturated', 150.0)
+    assert 'the longest at' in finding.what
+
+
+def test_zeros_of_a_filter_that_has_not_begun(recording: Recording) -> None:
+    """They stand at the begin; a value that is held later is measured against later ones."""
+    assert recording.strain is not None
+    values = recording.strain[:, 1].copy()
+    values[:20] = 0.0
+    assert _found(_strain(recording, values)) == []
+    values[600:850] = values[600]
+    assert [item.kind for item in _found(_strain(recording, values))] == ['held']
+
+
+def test_an_arm_that_never_moves(recording: Recording) -> None:
+    """Nothing is said of sensors that do not change where nothing does."""
+    still = replace(recording, q=np.zeros_like(recording.q),
+                    strain=np.full_like(recording.strain, 3.0))
+    assert _found(still) == []
+
+
+@pytest.mark.parametrize(('before', 'after', 'remedy'), [
+    (5.0, 0.0, 'use BAG@'), (0.0, 5.0, 'use BAG@0-'), (2.0, 2.0, None)])
+def test_which_part_is_in_motion(
+    recording: Recording, before: float, after: float, remedy: str | None,
+) -> None:
+    """Less than three seconds at either end are usual."""
+    first, last = (np.repeat(row, round(seconds * RATE), axis=0) for row, seconds in (
+        (recording.q[:1], before), (recording.q[-1:], after)))
+    findings = _found(recording_of(np.vstack([first, recording.q, last]), RATE, path='run'))
+    assert [item.kind for item in findings] == ['standstill'] * (remedy is not None)
+    for item in findings:
+        assert item.size == pytest.approx(before + after, abs=0.3)
+        assert remedy is not None and item.remedy.startswith(remedy)

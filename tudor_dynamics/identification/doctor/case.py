@@ -16,19 +16,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor import settings
-from tudor_dynamics.identification.doctor.settings import FLOOR
+from tudor_dynamics.identification import settings
+from tudor_dynamics.load.rows import friction_terms
 from tudor_dynamics.models.friction import Coupling
+from tudor_dynamics.models.regressor import plain_regressor
 from tudor_dynamics.models.rigid_bodies import RigidBodies
 from tudor_dynamics.signals.filters import zero_phase
 from tudor_dynamics.typing import FloatArray, IndexArray
@@ -40,8 +40,8 @@ class Part:
 
     t: FloatArray  # time since the start of the recording, (n,) [s]
     keep: IndexArray  # samples that are used
-    # (n, channels): `effort`, `strain` and `velocity`, where there are some.
-    outputs: dict[str, FloatArray]
+    # (n, channels): `q`, and `effort`, `strain` and `velocity` where they were recorded.
+    signals: dict[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Decimated:
 
     def has(self, name: str) -> bool:
         """Say whether an output, or the driver's velocity, of this name is there."""
-        return name in self.parts[0].outputs
+        return name in self.parts[0].signals
 
     def output(self, name: str, lag: float = 0.0) -> FloatArray:
         """
@@ -64,16 +64,9 @@ class Decimated:
 
         lag [s]; returns (n, channels) [its unit].
         """
-        found = []
-        for part in self.parts:
-            values = part.outputs[name]
-            if lag == 0.0:
-                found.append(values[part.keep])
-            else:
-                at = part.t[part.keep] + lag
-                found.append(np.stack([np.interp(at, part.t, column) for column in values.T],
-                                      axis=1))
-        return np.vstack(found)
+        return np.vstack([np.stack([np.interp(part.t[part.keep] + lag, part.t, column)
+                                    for column in part.signals[name].T], axis=1)
+                          for part in self.parts])
 
 
 def decimate(recording: Recording) -> Decimated | None:
@@ -81,32 +74,27 @@ def decimate(recording: Recording) -> Decimated | None:
     t_all = recording.t
     chosen = [part for part in recording.segments
               if t_all[part.stop - 1] - t_all[part.start] >= settings.LEAST_SECONDS
-              and part.stop - part.start >= 64]
+              and part.stop - part.start >= settings.LEAST_SAMPLES]
     if not chosen:
         return None
     seconds = sum(float(t_all[part.stop - 1] - t_all[part.start]) for part in chosen)
     wanted = max(settings.LEAST_STEP, seconds / settings.MOST_SAMPLES)
     cutoff = min(settings.CUTOFF, 0.2 / recording.dt)
-    n_joints = recording.q.shape[1]
+    signals = {name: values for name, values in (
+        ('q', recording.q), ('effort', recording.effort), ('strain', recording.strain),
+        ('velocity', recording.dq)) if values is not None}
+    ends = np.cumsum([values.shape[1] for values in signals.values()])
     parts, motions, times = [], [], []
     for part in chosen:
         t = t_all[part]
-        columns = {'position': recording.q[part]}
-        for name, values in (('effort', recording.effort), ('strain', recording.strain),
-                             ('velocity', recording.dq)):
-            if values is not None:
-                columns[name] = values[part]
-        states = zero_phase(t, np.hstack(list(columns.values())), cutoff)
+        states = zero_phase(t, np.hstack([values[part] for values in signals.values()]), cutoff)
         factor = max(1, int(wanted / ((t[-1] - t[0]) / (len(t) - 1))))
         begin, end = np.searchsorted(t, [t[0] + settings.MARGIN, t[-1] - settings.MARGIN])
         keep = np.arange(int(begin), int(end), factor)
-        motions.append(np.hstack([x[keep, :n_joints] for x in (states.q, states.dq, states.ddq)]))
+        motions.append(np.hstack([x[keep, :ends[0]] for x in (states.q, states.dq, states.ddq)]))
         times.append(t[keep])
-        outputs, first = {}, n_joints
-        for name, values in list(columns.items())[1:]:
-            outputs[name] = states.q[:, first:first + values.shape[1]]
-            first += values.shape[1]
-        parts.append(Part(t, keep, outputs))
+        smooth = np.split(states.q, ends[:-1], axis=1)
+        parts.append(Part(t, keep, dict(zip(signals, smooth, strict=True))))
     return Decimated(np.concatenate(times), np.vstack(motions), tuple(parts))
 
 
@@ -114,27 +102,18 @@ class BodyRows:
     """Rows of an output, linear in the parameters of the bodies and in gravity."""
 
     def __init__(self, arm: Arm, output: str) -> None:
-        strain = output == 'strain'
-        self.model = pin.Model(arm.gauge_model if strain else arm.model)
-        self.gravity = np.array(arm.spec.gravity)
-        self.channels = arm.gauge_names if strain else arm.active_joints
-        self._bodies = RigidBodies(self.model, self._places(arm.active_joints),
-                                   self._places(self.channels))
-        alone = [(i,) for i in range(len(self.channels))]
-        known = () if strain else tuple(
-            i for i, joint in enumerate(arm.joints)
-            if joint.effort.unit != 'A' or joint.effort.torque_constant is not None)
-        self.groups: tuple[tuple[int, ...], ...] = tuple(
-            ([known] if known else []) + [one for one in alone if one[0] not in known])
-        self.scale = np.array([1.0] * len(self.channels) if strain else
-                              [joint.effort.torque_constant or 1.0 for joint in arm.joints])
-        self._own = output == 'effort'
-        self._sharp = np.array([joint.friction_velocity for joint in arm.joints])
+        regressor = plain_regressor(arm, output, 'exact')
+        self.channels, self.groups = regressor.channels, regressor.groups
+        model = arm.gauge_model if output == 'strain' else arm.model
+        self._columns = 10 * (model.njoints - 1)
+        self._gravity = np.array(arm.spec.gravity)
+        self._bodies = RigidBodies(model, *(
+            np.array([model.joints[model.getJointId(name)].idx_v for name in names])
+            for names in (arm.active_joints, self.channels)))
+        self._joints = arm.joints if output == 'effort' else ()
+        self._scale = np.array([joint.effort.torque_constant or 1.0 for joint in self._joints]
+                               or [1.0])
         self._coupling = Coupling(arm)
-
-    def _places(self, names: tuple[str, ...]) -> np.ndarray:
-        return np.array([self.model.joints[self.model.getJointId(name)].idx_v for name in names],
-                        dtype=np.intp)
 
     def rows(self, motion: FloatArray, gravity: FloatArray | None = None) -> FloatArray:
         """
@@ -143,23 +122,12 @@ class BodyRows:
         gravity (3,) [m/s^2]; motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints
         [rad, rad/s, rad/s^2 or m, m/s, m/s^2]; returns (n, channels, columns).
         """
-        out = np.zeros((len(motion), len(self.channels), 10 * (self.model.njoints - 1)))
+        out = np.zeros((len(motion), len(self.channels), self._columns))
         self._bodies.rows(self._coupling.of_joints(motion), out,
-                          self.gravity if gravity is None else gravity)
-        if self._own:
+                          self._gravity if gravity is None else gravity)
+        if self._joints:
             self._coupling.mix(out)
-        return out / self.scale[None, :, None]
-
-    def of_gravity(self, motion: FloatArray) -> FloatArray:
-        """
-        Evaluate what gravity along each axis of the base adds to the rows.
-
-        motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints, the positions count; returns
-        (3, n, channels, columns).
-        """
-        still = motion.copy()
-        still[:, motion.shape[1] // 3:] = 0.0
-        return np.stack([self.rows(still, axis) for axis in np.eye(3)])
+        return out / self._scale[:, None]
 
     def own(self, motion: FloatArray) -> list[FloatArray]:
         """
@@ -167,19 +135,15 @@ class BodyRows:
 
         motion (n, 3 joints): ``[q, dq, ddq]`` of the active joints; returns (n, own).
         """
-        ones = np.ones((len(motion), 1))
-        if not self._own:
-            return [ones] * len(self.channels)
-        n = len(self.channels)
-        joints, speeds = self._coupling.of_joints(motion), self._coupling.speeds
-        terms = []
-        for dq, ddq, least in zip((joints[:, n:2 * n] @ speeds.T).T,
-                                  (joints[:, 2 * n:] @ speeds.T).T, self._sharp, strict=True):
-            sharp = max(float(least), 0.03 * float(np.sqrt(np.mean(dq ** 2))), 1e-9)
-            terms.append(np.column_stack([ddq, dq, np.tanh(dq / sharp)]))
-        reach = self._coupling.reach != 0.0
-        return [np.hstack([terms[i], ones, *(
-            terms[k] for k in np.flatnonzero(reach[i]) if k != i)]) for i in range(n)]
+        if not self._joints:
+            return [np.ones((len(motion), 1))] * len(self.channels)
+        _, speeds, rates = np.split(self._coupling.of_joints(motion), 3, axis=1)
+        terms = [np.column_stack([ddq, friction_terms(dq, joint.friction_velocity)])
+                 for joint, dq, ddq in zip(
+                     self._joints, (speeds @ self._coupling.speeds.T).T,
+                     (rates @ self._coupling.speeds.T).T, strict=True)]
+        return [np.hstack([own, *(terms[k][:, :3] for k in np.flatnonzero(reach) if k != i)])
+                for i, (own, reach) in enumerate(zip(terms, self._coupling.reach, strict=True))]
 
 
 class Explained:
@@ -194,16 +158,16 @@ class Explained:
     def __init__(
         self, rows: FloatArray, own: Sequence[FloatArray], groups: Sequence[tuple[int, ...]],
     ) -> None:
-        self.groups = tuple(groups)
-        self._plain, self._bodies = tuple(own), [rows[:, i] for i in range(rows.shape[1])]
-        self._own = [_orthonormal(x) for x in own]
-        self._rows = [rows[:, i] - basis @ (basis.T @ rows[:, i])
-                      for i, basis in enumerate(self._own)]
+        self.groups, self.own = groups, own
+        self.bodies = [rows[:, i] for i in range(rows.shape[1])]
+        self._bases = [_orthonormal(x) for x in own]
+        self._rows = [x - basis @ (basis.T @ x)
+                      for x, basis in zip(self.bodies, self._bases, strict=True)]
         self._grams = [x.T @ x for x in self._rows]
 
     def freed(self, channel: int, values: FloatArray) -> FloatArray:
         """Free values of what a channel has to itself: values (n,)."""
-        basis = self._own[channel]
+        basis = self._bases[channel]
         return np.asarray(values - basis @ (basis.T @ values))
 
     def residuals(self, outputs: FloatArray) -> FloatArray:
@@ -230,10 +194,9 @@ class Explained:
                 right = sum(w ** 2 * (self._rows[i].T @ y)
                             for w, i, y in zip(weights, group, free, strict=True))
                 parameters = _solve(np.asarray(gram), np.asarray(right))
-                residual = [y - self._rows[i] @ parameters
-                            for i, y in zip(group, free, strict=True)]
-                spread = np.array([np.sqrt(np.mean(x ** 2)) for x in residual])
-                weights = varies / np.maximum(spread, 0.03 * safe)
+                spread = [np.sqrt(np.mean((y - self._rows[i] @ parameters) ** 2))
+                          for i, y in zip(group, free, strict=True)]
+                weights = varies / np.maximum(spread, settings.LEAST_RESIDUAL * safe)
             found[list(group)] = parameters
         return found
 
@@ -245,38 +208,20 @@ class Explained:
         """
         return share_of(self.residuals(outputs), outputs)
 
-    def alone(self, channel: int, candidates: FloatArray) -> FloatArray:
-        """
-        Give the share of each candidate's variance that remains after one channel's rows.
-
-        candidates (n, candidates); returns (candidates,).
-        """
-        basis, rows = self._own[channel], self._rows[channel]
-        free = candidates - basis @ (basis.T @ candidates)
-        residual = free - rows @ _solve(self._grams[channel], rows.T @ free)
-        return share_of(residual, candidates)
-
     def rest(self, channel: int, values: FloatArray) -> FloatArray:
         """Free values of all that one channel's rows can explain: values (n,); returns (n,)."""
         free, rows = self.freed(channel, values), self._rows[channel]
         return np.asarray(free - rows @ _solve(self._grams[channel], rows.T @ free))
 
-    def of_own(self, channel: int, values: FloatArray, parameters: FloatArray) -> FloatArray:
+    def own_parameters(
+        self, channel: int, values: FloatArray, parameters: FloatArray,
+    ) -> FloatArray:
         """
-        Give what a channel has to itself, beside known parameters of the bodies.
+        Give the parameters of what a channel has to itself, for known ones of the bodies.
 
         values (n,), parameters (columns,); returns (own,).
         """
-        own, residual = self._plain[channel], values - self._bodies[channel] @ parameters
-        return _solve(own.T @ own, own.T @ residual)
-
-    def whole(self, channel: int, parameters: FloatArray, own: FloatArray) -> FloatArray:
-        """
-        Give what a channel measures with known parameters.
-
-        parameters (columns,), own (own,).
-        """
-        return np.asarray(self._bodies[channel] @ parameters + self._plain[channel] @ own)
+        return _fitted(self.own[channel], values - self.bodies[channel] @ parameters)
 
     def predicted(
         self, channel: int, values: FloatArray, known: NDArray[np.bool_],
@@ -286,34 +231,31 @@ class Explained:
 
         values, known (n,); returns (n,).
         """
-        columns = np.column_stack([self._bodies[channel], self._plain[channel]])
-        some = columns[known]
-        return np.asarray(columns @ _solve(some.T @ some, some.T @ values[known],
-                                           settings.PREDICTING))
+        columns = np.column_stack([self.bodies[channel], self.own[channel]])
+        return np.asarray(columns @ _fitted(columns[known], values[known], settings.PREDICTING))
 
-    def extended(self, columns: FloatArray) -> Explained:
-        """Give each channel more columns to itself: columns (n, more)."""
-        return Explained(np.stack(self._bodies, axis=1),
-                         [np.column_stack([own, columns]) for own in self._plain], self.groups)
+    def extended(self, column: FloatArray) -> Explained:
+        """Give each channel one more column to itself: column (n,)."""
+        return Explained(np.stack(self.bodies, axis=1),
+                         [np.column_stack([own, column]) for own in self.own], self.groups)
 
     def friction(self, channel: int, output: FloatArray) -> tuple[float, float]:
         """
         Say whether friction brakes a joint, as it does wherever directions are right.
 
-        output (n,).
+        output (n,); returns the correlation of friction and speed, and the factor by which the
+        residual is larger without friction.
         """
-        own, rows = self._plain[channel], self._bodies[channel]
-        both, few = np.column_stack([rows, own]), np.column_stack([
-            rows, np.delete(own, (1, 2), axis=1)])
-        values = _solve(both.T @ both, both.T @ output)
-        residual = output - both @ values
-        without = output - few @ _solve(few.T @ few, few.T @ output)
+        own, rows = self.own[channel], self.bodies[channel]
+        both = np.column_stack([rows, own])
+        few = np.column_stack([rows, np.delete(own, (1, 2), axis=1)])
+        values = _fitted(both, output)
         friction, speed = own[:, 1:3] @ values[-own.shape[1]:][1:3], own[:, 1]
         size = float(np.sqrt(np.mean(friction ** 2) * np.mean(speed ** 2)))
         power = float(np.mean(friction * speed)) / size if size > 0.0 else 0.0
-        least = FLOOR * float(np.sum((output - output.mean()) ** 2))
-        rest = max(float(np.sum(residual ** 2)), least, 1e-300)
-        return power, float(np.sum(without ** 2)) / rest
+        least = settings.FLOOR * float(np.sum((output - output.mean()) ** 2))
+        rest = max(float(np.sum((output - both @ values) ** 2)), least, 1e-300)
+        return power, float(np.sum((output - few @ _fitted(few, output)) ** 2)) / rest
 
 
 def share_of(residual: FloatArray, outputs: FloatArray) -> FloatArray:
@@ -321,14 +263,20 @@ def share_of(residual: FloatArray, outputs: FloatArray) -> FloatArray:
     total = np.sum((outputs - outputs.mean(axis=0)) ** 2, axis=0)
     rest = np.sum(residual ** 2, axis=0)
     # what never changes has nothing to be explained
-    return np.where(total > 0.0, np.clip(rest / np.where(total > 0.0, total, 1.0), FLOOR, None),
-                    1.0)
+    return np.where(total > 0.0, np.maximum(rest / np.where(total > 0.0, total, 1.0),
+                                            settings.FLOOR), 1.0)
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:
     scale = np.linalg.norm(columns, axis=0)
     used = columns[:, scale > 1e-12 * max(float(scale.max()), 1e-300)]
     return np.asarray(np.linalg.qr(used / np.linalg.norm(used, axis=0))[0])
+
+
+def _fitted(
+    columns: FloatArray, values: FloatArray, smallest: float = settings.SMALLEST,
+) -> FloatArray:
+    return _solve(columns.T @ columns, columns.T @ values, smallest)
 
 
 def _solve(gram: FloatArray, right: FloatArray, smallest: float = settings.SMALLEST) -> FloatArray:
@@ -340,42 +288,51 @@ def _solve(gram: FloatArray, right: FloatArray, smallest: float = settings.SMALL
     values, vectors = np.linalg.eigh(scaled)
     good = values > smallest * max(float(values[-1]), 1e-300)
     inverse = np.where(good, 1.0 / np.where(good, values, 1.0), 0.0)
-    shape = (-1,) + (1,) * (right.ndim - 1)
-    projected = inverse.reshape(shape) * (vectors.T @ (right / safe.reshape(shape)))
-    return np.asarray((vectors @ projected) / safe.reshape(shape)
-                      * seen.reshape(shape))
+    return np.asarray(vectors @ (inverse * (vectors.T @ (right / safe))) / safe * seen)
 
 
-OUTPUTS = ('effort', 'strain')
-
-
+@dataclass(frozen=True, eq=False)
 class Case:
-    """
-    What is known of a bag, and how much of its outputs an alternative explains.
+    """What is known of a bag, and how much of its outputs the description explains."""
 
-    outputs (n, channels).
-    """
+    arm: Arm
+    recording: Recording  # without its outliers
+    decimated: Decimated
+    broken: frozenset[str] = frozenset()  # channels that never change, die, ...: taken for zero
+    units: Mapping[str, float] = field(default_factory=dict)  # joint to a factor of its effort
 
-    def __init__(
-        self, arm: Arm, recording: Recording, decimated: Decimated,
-        broken: Collection[str] = frozenset(),
-    ) -> None:
-        self.arm, self.recording, self.decimated = arm, recording, decimated
-        self.broken = frozenset(broken)
-        self.motion = decimated.motion
-        self.bodies = {name: BodyRows(arm, name) for name in OUTPUTS if decimated.has(name)}
-        self.sound = {name: np.array([one not in broken for one in bodies.channels])
-                      for name, bodies in self.bodies.items()}
+    @property
+    def motion(self) -> FloatArray:
+        """Give `[q, dq, ddq]` of the samples that are compared."""
+        return self.decimated.motion
+
+    @cached_property
+    def bodies(self) -> dict[str, BodyRows]:
+        """Give the rows of each output that was recorded."""
+        return {name: BodyRows(self.arm, name) for name in ('effort', 'strain')
+                if self.decimated.has(name)}
+
+    @cached_property
+    def sound(self) -> dict[str, NDArray[np.bool_]]:
+        """Say which channels of each output have values that count."""
+        return {name: np.array([one not in self.broken for one in bodies.channels])
+                for name, bodies in self.bodies.items()}
+
+    def output(self, name: str, lag: float = 0.0) -> FloatArray:
+        """
+        Give an output in the unit described, as if it had come earlier.
+
+        lag [s]; returns (n, channels) [its unit].
+        """
         # what never changes leaves the same whatever is changed
-        self.outputs = {name: np.where(self.sound[name], decimated.output(name), 0.0)
-                        for name in self.bodies}
-        self.names = tuple((name, channel) for name, bodies in self.bodies.items()
-                           for channel in bodies.channels)
+        values = np.where(self.sound[name], self.decimated.output(name, lag), 0.0)
+        return values if name == 'strain' else values / [
+            self.units.get(joint, 1.0) for joint in self.arm.active_joints]
 
-    def scale(self, name: str, factors: Mapping[str, float]) -> None:
-        """Divide channels by factors, before anything is compared."""
-        divisor = np.array([factors.get(one, 1.0) for one in self.bodies[name].channels])
-        self.outputs[name] = self.outputs[name] / divisor
+    @cached_property
+    def outputs(self) -> dict[str, FloatArray]:
+        """Give all outputs as they came: (n, channels)."""
+        return {name: self.output(name) for name in self.bodies}
 
     def explained(
         self, motion: FloatArray | None = None, gravity: FloatArray | None = None,
@@ -392,13 +349,9 @@ class Case:
         return {name: Explained(bodies.rows(x, gravity), bodies.own(x), bodies.groups)
                 for name, bodies in described.items()}
 
-    def rows(self, output: str) -> FloatArray:
-        """Give the rows of the bodies as the description has them."""
-        return self.bodies[output].rows(self.motion)
-
     @property
     def brevity(self) -> float:
-        """Say how much shorter the recording is than one that tells enough; 1 or more."""
+        """Say how much shorter the recording is than one that shows enough; 1 or more."""
         seconds = float(self.decimated.t[-1] - self.decimated.t[0])
         return max(1.0, settings.ENOUGH_SECONDS / seconds)
 
@@ -409,14 +362,8 @@ class Case:
         The residual of a channel is known as well as its independent samples are many, which
         after one filter go with time; the log ratios of all channels add up.
         """
-        short = len(self.names) * self.brevity / settings.ENOUGH_SECONDS
-        return max(least, 1.5 * float(np.sqrt(short)))
-
-    @cached_property
-    def moves(self) -> NDArray[np.bool_]:
-        """Say which joints move."""
-        n = len(self.arm.active_joints)
-        return np.asarray(np.ptp(self.motion[:, :n], axis=0) > settings.MOVING_SPAN)
+        short = len(self.now) * self.brevity / settings.ENOUGH_SECONDS
+        return max(least, settings.SURE * float(np.sqrt(short)))
 
     @cached_property
     def usual(self) -> dict[str, Explained]:
@@ -425,19 +372,9 @@ class Case:
 
     @cached_property
     def now(self) -> FloatArray:
-        """Give the share that remains of each channel, as things are."""
-        return self.shares(self.usual)
-
-    def shares(
-        self, explained: Mapping[str, Explained], outputs: Mapping[str, FloatArray] | None = None,
-    ) -> FloatArray:
-        """
-        Give the share of the variance of each channel that remains.
-
-        Returns (channels of all outputs,).
-        """
-        values = {**self.outputs, **(outputs or {})}
-        return np.concatenate([item.shares(values[name]) for name, item in explained.items()])
+        """Give the share that remains of the variance of each channel of all outputs."""
+        return np.concatenate([explained.shares(self.outputs[name])
+                               for name, explained in self.usual.items()])
 
 
 def gain(now: FloatArray, other: FloatArray) -> float:
@@ -451,6 +388,6 @@ def gain(now: FloatArray, other: FloatArray) -> float:
     return float(np.sum(np.log(now / other)))
 
 
-def relative(shares: FloatArray | Sequence[float]) -> float:
+def relative(shares: FloatArray) -> float:
     """Give the relative residual of all channels from their shares, each with the same weight."""
     return float(np.sqrt(np.mean(shares)))

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What single channels show: outliers, saturation, drift, held values, wrong units."""
+"""What single channels show: outliers, saturation, drift, held values, wrong units, stamps."""
 
 from __future__ import annotations
 
@@ -24,52 +24,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.bags.recording import Recording
-from tudor_dynamics.identification.doctor import settings
-from tudor_dynamics.identification.doctor.case import Case, Explained
+from tudor_dynamics.identification import settings
+from tudor_dynamics.identification.doctor.alternatives import Alternative
+from tudor_dynamics.identification.doctor.case import Case, Explained, share_of
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.load.rows import BELIEVED, Described, described_masses
-from tudor_dynamics.typing import FloatArray
+from tudor_dynamics.signals.preprocessing import Timing, timing
+from tudor_dynamics.typing import FloatArray, IndexArray
+
+SINGULAR = {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}
 
 
-def trends(
-    case: Case, name: str, explained: Explained, output: FloatArray,
-) -> list[Finding]:
-    """
-    Look for drift and for channels that die, in the residuals of the bag's own model.
+def look_at_samples(
+    recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
+    retimed: Timing | None = None,
+) -> tuple[Recording, list[Finding]]:
+    """Look at what needs no description: samples and stamps; give the bag without outliers."""
+    clean, findings = outliers(recording, joints, gauges)
+    moves = moving(clean)
+    return clean, [*findings, *flat(clean, joints, gauges, moves), *standstill(clean, moves),
+                   *oddities(recording), *jitter(clean, retimed)]
 
-    output (n, channels).
-    """
-    t = case.decimated.t
-    line = (t - t.mean())[:, None]
-    straight = explained.extended(line)
+
+def trends(chosen: Alternative) -> list[Finding]:
+    """Look for drift and for channels that die, in the residuals of the bag's own model."""
+    case, t = chosen.case, chosen.case.decimated.t
     findings = []
-    for i, channel in enumerate(case.bodies[name].channels):
-        if not case.sound[name][i]:
-            continue
-        y = output[:, i]
-        dead = _dies(explained, i, t, y)
-        if dead is not None:
-            findings.append(found(
-                'dying', f'{_words(name)} {channel} follows the arm no more from {dead:.2f} s on',
-                case.recording.path, (channel,), time=dead, size=float(t[-1]) - dead,
-                remedy=_until(case.recording, dead)))
-            continue
-        both = straight.alone(i, y[:, None])[0]
-        now = explained.alone(i, y[:, None])[0]
-        # the slope by Frisch and Waugh: both sides freed of all other columns
-        x, z = explained.rest(i, line[:, 0]), explained.rest(i, y)
-        rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
-        if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
-                and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))):
-            findings.append(found(
-                'drift', f'{_words(name)} {channel} drifts by {rise:.4g} in '
-                f'{t[-1] - t[0]:.4g} s', case.recording.path, (channel,), time=0.0, size=rise,
-                now=float(np.sqrt(now)), otherwise=float(np.sqrt(both))))
+    for name, explained in chosen.explained.items():
+        output, line = chosen.output(name), t - t.mean()
+        straight = explained.extended(line)
+        for i in np.flatnonzero(case.sound[name]).tolist():
+            channel, y = case.bodies[name].channels[i], output[:, i]
+            words = f'{SINGULAR[name]} {channel}'
+            dead = _dies(explained, i, t, y)
+            if dead is not None:
+                findings.append(found(
+                    'dying', f'{words} follows the arm no more from {dead:.2f} s on',
+                    case.recording.path, (channel,), time=dead, size=float(t[-1]) - dead,
+                    remedy=_until(case.recording, dead)))
+                continue
+            # the slope by Frisch and Waugh: both sides freed of all other columns
+            x, z = explained.rest(i, line), explained.rest(i, y)
+            rise = float(x @ z) / max(float(x @ x), 1e-300) * float(t[-1] - t[0])
+            now, both = float(share_of(z, y)), float(share_of(straight.rest(i, y), y))
+            if (np.log(now / both) > settings.DRIFT_GAIN * case.brevity
+                    and abs(rise) > settings.DRIFT_SIZE * float(np.std(y))):
+                findings.append(found(
+                    'drift', f'{words} drifts by {rise:.4g} in {t[-1] - t[0]:.4g} s',
+                    case.recording.path, (channel,), time=0.0, size=rise,
+                    now=float(np.sqrt(now)), otherwise=float(np.sqrt(both))))
     return findings
-
-
-def _words(name: str) -> str:
-    return {'q': 'position of', 'effort': 'effort of', 'strain': 'gauge'}[name]
 
 
 def _until(recording: Recording, time: float) -> str:
@@ -117,17 +121,17 @@ def _last_alive(edges: FloatArray, t: FloatArray, y: FloatArray, expected: Float
 
 def sizes(case: Case) -> list[Finding]:
     """Find efforts whose size is that of another unit."""
-    effort = case.outputs['effort']
-    units = [joint.effort.unit for joint in case.arm.joints]
+    if 'effort' not in case.outputs:
+        return []
+    arm, effort = case.arm, case.outputs['effort']
+    units = [joint.effort.unit for joint in arm.joints]
     largest = np.abs(effort).max(axis=0)
-    limits = np.array([float(case.arm.model.effortLimit[case.arm.velocity_index[i]])
-                       for i in range(len(units))])
     bounds = np.array([settings.LARGEST_EFFORT[unit] for unit in units])
-    for i, unit in enumerate(units):
-        if unit != 'A' and 0.0 < limits[i] < settings.UNLIMITED:
-            bounds[i] = min(bounds[i], settings.BEYOND_LIMIT * limits[i])
-    over = [i for i in range(len(units)) if largest[i] > bounds[i]]
-    known = described_masses(case.arm, case.motion, effort)
+    for i, limit in enumerate(arm.model.effortLimit[arm.velocity_index].tolist()):
+        if units[i] != 'A' and 0.0 < limit < settings.UNLIMITED:
+            bounds[i] = min(bounds[i], settings.BEYOND_LIMIT * limit)
+    over = np.flatnonzero(largest > bounds).tolist()
+    known = described_masses(arm, case.motion, effort)
     if not over:
         return [] if known is None else _by_masses(case, known)
     if known is None or units[over[0]] == 'A':
@@ -136,34 +140,35 @@ def sizes(case: Case) -> list[Finding]:
     else:
         all_of_them = (len(known.believed) > 1
                        and float(np.median(known.believed)) > settings.THOUSANDTH)
-    names = case.arm.active_joints
-    chosen = tuple(names) if all_of_them else tuple(names[i] for i in over)
+    chosen = arm.active_joints if all_of_them else tuple(arm.active_joints[i] for i in over)
     most = max(over, key=lambda i: largest[i] / bounds[i])
-    what = (f'effort of {", ".join(chosen)} reaches {largest[most]:.4g} where the description '
-            f'says {units[most]}: it looks like m{units[most]}')
     now = float(largest[most])
-    return [found('effort_unit', what, case.recording.path, chosen, size=1000.0, now=now,
-                  otherwise=now / 1000.0, measure='largest effort')]
+    return [found(
+        'effort_unit', f'effort of {", ".join(chosen)} reaches {now:.4g} where the description '
+        f'says {units[most]}: it looks like m{units[most]}', case.recording.path, chosen,
+        size=1000.0, now=now, otherwise=now / 1000.0, measure='largest effort')]
 
 
 def _by_masses(case: Case, known: Described) -> list[Finding]:
-    joints = case.arm.joints
-    described = [i for i in range(len(joints)) if joints[i].effort.unit != 'A'
-                 and known.share[i] > BELIEVED]
+    units = [joint.effort.unit for joint in case.arm.joints]
+    described = [i for i, unit in enumerate(units) if unit != 'A' and known.share[i] > BELIEVED]
     if len(described) < 2:
         return []
     ratio = float(np.median(np.abs(known.ratio[described])))
     if 1.0 / settings.FEW_TIMES < ratio < settings.FEW_TIMES:
         return []
-    thousand = not 1.0 / settings.THOUSANDTH < ratio < settings.THOUSANDTH
-    size = 1000.0 if ratio > settings.THOUSANDTH else 0.001 if thousand else ratio
-    unit = joints[described[0]].effort.unit
-    other = f'm{unit}' if size == 1000.0 else f'k{unit}' if size == 0.001 else 'currents in A'
-    what = (f'all efforts are {ratio:.3g} times what the masses of the URDF need: they look like '
-            f'{other}, not {unit}')
-    return [found('effort_unit', what, case.recording.path, case.arm.active_joints, size=size,
-                  now=ratio, otherwise=ratio / size,
-                  measure='measured effort over that of the masses')]
+    unit = units[described[0]]
+    if ratio > settings.THOUSANDTH:
+        size, other = 1000.0, f'm{unit}'
+    elif ratio < 1.0 / settings.THOUSANDTH:
+        size, other = 0.001, f'k{unit}'
+    else:
+        size, other = ratio, 'currents in A'
+    return [found(
+        'effort_unit', f'all efforts are {ratio:.3g} times what the masses of the URDF need: '
+        f'they look like {other}, not {unit}', case.recording.path, case.arm.active_joints,
+        size=size, now=ratio, otherwise=ratio / size,
+        measure='measured effort over that of the masses')]
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +179,12 @@ class Channel:
     name: str  # joint or gauge
     column: int  # column of the array
     values: FloatArray  # samples in their unit, (n,)
+    bag: str
 
-    @property
-    def words(self) -> str:
-        """Name it in a sentence."""
-        return f'{_words(self.field)} {self.name}'
+    def found(self, kind: str, what: str, time: float, size: float, remedy: str = '') -> Finding:
+        """Say what it does."""
+        return found(kind, f'{SINGULAR[self.field]} {self.name}{what}', self.bag, (self.name,),
+                     time=time, size=size, remedy=remedy)
 
 
 def channels(
@@ -189,7 +195,7 @@ def channels(
         values = getattr(recording, field)
         if values is not None:
             for i, name in enumerate(names):
-                yield Channel(field, name, i, values[:, i])
+                yield Channel(field, name, i, values[:, i], recording.path)
 
 
 def outliers(
@@ -207,63 +213,54 @@ def outliers(
         values[where, item.column] = np.interp(where, good, item.values[good])
         at = float(recording.t[where[0]])
         many = f'{len(where)} samples' if len(where) > 1 else 'one sample'
-        findings.append(found(
-            'outlier', f'{item.words}: {many} far off by up to {size:.4g}, the first at '
-            f'{at:.3f} s', recording.path, (item.name,), time=at, size=size))
-    return (replace(recording, **changed) if changed else recording), findings
+        findings.append(item.found(
+            'outlier', f': {many} far off by up to {size:.4g}, the first at {at:.3f} s', at, size))
+    return replace(recording, **changed) if changed else recording, findings
 
 
-def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[NDArray[np.intp], float]:
+def _far_off(x: FloatArray, segments: tuple[slice, ...]) -> tuple[IndexArray, float]:
     places: list[int] = []
     largest = 0.0
-    if not len(x):
-        return np.zeros(0, dtype=np.intp), 0.0
-    low, high = np.percentile(x, [1.0, 99.0])
-    jumps = [np.abs(np.diff(x[part])) for part in segments if part.stop - part.start > 2]
-    if not jumps:
-        return np.zeros(0, dtype=np.intp), 0.0
-    usual = float(np.percentile(np.concatenate(jumps), 99.5))
-    limit = max(settings.FAR * usual, settings.FAR_RANGE * float(high - low), 1e-300)
-    for part in segments:
+    parts = [part for part in segments if part.stop - part.start > 2]
+    if parts:
+        low, high = np.percentile(x, [1.0, 99.0])
+        usual = np.percentile(np.concatenate([np.abs(np.diff(x[part])) for part in parts]), 99.5)
+        limit = max(settings.FAR * float(usual), settings.FAR_RANGE * float(high - low), 1e-300)
+    for part in parts:
         values = x[part]
         steps = np.diff(values)
-        for first in np.flatnonzero(np.abs(steps) > limit):
-            for width in range(1, settings.SINGLE + 1):
-                last = first + width
-                if last >= len(values) - 1 or abs(steps[last]) <= limit:
-                    continue
-                if abs(values[last + 1] - values[first]) < settings.RETURNED * abs(steps[first]):
+        for first in np.flatnonzero(np.abs(steps) > limit).tolist():
+            for last in range(first + 1, min(first + settings.SINGLE + 1, len(values) - 1)):
+                if (abs(steps[last]) > limit and abs(values[last + 1] - values[first])
+                        < settings.RETURNED * abs(steps[first])):
                     places += range(part.start + first + 1, part.start + last + 1)
                     largest = max(largest, abs(float(steps[first])))
                     break
     return np.unique(np.array(places, dtype=np.intp)), largest
 
 
-def runs(x: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def runs(x: FloatArray) -> tuple[IndexArray, IndexArray]:
     """Give first sample and length of each run of equal values of ``x``."""
-    change = np.flatnonzero(np.diff(x) != 0.0) + 1
-    first = np.concatenate([[0], change])
-    return first, np.diff(np.concatenate([first, [len(x)]]))
+    first = np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)
+    return first, np.diff(first, append=len(x))
 
 
 def flat(
     recording: Recording, joints: tuple[str, ...], gauges: tuple[str, ...],
+    moves: NDArray[np.bool_],
 ) -> list[Finding]:
-    """Find outputs that never change, are held, die, or are saturated."""
-    moves = moving(recording)
-    findings = []
+    """Find outputs that never change, are held, die, or are saturated: moves (n,)."""
+    findings: list[Finding | None] = []
     for item in channels(recording, joints, gauges):
         if item.field == 'q' or not moves.any():
             continue
         if np.ptp(item.values) == 0.0:
-            findings.append(found(
-                'constant', f'{item.words} never changes (always {item.values[0]:.4g})',
-                recording.path, (item.name,), time=0.0, size=float(item.values[0])))
-            continue
-        finding = _held(recording, item, moves) or _saturated(recording, item)
-        if finding is not None:
-            findings.append(finding)
-    return findings
+            value = float(item.values[0])
+            findings.append(item.found(
+                'constant', f' never changes (always {value:.4g})', 0.0, value))
+        else:
+            findings.append(_held(recording, item, moves) or _saturated(recording.t, item))
+    return [finding for finding in findings if finding is not None]
 
 
 def moving(recording: Recording) -> NDArray[np.bool_]:
@@ -278,8 +275,6 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
     least = np.maximum(2e-3 * spans, 2e-4)
     for part in recording.segments:
         q = recording.q[part]
-        if len(q) <= width:
-            continue
         gone = np.any(np.abs(q[width:] - q[:-width]) > least, axis=1)
         here = result[part]
         here[:-width] |= gone
@@ -290,55 +285,52 @@ def moving(recording: Recording) -> NDArray[np.bool_]:
 def _held(
     recording: Recording, item: Channel, moves: NDArray[np.bool_],
 ) -> Finding | None:
-    first, length = runs(item.values)
+    t, values = recording.t, item.values
+    first, length = runs(values)
     order = np.argsort(length)[::-1]
-    longest = int(order[0])
-    begin, end = int(first[longest]), int(first[longest] + length[longest])
-    t = recording.t
-    seconds = float(t[end - 1] - t[begin])
-    ends = item.values[begin] in (item.values.min(), item.values.max())
+    longest = int(length[order[0]])
+    begin = int(first[order[0]])
+    end = begin + longest
+    at, seconds = float(t[begin]), float(t[end - 1] - t[begin])
     # before a filter has begun it gives zeros
     others = length[order[1:]][first[order[1:]] > 0]
     usual = int(others[0]) if len(others) else 1
-    if seconds < settings.HELD_SECONDS or length[longest] < 4 * usual:
+    if seconds < settings.HELD_SECONDS or longest < settings.HELD_RUN * usual:
         return None
     still = ~moves
     still[begin:end] = still[:int(length[0])] = False
     # where it never keeps a value long, not even while the arm stands, less motion is enough
-    lively = begin > 0 and length[longest] > settings.LIVELY * usual and (
+    lively = begin > 0 and longest > settings.LIVELY * usual and (
         float(moves[begin:end].sum()) * recording.dt > settings.HELD_SECONDS
-        or still.sum() > 0.5 * length[longest])
-    if not lively and np.mean(moves[begin:end]) < 0.7:
+        or still.sum() > 0.5 * longest)
+    if not lively and np.mean(moves[begin:end]) < settings.HELD_MOVING:
         return None
-    at = float(t[begin])
-    value = float(item.values[begin])
+    value = float(values[begin])
     if end >= len(t) - 1:
-        return found(
-            'dying', f'{item.words} dies at {at:.2f} s: {value:.4g} from there to the end',
-            recording.path, (item.name,), time=at, size=seconds, remedy=_until(recording, at))
-    if ends and len(others) > 2 and int(others[2]) * 6 > length[longest]:
+        return item.found('dying', f' dies at {at:.2f} s: {value:.4g} from there to the end', at,
+                          seconds, _until(recording, at))
+    if (value in (values.min(), values.max()) and len(others) > 2
+            and int(others[2]) * settings.VISITS > longest):
         return None  # several visits to the end of the range are a saturation
-    return found(
-        'held', f'{item.words} keeps {value:.4g} for {seconds:.3g} s from {at:.2f} s on, while '
-        'the arm moves', recording.path, (item.name,), time=at, size=seconds)
+    return item.found('held', f' keeps {value:.4g} for {seconds:.3g} s from {at:.2f} s on, while '
+                      'the arm moves', at, seconds)
 
 
-def _saturated(recording: Recording, item: Channel) -> Finding | None:
+def _saturated(t: FloatArray, item: Channel) -> Finding | None:
     first, length = runs(item.values)
-    at = item.values[first]
     for bound in (float(item.values.max()), float(item.values.min())):
-        inside = at == bound
-        flats = length[inside]
+        inside = item.values[first] == bound
+        flats, times = length[inside], t[first[inside]]
         share = float(flats.sum()) / len(item.values)
         # a sensor with few digits has flat runs everywhere: those at the end must stand out
         elsewhere = float(np.percentile(length[~inside], 99.0)) if np.any(~inside) else 1.0
-        if flats.max() >= max(settings.FLAT, 3.0 * elsewhere) and share > settings.FLAT_SHARE:
-            when = float(recording.t[first[inside][np.argmax(flats)]])
-            begin = float(recording.t[first[inside][flats >= settings.FLAT][0]])
-            return found(
-                'saturated', f'{item.words} is saturated at {bound:.4g}: {100 * share:.2g} % of '
-                f'the samples, the first at {begin:.2f} s, the longest at {when:.2f} s',
-                recording.path, (item.name,), time=begin, size=bound)
+        if (flats.max() >= max(settings.FLAT, settings.FLAT_RUN * elsewhere)
+                and share > settings.FLAT_SHARE):
+            begin = float(times[flats >= settings.FLAT][0])
+            return item.found(
+                'saturated', f' is saturated at {bound:.4g}: {100 * share:.2g} % of the samples, '
+                f'the first at {begin:.2f} s, the longest at {times[np.argmax(flats)]:.2f} s',
+                begin, bound)
     return None
 
 
@@ -346,8 +338,7 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
     """Report standstill before and after the motion: moves (n,)."""
     if not moves.any():
         return []
-    t = recording.t
-    places = np.flatnonzero(moves)
+    t, places = recording.t, np.flatnonzero(moves)
     before, after = float(t[places[0]]), float(t[-1] - t[places[-1]])
     if max(before, after) < settings.STANDSTILL:
         return []
@@ -357,3 +348,28 @@ def standstill(recording: Recording, moves: NDArray[np.bool_]) -> list[Finding]:
         'the motion', recording.path, size=before + after,
         time=0.0 if before >= settings.STANDSTILL else float(t[-1]) - after,
         remedy=f'use BAG@{np.floor(begin):.0f}-{np.ceil(end):.0f}%')]
+
+
+def jitter(recording: Recording, retimed: Timing | None) -> list[Finding]:
+    """Report stamps that jitter on an even sampling."""
+    uneven = retimed or timing(recording)
+    if uneven is None or not uneven.clear:
+        return []
+    done = '; even stamps took their place' if retimed is not None else ''
+    return [found(
+        'jitter', f'stamps jitter by {uneven.jitter * 1e3:.2g} ms on an even sampling of '
+        f'{1.0 / recording.dt:.4g} Hz{done}', recording.path, time=0.0, size=uneven.jitter,
+        now=uneven.now, otherwise=uneven.even)]
+
+
+def oddities(recording: Recording) -> list[Finding]:
+    """Report what was found while the bag was read: its clock, and velocities that are none."""
+    findings = [found(
+        'clock_set_back', f'the clock was set back by {item.seconds:.4g} s at '
+        f'{item.time:.3f} s; {item.lost} messages with stamps that had been there are left '
+        'out, and the record is split', recording.path, time=item.time, size=item.seconds)
+        for item in recording.oddities.set_backs]
+    zero = recording.oddities.zero_velocities
+    return findings if not zero else [*findings, found(
+        'velocity_zeros', f'velocities of {", ".join(zero)} are all zero, though the joints '
+        'move; velocities are not used', recording.path, zero, time=0.0, size=0.0)]

@@ -1,0 +1,222 @@
+# Copyright 2026 tudor_dynamics contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Tuned numbers of identification: what each means, its unit, and where it is from.
+
+``bench/doctor.py`` puts 862 faults into recordings of seven robots. Where it is named as the
+source, the number was chosen by it on the two-blade arm, UR10, Airbot and EMPS and proven on
+reference arm, UR10e, TX40 and Quanser (docs/doctor.md): 97.9 % of the faults are named, nothing
+is found in 66 recordings without faults.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# -- What a fit may be used for (uses.py)
+
+# Poses of a bag at which the friction of joints is looked at; source: none known.
+STICTION_POSES = 200
+PHYSICS_POSES = 200  # poses at which inertias and weights are looked at; source: none known
+POSES = 2000  # poses at which the range of an arm's own weight is found; source: none known
+# Share of poses at which an inertia may be negative, where parameters are uncertain; source: none
+# known.
+NEGATIVE_SHARE = 0.02
+# Factor between the identified weight and the described one from which on it is marked; source:
+# none known.
+WEIGHT_OFF = 1.5
+# Share of the largest weight below which the weight of a joint is not compared; source: none
+# known.
+WEIGHTY = 0.1
+# Part of what an output is at rest from which on it changes with the pose: rounding.
+WEIGHTLESS = 1e-9
+# Rate for which a collision detector is judged [1/h]: that which `bench/false_alarms.py` proves on
+# 40 min of free motion.
+FALSE_ALARMS = 1.0
+# Factor between thresholds of a short recording and those of hours from which on that is said;
+# source: none known.
+WIDE = 1.2
+# Good and usable: threshold over the range of the output, at half of the largest speed; source:
+# none known.
+THRESHOLD_SHARE = (0.25, 1.0)
+# Good and usable: relative error of the efforts, which feed-forward leaves to the controller;
+# source: none known.
+LEFT_TO_CONTROL = (0.3, 0.7)
+# Good and usable: error of a mean over `MEAN` over the range of what weight makes; source: none
+# known.
+WEIGHT_SHARE = (0.05, 0.2)
+MEAN = 1.0  # time over which a payload is averaged [s]; source: none known
+
+# -- What to do next, in points of fit that a step would bring (next_steps.py)
+
+FINDING_GAIN = 100.0  # of a finding of the doctor: first of all; source: none known
+THRESHOLDS_GAIN = 50.0  # of collision thresholds where there are none; source: none known
+UNTESTED_GAIN = 8.0  # of a test by another bag; source: none known
+DOUBT_GAIN = 6.0  # of thresholds that are half as wide; source: none known
+UNEXCITED_GAIN = 5.0  # of motion that shows what no bag has shown; source: none known
+MILD_GAIN = 1.0  # of a finding that costs little; source: none known
+SMALLEST_GAIN = 0.5  # points of fit below which no step is advised; source: none known
+# Factor between the errors at rest and in motion from which on friction that holds is said;
+# source: none known.
+STANDING = 2.0
+
+# -- Whether a model is still what it was (next_steps.py)
+
+# Time whose mean squared error counts as one observation: errors are correlated [s]; source: none
+# known.
+CORRELATED = 5.0
+# Growth of the error below which nothing is said, however certain it is; source: none known.
+GROWTH = 1.3
+# The same for the relative error: livelier motion has larger errors, not larger relative ones;
+# source: none known.
+RELATIVE_GROWTH = 1.15
+# Standard errors by which the error must have grown; 200 of 200 motions of the same arm are below
+# (measured by test/identification/test_comparison.py).
+SIGMAS = 3.0
+# Relative standard error of a mean squared error where nothing is known of it; source: none known.
+UNKNOWN_SPREAD = 0.5
+LEAST_SPREAD = 0.1  # it is no less: two motions are not alike; source: none known
+# Relative difference up to which the promise of a plan counts as kept: 80 to 100 % of the
+# parameters of the reference arm are within (bench/excitation.py, docs/excitation.md).
+PROMISE_KEPT = 0.3
+
+# -- The first description of an arm (drafting)
+
+# Of each bag, evenly spread: gravity needs poses, not samples; source: none known.
+SAMPLES_TO_DRAFT = 400
+# Over which positions are smoothed to differentiate them [s]; source: none known.
+DERIVATIVE_WINDOW = 0.15
+# Speed over which the sign of the friction is smoothed [rad/s or m/s]; source: none known.
+SLOW = 0.05
+# Another direction of gravity counts where it leaves less than one over this of the efforts'
+# variance; source: none known.
+BETTER = 2.0
+# No gravity at all counts where a direction explains hardly more; source: none known.
+SIMPLER = 1.05
+# Part of the largest gravity moment from which on a joint carries something; source: none known.
+CARRIES = 0.02
+# Share of an effort without friction that gravity explains, to be evidence of its unit; source:
+# none known.
+EXPLAINED = 0.5
+# Effort over gravity moment where efforts are torques: masses of a URDF are often rough; 1.02 was
+# measured on a UR10 (docs/own_arm.md).
+TORQUES = (0.5, 2.0)
+# Below `TORQUES` and above this, efforts are currents of drives with a gear [A/(N m)]; those of a
+# UR10e are 0.09 to 0.12 by its published constants (bench/first_hour.py).
+CURRENTS = 0.005
+LARGEST_CURRENT = 100.0  # efforts beyond this are no currents of an arm [A]; source: none known
+# Largest effort over the limit of the URDF, where efforts are what the limit means; source: none
+# known.
+PLAUSIBLE = (0.02, 1.5)
+MICROSTRAIN = 5.0  # readings with a larger range are um/m; source: none known
+# Readings with a smaller range are m/m; between the two, units of bridges; source: none known.
+STRAIN = 0.01
+# A gauge sits after the outermost joint whose moment leaves at most so many times the least;
+# source: none known.
+OUTERMOST = 1.5
+# Variance of a reading that no gravity moment explains: then none of them shows its place; source:
+# none known.
+UNEXPLAINED = 0.3
+
+# -- Decimated recordings (doctor/case.py)
+CUTOFF = 8.0  # corner of the zero-phase filter of motion and outputs [Hz] (bench/doctor)
+LEAST_SECONDS = 3.0  # shorter stretches are not judged [s] (bench/doctor)
+LEAST_SAMPLES = 64  # nor stretches of fewer samples; source: none known
+MARGIN = 0.25  # left out at both ends: filter edges, room for lags [s] (bench/doctor)
+MOST_SAMPLES = 600  # samples kept of a bag, for the seconds a bag that the bench prints
+LEAST_STEP = 0.03  # no two samples kept are nearer [s] (bench/doctor)
+SMALLEST = 1e-9  # smaller parts of the largest eigenvalue are no direction (bench/doctor)
+PREDICTING = 1e-5  # the same where samples not learned from are predicted (bench/doctor)
+FLOOR = 1e-6  # no output counts as better explained than to this share (bench/doctor)
+PASSES = 2  # weightings of channels that share parameters (bench/doctor)
+LEAST_RESIDUAL = 0.03  # part of a channel's size that its weight is bounded by (bench/doctor)
+ENOUGH_SECONDS = 20.0  # shorter recordings have to show more [s] (bench/doctor)
+SURE = 1.5  # gain per root of channels and 20 s of a recording that says something (bench/doctor)
+MOVING_SPAN = 0.02  # a joint that goes no farther does not move [rad or m] (bench/doctor)
+
+# -- Descriptions (doctor/examine.py)
+LONGEST_ARM = 20.0  # no arm reaches farther [m]; source: length of the largest industrial arms
+TURN = 2.0 * np.pi + 0.05  # no angle of a table is larger [rad]
+
+# -- Loads that a model does not know (doctor/examine.py)
+LOAD_GAIN = 1.0  # sum of log ratios by which a load reduces the residual (bench/doctor)
+LOAD_SHARE = 0.5  # upper bound of the part of the error that remains with it (bench/doctor)
+LOAD_ERROR = 0.1  # relative error without friction of a model as it was (bench/doctor)
+
+# -- Alternatives of a description (doctor/alternatives.py)
+LEAST_GAIN = 1.0  # sum of log ratios of the residuals: 1/e in one channel (bench/doctor)
+HINTED_GAIN = 0.3  # the same where friction that drives points at the channel (bench/doctor)
+GRAVITY_GAIN = 0.5  # the same for gravity, which all channels feel (bench/doctor)
+COUPLED_GAIN = 1.5  # the same for drives coupled in one of many ways (bench/doctor)
+REFINED_GAIN = 0.5  # the same for gravity that is turned away from an axis (bench/doctor)
+FIRST_TURN = 0.35  # first step of that search [rad] (bench/doctor)
+LAST_TURN = 0.04  # its last step [rad] (bench/doctor)
+DRIVING = -0.5  # correlation of friction and speed below which friction drives (bench/doctor)
+DRIVING_SHARE = 0.1  # by which the residual grows without such friction (bench/doctor)
+# Factors between units of efforts that are tried: those of gears with motors, and thousandths.
+SCALES = tuple(10.0 ** (sign * exponent) for sign in (1.0, -1.0)
+               for exponent in (0.5, 0.75, 1.0, 1.25, 1.5, 2.75, 3.0, 3.25))
+NEARLY = 2.0  # a scale within this factor of a thousand(th) is taken for it (bench/doctor)
+LAGS = np.arange(-0.06, 0.1501, 0.01)  # lags that are tried [s]
+# Smaller lags are the filters of drivers, which every arm has [s] (bench/doctor).
+USUAL_LAG = {'effort': 0.015, 'strain': 0.015, 'velocity': 0.03}
+# Sum of log ratios by which a lag has to reduce the residual (bench/doctor).
+LAG_GAIN = {'effort': 0.1, 'strain': 0.1, 'velocity': 0.5}
+LAG_SHARE = 0.6  # relative residual with a lag above which something else is wrong (bench/doctor)
+STILL = 0.05  # part of the largest speed below which a joint shows no lag; source: none known
+
+# -- Trends of a channel (doctor/samples.py)
+DRIFT_GAIN = 0.6  # log ratio by which a line in time reduces the residual (bench/doctor)
+DRIFT_SIZE = 0.15  # least drift, in standard deviations of the channel (bench/doctor)
+WINDOWS = 20  # windows of a recording in which a channel may have died (bench/doctor)
+SHORTEST = 8.0  # shorter recordings do not show that a channel dies [s] (bench/doctor)
+QUIET = 0.3  # part of what it did, and is expected to do, that a dead channel does (bench/doctor)
+EXPECTED = 0.3  # part of what it did that has to be expected, to be missed (bench/doctor)
+ALIVE = 0.5  # upper bound of the relative residual of a channel that lives (bench/doctor)
+DEAD_GAIN = 1.0  # log ratio by which a dead end reduces the residual (bench/doctor)
+FOLLOWS = 0.7  # slope of measured over expected output while a channel lives (bench/doctor)
+
+# -- Units of efforts by their size (doctor/samples.py)
+# No joint of an arm has more; source: data sheets of the largest industrial arms.
+LARGEST_EFFORT = {'A': 150.0, 'N m': 3000.0, 'N': 20000.0}
+BEYOND_LIMIT = 10.0  # as many times the effort limit of the URDF is another unit (bench/doctor)
+UNLIMITED = 1e6  # limits of a URDF from here on are none [N m or N]; source: none known
+FEW_TIMES = 3.3  # masses of a URDF are wrong by less (bench/doctor)
+THOUSANDTH = 30.0  # factors beyond are those between a unit and its thousandth (bench/doctor)
+
+# -- Values of single channels (doctor/samples.py)
+FAR = 20.0  # an outlier is as many times farther off than 99.5 % of the samples (bench/doctor)
+FAR_RANGE = 0.3  # ... and by this part of the channel's range or more (bench/doctor)
+SINGLE = 3  # more samples in a row are no outliers (bench/doctor)
+RETURNED = 0.3  # part of the jump that may remain after an outlier (bench/doctor)
+HELD_SECONDS = 0.4  # a value that is kept for longer in motion is held [s] (bench/doctor)
+HELD_RUN = 4  # ... and as many times longer than any other value (bench/doctor)
+HELD_MOVING = 0.7  # part of that time in which the arm moves (bench/doctor)
+LIVELY = 10  # as many times its longest other run of one value is a hold by itself (bench/doctor)
+VISITS = 6  # three other runs of a sixth of the longest are visits to a bound (bench/doctor)
+FLAT = 4  # samples in a row at the end of the range that make a saturation (bench/doctor)
+FLAT_RUN = 3.0  # ... as many times longer than 99 % of those elsewhere (bench/doctor)
+FLAT_SHARE = 0.004  # ... and the share of all samples there (bench/doctor)
+STANDSTILL = 3.0  # ends without motion that are longer are reported [s] (bench/doctor)
+
+# -- Comparisons of bags (doctor/between.py)
+COMPARABLE = 0.5  # share of an output that a model of another bag explains (bench/doctor)
+OTHER_UNIT = 3.0  # factors beyond are those of units (bench/doctor)
+THOUSANDTH_OF_BAGS = 100.0  # factors beyond are those of thousandths (bench/doctor)
+LEAST_PAYLOAD = 0.02  # payloads that differ by less count as the same [kg] (bench/doctor)
+PAYLOAD_OFF = 0.3  # part of the largest payload that a stated one may be off (bench/doctor)
+DIFFERENT = 0.15  # relative error from which on two bags differ in load (bench/doctor)
+COMPARED = 400  # samples of a recording that are looked for in another one; source: none known
+SAME_SHARE = 0.9  # part of the samples that a copy has in common with its original (bench/doctor)
