@@ -67,32 +67,32 @@ def result() -> FitResult:
 
 
 @pytest.fixture(scope='module')
-def worth(result: FitResult) -> Assessment:
-    """Judge what it is worth."""
+def assessment(result: FitResult) -> Assessment:
+    """Judge what it is good enough for."""
     return assess(result)
 
 
-def test_uses(worth: Assessment) -> None:
+def test_uses(assessment: Assessment) -> None:
     """Each model is judged for prediction, feed-forward, collisions and payload, with figures."""
-    names = [(use.output, use.name) for use in worth.uses]
+    names = [(use.output, use.name) for use in assessment.uses]
     assert names == [
         ('effort', 'prediction'), ('effort', 'feed-forward'),
         ('effort', 'collision detection (effort)'),
         ('effort', 'collision detection (momentum)'), ('effort', 'payload'),
         ('strain', 'prediction'), ('strain', 'collision detection (strain)'),
         ('strain', 'payload')]
-    assert worth.missing == () and worth.detects is Grade.GOOD
-    said = next(use for use in worth.uses if use.name == 'collision detection (strain)')
+    assert assessment.missing == () and assessment.detects is Grade.GOOD
+    said = next(use for use in assessment.uses if use.name == 'collision detection (strain)')
     assert 'g1' in said.why and 'um/m in motion' in said.why and 's of free motion' in said.why
-    assert all(use.level is Grade.GOOD for use in worth.uses if use.name == 'payload')
-    left = next(use for use in worth.uses if use.name == 'feed-forward')
+    assert all(use.level is Grade.GOOD for use in assessment.uses if use.name == 'payload')
+    left = next(use for use in assessment.uses if use.name == 'feed-forward')
     assert left.level is Grade.GOOD and 'left to the controller (j1' in left.why
-    plain = worth.as_dict()
+    plain = assessment.as_dict()
     assert plain['uses']['effort']['analytical'][0]['use'] == 'prediction'
 
 
 def test_noise_floor(result: FitResult) -> None:
-    """White noise is found behind the filters of the fit, whatever the motion."""
+    """White noise is found after the filters of the fit, whatever the motion."""
     full = PreprocessingSpec(filter='causal', rate=None, settle=1.0)
     bag = _bag(3)
     causal = replace(bag, stretches=tuple(prepare(bag.recording, full)))
@@ -110,13 +110,13 @@ def test_missing_thresholds_are_a_step() -> None:
     """Too little motion for thresholds stands in the report, with why and what to do."""
     bags = [_bag(seed, 4.0) for seed in (0, 1)]
     short = fit_models(ARM, bags, [], None, SPEC, FitSettings())
-    worth = assess(short)
-    assert worth.missing and worth.detects is None
-    assert all('too little for thresholds' in text for text in worth.missing)
-    first = worth.steps[0]
+    assessment = assess(short)
+    assert assessment.missing and assessment.detects is None
+    assert all('too little for thresholds' in text for text in assessment.missing)
+    first = assessment.steps[0]
     assert 'no collision thresholds' in first.what
     assert first.command.startswith('tudor fit run0 run1 BAG --arm ')
-    use = next(use for use in worth.uses if use.name.startswith('collision'))
+    use = next(use for use in assessment.uses if use.name.startswith('collision'))
     assert use.level is None and 'not known: no thresholds' in str(use)
 
 
@@ -130,9 +130,9 @@ def test_ringing_sends_to_the_elastic_model(result: FitResult) -> None:
     assert [step.gain for step in steps] == sorted((step.gain for step in steps), reverse=True)
 
 
-def test_a_negative_inertia_is_marked(worth: Assessment) -> None:
+def test_a_negative_inertia_is_marked(assessment: Assessment) -> None:
     """An arm whose joint would be pushed backwards is none, and that is said."""
-    assert worth.marks == ()
+    assert assessment.marks == ()
     odd = assess(_fit(0, 1, 2, sign=-40.0))
     assert any('the inertia about j1 comes out negative' in mark for mark in odd.marks)
 

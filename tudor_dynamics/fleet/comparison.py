@@ -25,9 +25,10 @@ import numpy as np
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.identification.dataset import all_stretches, BagData, Unused
-from tudor_dynamics.identification.next_steps import change_of, ErrorChange, LEAST, SIGMAS
+from tudor_dynamics.identification.next_steps import change_of, ErrorChange
 from tudor_dynamics.identification.passes import SurveyedBag
 from tudor_dynamics.identification.ringdowns import clear_ring, standstills
+from tudor_dynamics.identification.settings import LEAST_SPREAD, SIGMAS
 from tudor_dynamics.identification.validation import part_errors, PartErrors
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.models.elastic.model import PhysicalParameter
@@ -444,7 +445,7 @@ def named_aged(changes: Mapping[str, Sequence[ErrorChange]]) -> list[Named]:
     found = []
     for same in zip(*changes.values(), strict=True):
         growth = [np.log(max(item.now / item.then, 1e-12)) for item in same]
-        errors = [max(abs(value / item.sigmas), 1e-3) if item.sigmas else LEAST
+        errors = [max(abs(value / item.sigmas), 1e-3) if item.sigmas else LEAST_SPREAD
                   for value, item in zip(growth, same, strict=True)]
         outlying = outliers([History(np.zeros(1), np.array([value]), np.array([error]))
                              for value, error in zip(growth, errors, strict=True)])

@@ -25,9 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from tudor_dynamics.arm.description import Arm
-from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.errors import UsageError
+from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagFacts
 from tudor_dynamics.identification.excitation import expected_errors, Noise, played
 from tudor_dynamics.identification.excitation_plan import PlanFolder
@@ -37,20 +36,10 @@ from tudor_dynamics.identification.validation import Grade, LARGEST_GAP, Validat
 from tudor_dynamics.models.analytical import AnalyticalModel
 from tudor_dynamics.online.thresholds import MethodThresholds
 from tudor_dynamics.signals.preprocessing import prepare
-from tudor_dynamics.typing import FloatArray
 
 
-# -- What to do next, in the order of what it would bring, with the command
-
-FINDING, NO_THRESHOLDS, UNTESTED, WIDE = 100.0, 50.0, 8.0, 6.0
-"""What a remedy brings where no figure says so, in points of fit."""
-HARMLESS = 1.0
 MILD = ('standstill', 'jitter')
 """Findings that cost little."""
-WIDER = 1.2
-"""Doubt about thresholds from which on more motion is advised."""
-LITTLE = 0.5
-"""Points of fit below which no step is advised."""
 NAMED = 20
 """Bags that a command names one by one."""
 
@@ -63,26 +52,23 @@ class NextStep:
     what: str  # what to do, and why
     command: str = ''  # command that does it; empty where there is none
 
-    def as_dict(self) -> dict[str, Any]:
-        """Give it as plain values."""
-        return asdict(self)
-
 
 def next_steps(
     result: FitResult, uses: Sequence[Use],
     learned: Mapping[tuple[str, str], MethodThresholds], missing: Sequence[str],
 ) -> tuple[NextStep, ...]:
     """List what to do next."""
-    found = [NextStep(HARMLESS if item.kind in MILD else FINDING,
+    found = [NextStep(settings.MILD_GAIN if item.kind in MILD else settings.FINDING_GAIN,
                       f'{item.title}: {item.what}; {item.remedy}') for item in result.findings]
     if missing:
         found.append(NextStep(
-            NO_THRESHOLDS, f'no collision thresholds ({"; ".join(missing)}): record a minute in '
-            'which nothing touches the arm, and fit it too', _fit(result, more='BAG')))
-    elif learned and (doubt := max(item.doubt(1.0) for item in learned.values())) > WIDER:
+            settings.THRESHOLDS_GAIN, f'no collision thresholds ({"; ".join(missing)}): record a '
+            'minute in which nothing touches the arm, and fit it too', _fit(result, more='BAG')))
+    doubt = max((item.doubt(settings.FALSE_ALARMS) for item in learned.values()), default=0.0)
+    if doubt > settings.WIDE and not missing:
         seconds = min(item.seconds for item in learned.values())
         found.append(NextStep(
-            WIDE * math.log(doubt) / math.log(2.0), f'thresholds from {seconds:.0f} s of free '
+            settings.DOUBT_GAIN * math.log2(doubt), f'thresholds from {seconds:.0f} s of free '
             f'motion are {doubt:.1f} times as wide as from hours: record more in which nothing '
             'touches the arm', _fit(result, more='BAG')))
     found += _elastic(result)
@@ -91,8 +77,8 @@ def next_steps(
         found += _of_model(result, item)
     if len(result.learned) == 1 and not result.judged:
         found.append(NextStep(
-            UNTESTED, 'one bag cannot tell how the model does on another day: record a second, of '
-            'another motion', _fit(result, more='BAG')))
+            settings.UNTESTED_GAIN, 'one bag cannot tell how the model does on another day: '
+            'record a second, of another motion', _fit(result, more='BAG')))
     if not found and any(use.level is not Grade.DO_NOT_USE for use in uses):
         found.append(NextStep(0.0, 'try it beside the robot',
                               'ros2 run tudor_dynamics monitor --ros-args -p model:=MODEL'))
@@ -110,17 +96,17 @@ def _elastic(result: FitResult) -> list[NextStep]:
     if strain is not None and loudest.channel in strain.validation.score.channels:
         fit = max(strain.validation.score.channels[loudest.channel].fit, 0.0)
         gain = (100.0 - fit) * (1.0 - math.sqrt(max(1.0 - loudest.share, 0.0)))
-    text = (f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} % '
-            'of what is left above 0.5 Hz, and no rigid model can know it: ')
-    if result.arm.gauges and result.arm.spec.links:
-        return [NextStep(gain, f'{text}fit the elastic model as well',
-                         _fit(result, options=('--models', 'analytical', 'elastic')))]
+    advice = 'fit the elastic model as well'
+    options = ['--models', 'analytical', 'elastic']
     if not result.arm.gauges:
-        return [NextStep(gain, f'{text}damp the arm while it is recorded, or leave the ringing '
-                         'out', _fit(result, options=('--filter', 'zero_phase', '--rate', '5')))]
-    return [NextStep(gain, f'{text}describe what bends (links and motors, docs/elastic.md) and '
-                     'fit the elastic model as well',
-                     _fit(result, options=('--models', 'analytical', 'elastic')))]
+        advice = 'damp the arm while it is recorded, or leave the ringing out'
+        options = ['--filter', 'zero_phase', '--rate', '5']
+    elif not result.arm.spec.links:
+        advice = f'describe what bends (links and motors, docs/elastic.md) and {advice}'
+    return [NextStep(
+        gain, f'{loudest.channel} rings at {loudest.frequency:.2f} Hz, {100 * loudest.share:.0f} '
+        f'% of what is left above 0.5 Hz, and no rigid model can know it: {advice}',
+        _fit(result, options=options))]
 
 
 def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
@@ -135,17 +121,17 @@ def _of_model(result: FitResult, item: FittedOutput) -> list[NextStep]:
     if known.unexcited:
         shown = ', '.join(known.unexcited[:3]) + (' ...' if len(known.unexcited) > 3 else '')
         found.append(NextStep(
-            5.0, f'{name}: the motion does not show {shown}: record one that does; the condition '
-            'numbers of planned motions say how well', 'tudor record --arm '
+            settings.UNEXCITED_GAIN, f'{name}: the motion does not show {shown}: record one that '
+            'does; the condition numbers of planned motions say how well', 'tudor record --arm '
             f'{shlex.quote(result.arm.source)} --stimuli 2 --seconds 20 --best-of 3 --conditions '
             '--out none'))
     held = [(channel, score, score.standing_rmse, score.moving_rmse)
             for channel, score in validation.channels.items()
             if score.standing_rmse is not None and score.moving_rmse is not None
-            and score.standing_rmse > 2.0 * score.moving_rmse]
+            and score.standing_rmse > settings.STANDING * score.moving_rmse]
     gain = max((max(0.0, 100.0 - score.fit) * (1.0 - moving / score.rmse)
                 for _, score, _, moving in held), default=0.0)
-    if gain > LITTLE:
+    if gain > settings.SMALLEST_GAIN:
         each = ', '.join(f'{channel} {short(rest)} after {short(moving)}'
                          for channel, _, rest, moving in held)
         found.append(NextStep(
@@ -173,8 +159,6 @@ def _names(bags: Sequence[BagFacts]) -> list[str]:
     return names if len(names) <= NAMED else [os.path.commonpath(names) or '.']
 
 
-# -- What a fit is good enough for: uses, thresholds, marks, and what to do next
-
 @dataclass(frozen=True, eq=False)
 class Assessment:
     """What a fit is good enough for."""
@@ -199,7 +183,7 @@ class Assessment:
             uses.setdefault(use.output, {}).setdefault(use.kind, []).append(use.as_dict())
         return {'uses': uses, 'marks': list(self.marks),
                 'without_thresholds': list(self.missing),
-                'next_steps': [step.as_dict() for step in self.steps]}
+                'next_steps': [asdict(step) for step in self.steps]}
 
 
 def assess(result: FitResult) -> Assessment:
@@ -211,36 +195,20 @@ def assess(result: FitResult) -> Assessment:
     uses: list[Use] = []
     found: list[str] = []
     for item in result.fitted:
-        methods = (item.output, *(('momentum',) if (
-            item.output == 'effort' and item.kind == 'analytical') else ()))
+        by_momentum = item.output == 'effort' and item.kind == 'analytical'
+        methods = (item.output, 'momentum') if by_momentum else (item.output,)
         uses += uses_of(
             item, result.arm,
             {method: learned[method, item.kind] for method in methods
              if (method, item.kind) in learned},
             {method: reasons[method, item.kind] for method in methods
              if (method, item.kind) in reasons})
-        if item.output == 'effort' and item.kind == 'analytical' and item.validation.cases:
+        if by_momentum and item.validation.cases:
             model, bag = item.validation.cases[0]
-            found += marks(model, result.arm, [bag])
+            found += marks(model, result.arm, bag)
     missing = tuple(f'{method} {kind}: {why}' for (method, kind), why in reasons.items())
     return Assessment(tuple(uses), learned, missing, tuple(found),
                       next_steps(result, uses, learned, missing))
-
-
-# -- Is a model still what it was: its errors on other bags compared with those of its validation
-
-BLOCK = 5.0
-"""Time whose mean squared error counts as one observation: errors are correlated [s]."""
-FACTOR = 1.3
-"""Growth of the error below which nothing is said, however certain it is."""
-RELATIVE = 1.15
-"""The same for the relative error: livelier motion has larger errors, not larger relative ones."""
-SIGMAS = 3.0
-"""Standard errors by which the error must have grown."""
-UNKNOWN = 0.5
-"""Relative standard error of a mean squared error where nothing is known of it."""
-LEAST = 0.1
-"""It is no less: two motions are not alike."""
 
 
 @dataclass(frozen=True)
@@ -277,12 +245,12 @@ def spread(validation: Validation) -> dict[str, float]:
     """Say how well the mean squared errors of a validation are known."""
     means = []
     for trace in validation.traces:
-        number = np.floor((trace.t - trace.t[0]) / BLOCK).astype(int)
+        number = np.floor((trace.t - trace.t[0]) / settings.CORRELATED).astype(int)
         squares = (trace.measured - trace.predicted) ** 2
         means += [squares[number == k].mean(axis=0) for k in np.unique(number)
                   if np.sum(number == k) > 1]
     if len(means) < 2:
-        return dict.fromkeys(validation.channels, UNKNOWN)
+        return dict.fromkeys(validation.channels, settings.UNKNOWN_SPREAD)
     blocks = np.array(means)
     errors = blocks.std(axis=0, ddof=1) / math.sqrt(len(blocks)) / np.maximum(
         blocks.mean(axis=0), 1e-300)
@@ -302,7 +270,7 @@ def changes(
                     known = facts['validation'][output][kind]
                     old = known['validation']['channels'][channel]
                     then, relative = float(old['rmse']), float(old['relative_error'])
-                    doubt = float(known.get('spread', {}).get(channel, UNKNOWN))
+                    doubt = float(known.get('spread', {}).get(channel, settings.UNKNOWN_SPREAD))
                 except (KeyError, TypeError, ValueError):
                     continue  # of a bundle made by hand, of which nothing is known
                 said.append(change_of(
@@ -317,15 +285,11 @@ def change_of(
 ) -> ErrorChange:
     """Compare errors of one channel, then and now: errors [unit of the output]."""
     growth = errors[1] / max(errors[0], 1e-300)
-    sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(max(x, LEAST) for x in doubts))
-    changed = growth > FACTOR and sigmas > SIGMAS and relative[1] > RELATIVE * relative[0]
+    sigmas = 2.0 * math.log(max(growth, 1e-12)) / math.hypot(*(
+        max(x, settings.LEAST_SPREAD) for x in doubts))
+    changed = (growth > settings.GROWTH and sigmas > settings.SIGMAS
+               and relative[1] > settings.RELATIVE_GROWTH * relative[0])
     return ErrorChange(*name, *errors, *relative, sigmas, changed)
-
-
-# -- What a plan promised of the parameters, and what a fit reached
-
-WITHIN = 0.3
-"""Relative difference up to which a promise counts as kept."""
 
 
 @dataclass(frozen=True)
@@ -353,14 +317,15 @@ class Comparison:
 
     def ratios(self) -> dict[str, float]:
         """Give medians of what was reached over what was promised, and the part within 30 %."""
-        def of(key: str) -> FloatArray:
-            return np.array([item.reached / getattr(item, key) for item in self.promises
-                             if np.isfinite(item.reached) and np.isfinite(item.expected)])
-        both = {'expected': of('expected'), 'by_noise': of('by_noise')}
-        return {name: float(value) for key, values in both.items() if len(values)
-                for name, value in ((f'median_over_{key}', np.median(values)),
-                                    (f'within_30_percent_of_{key}', np.mean(
-                                        np.abs(values - 1.0) <= WITHIN)))}
+        ratios = {}
+        for key in ('expected', 'by_noise'):
+            values = np.array([item.reached / getattr(item, key) for item in self.promises
+                               if np.isfinite(item.reached) and np.isfinite(item.expected)])
+            if len(values):
+                ratios[f'median_over_{key}'] = float(np.median(values))
+                ratios[f'within_30_percent_of_{key}'] = float(np.mean(
+                    np.abs(values - 1.0) <= settings.PROMISE_KEPT))
+        return ratios
 
     def content(self) -> dict[str, object]:
         """Give it as plain values for JSON."""
@@ -370,8 +335,11 @@ class Comparison:
 
 def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     """Compare a fit with the plan of its recordings."""
-    arm = result.arm
-    trajectory = _ordered(plan, arm)
+    arm, names = result.arm, plan.trajectory.joints
+    if sorted(names) != sorted(arm.active_joints):
+        msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
+        raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
+    trajectory = plan.trajectory.of(arm.active_joints)
     models = {item.output: item.model for item in result.fitted
               if isinstance(item.model, AnalyticalModel) and item.model.payload_range is None
               and len(plan.noise.size.get(item.output, ())) == len(item.model.channels)}
@@ -381,24 +349,15 @@ def compare_with_plan(result: FitResult, plan: PlanFolder) -> Comparison:
     planned = sum(stretch.n_kept for stretch in prepare(
         played(trajectory, arm), result.preprocessing))
     runs = sum(facts.used for facts in result.learned) / planned
-    found = {}
+    residual = {output: np.zeros(len(model.channels)) for output, model in models.items()}
+    reached: list[float] = []
     for output, model in models.items():
-        found[output] = np.zeros(len(model.channels))
         for group in model.groups_:
-            found[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+            residual[output][list(group.base.channels)] = np.sqrt(group.estimate.variances)
+            reached += group.estimate.standard_errors.tolist()
     promised, honest = (expected_errors(models, arm, trajectory, result.preprocessing, noise)
-                        for noise in (plan.noise, Noise(found, residual=True)))
-    reached = [error for model in models.values() for group in model.groups_
-               for error in group.estimate.standard_errors.tolist()]
+                        for noise in (plan.noise, Noise(residual, residual=True)))
     return Comparison(tuple(
-        Promise(one.output, one.channels, one.name, one.unit, one.value / float(np.sqrt(runs)),
-                other.value / float(np.sqrt(runs)), error)
+        Promise(one.output, one.channels, one.name, one.unit, one.value / math.sqrt(runs),
+                other.value / math.sqrt(runs), error)
         for one, other, error in zip(promised, honest, reached, strict=True)), runs, plan.stated)
-
-
-def _ordered(plan: PlanFolder, arm: Arm) -> Trajectory:
-    names = plan.trajectory.joints
-    if sorted(names) != sorted(arm.active_joints):
-        msg = f'the plan moves {", ".join(names)}; {arm.name} has {", ".join(arm.active_joints)}'
-        raise UsageError(msg, place=plan.path, remedy='give the plan of this arm')
-    return plan.trajectory.of(arm.active_joints)

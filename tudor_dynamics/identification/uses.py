@@ -26,6 +26,7 @@ import pinocchio as pin
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.errors import FitError, SignalError
+from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData
 from tudor_dynamics.identification.fit import FittedOutput
 from tudor_dynamics.identification.validation import Grade
@@ -39,17 +40,6 @@ from tudor_dynamics.signals.preprocessing import prepare
 from tudor_dynamics.typing import FloatArray
 
 
-# -- Thresholds of a fit: learned from residuals of bags that the models were not fitted to
-
-FREE_MOTION_POSES = 200
-"""Poses at which the friction of a joint is looked at."""
-
-
-def live_preprocessing(spec: PreprocessingSpec) -> PreprocessingSpec:
-    """Give the preprocessing of the running robot: causal, every sample."""
-    return spec.model_copy(update={'filter': 'causal', 'rate': None})
-
-
 def free_motion(
     cases: Sequence[tuple[Model, BagData]],
     output: str,
@@ -58,71 +48,75 @@ def free_motion(
     momentum: bool = False,
     strain: Sequence[tuple[Model, BagData]] = (),
 ) -> list[FreeMotion]:
-    """Compute the residuals of every sample as the running robot has them."""
+    """Compute the residuals of every sample as the running robot has them: by causal filters."""
+    live = spec.model_copy(update={'filter': 'causal', 'rate': None})
     correcting = {id(bag): model for model, bag in strain}
     records = []
     for model, bag in cases:
         try:
-            stretches = prepare(bag.recording, live_preprocessing(spec))
+            stretches = prepare(bag.recording, live)
         except SignalError:
             continue  # no stretch is long enough
         for s in stretches:
-            measured, motion = getattr(s, output), s.motion
+            measured = getattr(s, output)
             if momentum:
                 residual = MomentumObserver(model).process(s.stamp, model.inputs(s), measured)
             else:
                 residual = measured - model.observe(s, correcting.get(id(bag)))
             keep = s.decimation.keep
-            records.append(FreeMotion(s.stamp[keep], motion[keep], residual[keep]))
+            records.append(FreeMotion(s.stamp[keep], s.motion[keep], residual[keep]))
     return records
-
-
-def stiction(cases: Sequence[tuple[Model, BagData]]) -> FloatArray:
-    """
-    Give the friction that may hold each joint while it stands, as all models have it.
-
-    Returns (joints,) [unit of each joint's effort].
-    """
-    return np.asarray(np.max([
-        model.stiction(bag.recording.q[::max(1, len(bag.recording.q) // FREE_MOTION_POSES)])
-        for model, bag in cases], axis=0))
 
 
 def learn_all(
     unseen: Sequence[tuple[str, str, Sequence[tuple[Model, BagData]]]],
     spec: PreprocessingSpec,
 ) -> tuple[dict[tuple[str, str], MethodThresholds], dict[tuple[str, str], str]]:
-    """Learn the thresholds of all methods that a fit allows."""
+    """
+    Learn the thresholds of all methods that a fit allows, from bags that it was not fitted to.
+
+    Returns method and kind to thresholds, and method and kind to the reason why there are none.
+    """
     found: dict[tuple[str, str], MethodThresholds] = {}
     missing: dict[tuple[str, str], str] = {}
-
-    def learn(
-        method: str, kind: str, records: list[FreeMotion], channels: tuple[str, ...],
-        stiction: FloatArray,
-    ) -> None:
-        try:
-            learned = learn_thresholds(records, channels, stiction)
-        except FitError as err:
-            missing[method, kind] = str(err)
-            return
-        if usable(learned):
-            found[method, kind] = learned
-        else:
-            missing[method, kind] = 'a residual is zero throughout'
-
     for output, kind, cases in unseen:
         if not cases:
             missing[output, kind] = 'there is no motion that the model has not seen'
             continue
         channels = cases[0][0].channels
+        held = np.zeros(len(channels))
+        if output == 'effort':
+            # the friction that may hold each joint while it stands, as all models have it
+            held = np.max([model.stiction(_poses(bag, settings.STICTION_POSES))
+                           for model, bag in cases], axis=0)
         strain = next((other for what, of, other in unseen
                        if what == 'strain' and of == kind), ())
-        held = stiction(cases) if output == 'effort' else np.zeros(len(channels))
-        learn(output, kind, free_motion(cases, output, spec, strain=strain), channels, held)
+        records = {output: free_motion(cases, output, spec, strain=strain)}
         if output == 'effort' and kind == 'analytical':
-            learn('momentum', kind, free_motion(cases, output, spec, momentum=True), channels,
-                  held)
+            records['momentum'] = free_motion(cases, output, spec, momentum=True)
+        for method, motion in records.items():
+            try:
+                learned = learn_thresholds(motion, channels, held)
+            except FitError as err:
+                missing[method, kind] = str(err)
+                continue
+            if (all(tail.scale > 0 and np.isfinite(tail.location) for tail in learned.tails)
+                    and (learned.profile[:, 0] > 0).all()):
+                found[method, kind] = learned
+            else:
+                missing[method, kind] = 'a residual is zero throughout'
     return found, missing
+
+
+def _poses(bag: BagData, count: int) -> FloatArray:
+    q = bag.recording.q
+    return q[::max(1, len(q) // count)]
+
+
+def _at_rest(bag: BagData, count: int) -> FloatArray:
+    """Give the motion of an arm that stands at poses of a bag: (poses, 3 joints)."""
+    q = _poses(bag, count)
+    return np.hstack([q, np.zeros((len(q), 2 * q.shape[1]))])
 
 
 def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, Any]:
@@ -133,33 +127,17 @@ def as_plain(learned: Mapping[tuple[str, str], MethodThresholds]) -> dict[str, A
     return found
 
 
-def usable(thresholds: MethodThresholds) -> bool:
-    """Say whether every statistic has a size; one that is zero throughout has none."""
-    return bool(all(tail.scale > 0 and np.isfinite(tail.location) for tail in thresholds.tails)
-                and (thresholds.profile[:, 0] > 0).all())
+def marks(model: Model, arm: Arm, bag: BagData) -> tuple[str, ...]:
+    """
+    Look for what no arm can be in a model of efforts.
 
-
-# -- What no arm can be: negative inertias, and weights far from those of its own description
-
-PHYSICS_POSES = 200
-FEW = 0.02
-"""Share of poses at which an inertia may be negative, where parameters are uncertain."""
-FAR = 1.5
-"""Factor between the identified weight and the described one from which on it is marked."""
-SHOWS = 0.1
-"""Share of the largest weight below which the weight of a joint is not compared."""
-
-
-def marks(model: Model, arm: Arm, data: Sequence[BagData]) -> tuple[str, ...]:
-    """Look for what no arm can be in a model of efforts."""
-    if model.has_memory or not data:
+    That is a negative inertia, and a weight far from that of the arm's own description.
+    """
+    if model.has_memory:
         return ()
-    q = np.vstack([bag.recording.q for bag in data])
-    q = q[::max(1, len(q) // PHYSICS_POSES)]
-    n = q.shape[1]
-    still = np.hstack([q, np.zeros((len(q), 2 * n))])
+    still = _at_rest(bag, settings.PHYSICS_POSES)
     rest = model.predict(still)
-    return (*_inertias(model, still, rest), *_weights(model, arm, q, rest))
+    return (*_inertias(model, still, rest), *_weights(model, arm, still, rest))
 
 
 def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
@@ -171,48 +149,31 @@ def _inertias(model: Model, still: FloatArray, rest: FloatArray) -> list[str]:
         pushed[:, 2 * n + joint] = 1.0
         inertia = model.predict(pushed)[:, joint] - rest[:, joint]
         share = float(np.mean(inertia < 0.0))
-        if share > FEW:
+        if share > settings.NEGATIVE_SHARE:
             found.append(f'the inertia about {name} comes out negative at {100.0 * share:.0f} % '
                          f'of the poses (least {inertia.min():.2g} per unit of acceleration): '
                          'no arm has one; faster motion of this joint would show it')
     return found
 
 
-def _weights(model: Model, arm: Arm, q: FloatArray, rest: FloatArray) -> list[str]:
+def _weights(model: Model, arm: Arm, still: FloatArray, rest: FloatArray) -> list[str]:
     """Compare what weight makes with the masses of the description, where it has some."""
     data = arm.model.createData()
-    described = np.array([pin.computeGeneralizedGravity(arm.model, data, row).copy()
-                          for row in q])
+    described = np.array([pin.computeGeneralizedGravity(arm.model, data, q).copy()
+                          for q in np.split(still, 3, axis=1)[0]])
     described -= described.mean(axis=0)
     identified = rest - rest.mean(axis=0)
     sizes = np.linalg.norm(described, axis=0)
     found = []
     for joint, name in enumerate(model.channels):
-        if arm.joints[joint].effort.unit == 'A' or sizes[joint] <= SHOWS * sizes.max():
+        if arm.joints[joint].effort.unit == 'A' or sizes[joint] <= settings.WEIGHTY * sizes.max():
             continue
         slope = float(identified[:, joint] @ described[:, joint] / sizes[joint]**2)
-        if not 1.0 / FAR <= slope <= FAR:
+        if not 1.0 / settings.WEIGHT_OFF <= slope <= settings.WEIGHT_OFF:
             found.append(f'the weight that {name} feels is {slope:.2g} times that of the '
                          'description: check masses, the unit of its effort, and what the arm '
                          'carries')
     return found
-
-
-# -- What models may be used for, one verdict each: prediction, feed-forward, collisions, payload
-
-RATE = 1.0
-"""False alarms per hour for which a collision detector is judged [1/h]."""
-GOOD_SHARE, USABLE_SHARE = 0.25, 1.0
-"""Threshold over the range of the output, at half of the largest speed."""
-GOOD_WEIGHT, USABLE_WEIGHT = 0.05, 0.2
-"""Error of a mean over `MEAN` over the range of what weight makes."""
-GOOD_LEFT, USABLE_LEFT = 0.3, 0.7
-"""Relative error of the efforts: what of them feed-forward leaves to the controller."""
-MEAN = 1.0
-"""Time over which a payload is averaged [s]."""
-POSES = 2000
-WEIGHTLESS = 1e-9
-"""Part of what an output is at rest from which on it changes with the pose."""
 
 
 @dataclass(frozen=True)
@@ -247,20 +208,27 @@ def uses_of(
     missing: Mapping[str, str],
 ) -> list[Use]:
     """Judge a model by each of its uses."""
-    found = [Use(item.output, item.kind, 'prediction', item.verdict.level,
-                 '; '.join(item.verdict.reasons))]
+    said: dict[str, tuple[Grade | None, str]] = {
+        'prediction': (item.verdict.level, '; '.join(item.verdict.reasons))}
     if item.output == 'effort':
-        found.append(_feedforward(item))
+        said['feed-forward'] = _feedforward(item)
     for method, learned in thresholds.items():
-        found.append(_collisions(item, arm, method, learned))
+        said[f'collision detection ({method})'] = _collisions(item, arm, learned)
     for method, why in missing.items():
-        found.append(Use(item.output, item.kind, f'collision detection ({method})', None,
-                         f'no thresholds: {why}'))
+        said[f'collision detection ({method})'] = None, f'no thresholds: {why}'
     payload = _payload(item, arm)
-    return found if payload is None else [*found, payload]
+    if payload is not None:
+        said['payload'] = payload
+    return [Use(item.output, item.kind, name, *verdict) for name, verdict in said.items()]
 
 
-def _feedforward(item: FittedOutput) -> Use:
+def _grade(value: float, bounds: tuple[float, float]) -> Grade:
+    """Judge a figure by the upper bounds of what is good and of what is usable."""
+    good, usable = bounds
+    return Grade.GOOD if value <= good else Grade.USABLE if value <= usable else Grade.DO_NOT_USE
+
+
+def _feedforward(item: FittedOutput) -> tuple[Grade, str]:
     """
     Say what a controller still has to do where efforts are fed forward.
 
@@ -268,20 +236,15 @@ def _feedforward(item: FittedOutput) -> Use:
     prediction, and half of the work.
     """
     score = item.validation.score
-    level = (Grade.GOOD if score.relative_error <= GOOD_LEFT else Grade.USABLE
-             if score.relative_error <= USABLE_LEFT else Grade.DO_NOT_USE)
     each = ', '.join(f'{name} {100.0 * own.relative_error:.0f} %'
                      for name, own in score.channels.items())
-    return Use(item.output, item.kind, 'feed-forward', level,
-               f'{100.0 * score.relative_error:.0f} % of the efforts are left to the controller '
-               f'({each})')
+    return _grade(score.relative_error, settings.LEFT_TO_CONTROL), (
+        f'{100.0 * score.relative_error:.0f} % of the efforts are left to the controller ({each})')
 
 
-def _collisions(
-    item: FittedOutput, arm: Arm, method: str, learned: MethodThresholds,
-) -> Use:
-    n = len(learned.channels)
-    ratios = learned.ratios(RATE)[:n]
+def _collisions(item: FittedOutput, arm: Arm, learned: MethodThresholds) -> tuple[Grade, str]:
+    n, per_hour = len(learned.channels), settings.FALSE_ALARMS
+    ratios = learned.ratios(per_hour)[:n]
     rest = learned.profile[:n, 0] * ratios + learned.stiction
     columns = np.zeros(learned.profile.shape[1])
     reach = np.where(np.isfinite(learned.reach), learned.reach, 0.0)
@@ -290,59 +253,43 @@ def _collisions(
     measured = np.vstack([trace.measured for trace in item.validation.traces])
     span = np.maximum(np.ptp(np.quantile(measured, [0.005, 0.995], axis=0), axis=0), 1e-300)
     share = np.maximum(moving, rest) / span
-    levels = [Grade.GOOD if one <= GOOD_SHARE else Grade.USABLE if one <= USABLE_SHARE
-              else Grade.DO_NOT_USE for one in share.tolist()]
     # a touch is felt by all joints before it, so the better half decides
-    level = sorted(levels, key=list(Grade).index)[(n - 1) // 2]
+    half = float(np.sort(share)[(n - 1) // 2])
     units = output_units(arm, item.output)
     each = ', '.join(
         f'{name} {short(a)} at rest, {short(b)} {units[name]} in motion '
         f'({100 * c:.0f} % of its range)'
         for name, a, b, c in zip(learned.channels, rest, moving, share, strict=True))
-    doubt = learned.doubt(RATE)
-    wide = '' if doubt < 1.2 else f', and {doubt:.1f} times as wide as they would be from hours'
-    return Use(item.output, item.kind, f'collision detection ({method})', level,
-               f'told at {RATE:g} false alarm per hour: {each}; thresholds from '
-               f'{learned.seconds:.0f} s of free motion{wide}')
+    doubt = learned.doubt(per_hour)
+    wide = '' if doubt < settings.WIDE else (
+        f', and {doubt:.1f} times as wide as they would be from hours')
+    return _grade(half, settings.THRESHOLD_SHARE), (
+        f'told at {per_hour:g} false alarm per hour: {each}; thresholds from '
+        f'{learned.seconds:.0f} s of free motion{wide}')
 
 
-def weights(model: Model, data: Sequence[BagData]) -> FloatArray | None:
-    """
-    Give what weight makes of the outputs at the poses of bags.
-
-    Returns (poses, channels) [its unit], None of a model that does not predict single samples.
-    """
-    if model.has_memory:
-        return None
-    q = np.vstack([bag.recording.q for bag in data])
-    q = q[::max(1, len(q) // POSES)]
-    return model.predict(np.hstack([q, np.zeros_like(q), np.zeros_like(q)]))
-
-
-def _payload(item: FittedOutput, arm: Arm) -> Use | None:
+def _payload(item: FittedOutput, arm: Arm) -> tuple[Grade, str] | None:
     """Say from which share of an arm's own weight another weight shows."""
     if not item.validation.cases:
         return None
     model, bag = item.validation.cases[0]
-    weight = weights(model, [bag])
-    if weight is None:
+    if model.has_memory:
         return None
+    weight = model.predict(_at_rest(bag, settings.POSES))
     span = np.ptp(weight, axis=0)
+    if not np.any(span > settings.WEIGHTLESS * np.max(np.abs(weight), initial=1e-300)):
+        return None  # a level axis carries no weight
     means = []
     for trace in item.validation.traces:
-        step = max(1, round(MEAN / max(float(np.median(np.diff(trace.t))), 1e-9)))
+        step = max(1, round(settings.MEAN / max(float(np.median(np.diff(trace.t))), 1e-9)))
         whole = len(trace.t) // step * step
         error = (trace.measured - trace.predicted)[:whole]
         means.append(error.reshape(-1, step, error.shape[1]).mean(axis=1))
     error = np.sqrt(np.mean(np.vstack(means) ** 2, axis=0)) if means else np.full(len(span), 1.0)
-    if not np.any(span > WEIGHTLESS * np.max(np.abs(weight), initial=1e-300)):
-        return None  # a level axis carries no weight
     share = 2.0 * error / np.maximum(span, 1e-300)
     best = int(np.argmin(share))
     name, unit = model.channels[best], output_units(arm, item.output)[model.channels[best]]
-    level = (Grade.GOOD if share[best] <= GOOD_WEIGHT else Grade.USABLE
-             if share[best] <= USABLE_WEIGHT else Grade.DO_NOT_USE)
-    return Use(item.output, item.kind, 'payload', level,
-               f'best seen by {name}: its own weight makes {span[best]:.3g} {unit} over these '
-               f'poses, a mean over {MEAN:g} s is off by {short(error[best])}, so that '
-               f'{100.0 * share[best]:.0f} % of it show')
+    return _grade(float(share[best]), settings.WEIGHT_SHARE), (
+        f'best seen by {name}: its own weight makes {span[best]:.3g} {unit} over these poses, a '
+        f'mean over {settings.MEAN:g} s is off by {short(error[best])}, so that '
+        f'{100.0 * share[best]:.0f} % of it show')
