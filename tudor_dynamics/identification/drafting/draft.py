@@ -20,28 +20,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 import math
 from pathlib import Path
+import textwrap
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from tudor_dynamics.arm.description import arm_from_dict, OPEN, open_values
 from tudor_dynamics.arm.schema import one_spelling
 from tudor_dynamics.bags.info import describe
 from tudor_dynamics.bags.messages import DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY
 from tudor_dynamics.bags.reader import read_planned
-from tudor_dynamics.bags.recording import ChannelSource, moving_joints, Recording, Sources
+from tudor_dynamics.bags.recording import moving_joints, Sources
 from tudor_dynamics.errors import ArmError, printable
 from tudor_dynamics.files import load_yaml
 from tudor_dynamics.identification.dataset import parse_choice
 from tudor_dynamics.identification.drafting.judging import (
-    Carrier, down, effort_over_gravity, effort_unit, joint_before, Judgement, strain_unit, Survey,
-    survey)
-from tudor_dynamics.identification.drafting.kinematics import chain_of, chain_of_urdf, GRAVITY
+    Carrier, down, effort_over_gravity, effort_unit, joint_before, Judgement, Samples, spread,
+    strain_unit, Survey, survey, USUAL)
+from tudor_dynamics.identification.drafting.kinematics import chain_of_table, chain_of_urdf
 import yaml
 
-
-# -- The first description of an arm: what bags and kinematics tell, and what they leave open
 
 @dataclass
 class Draft:
@@ -64,19 +62,9 @@ def _source_of(joint: str, found: Survey) -> tuple[Carrier | None, dict[str, Any
     """Give where the effort of a joint comes from: the first topic in which it changes."""
     for carrier in sorted((item for item in found.efforts if joint in item.ranges),
                           key=lambda item: not item.changes(joint)):
-        source: dict[str, Any] = {'topic': _relative(carrier.topic)}
-        if carrier.msgtype == DYNAMIC_JOINT_STATE:
-            source['interface'] = carrier.field
-        return carrier, source
-    for carrier in found.efforts:
-        if carrier.msgtype == FLOAT64_MULTI_ARRAY:
-            return None, {'topic': _relative(carrier.topic), 'index': OPEN}
-    return None, {}
-
-
-def _relative(topic: str) -> str:
-    """Write a topic as descriptions do, so that namespaces and remapping work."""
-    return topic[1:] if topic.count('/') == 1 else topic
+        return carrier, carrier.keys
+    return None, next(({**carrier.keys, 'index': OPEN} for carrier in found.efforts
+                       if carrier.msgtype == FLOAT64_MULTI_ARRAY), {})
 
 
 def _gauges(found: Survey) -> list[tuple[Carrier, str, dict[str, Any]]]:
@@ -84,12 +72,10 @@ def _gauges(found: Survey) -> list[tuple[Carrier, str, dict[str, Any]]]:
     entries: list[tuple[Carrier, str, dict[str, Any]]] = []
     for carrier in found.strains:
         for key in carrier.ranges:
-            entry: dict[str, Any] = {'name': key, 'topic': _relative(carrier.topic)}
+            entry: dict[str, Any] = {'name': key, **carrier.keys}
             if carrier.msgtype == FLOAT64_MULTI_ARRAY:
                 entry['name'] = f'{carrier.topic.rpartition("/")[2]}_{key}'
                 entry['index'] = int(key)
-            elif carrier.msgtype == DYNAMIC_JOINT_STATE:
-                entry['interface'] = carrier.field
             if entry['name'] not in [other['name'] for _, _, other in entries]:
                 entries.append((carrier, key, entry))
     return entries
@@ -99,12 +85,11 @@ class _Writer:
     """Puts a draft together, part by part."""
 
     def __init__(self, bags: Sequence[str], urdf: Path | None, dh: Path | None, out: Path) -> None:
-        paths = [parse_choice(bag).path for bag in bags]
-        self._paths = list(dict.fromkeys(paths))
-        known = chain_of_urdf(urdf, out).joints if urdf is not None else ()
-        self._found = survey([describe(path) for path in self._paths], known)
+        paths = tuple(dict.fromkeys(parse_choice(bag).path for bag in bags))
+        chain = None if urdf is None else chain_of_urdf(urdf, out)
+        self._found = survey([describe(path) for path in paths], chain.joints if chain else ())
         recorded = tuple(self._found.positions.ranges)
-        self._chain = chain_of(urdf, dh, recorded, out)
+        self._chain = chain or chain_of_table(dh, recorded)
         self._joints = tuple(joint for joint in self._chain.joints if joint in recorded)
         if not self._joints:
             raise ArmError(
@@ -113,161 +98,135 @@ class _Writer:
                 remedy='give the URDF of the arm that was recorded, with its names')
         self._sources = {joint: _source_of(joint, self._found) for joint in self._joints}
         self._gauges = _gauges(self._found)
-        self._recordings = [self._read(path) for path in self._paths]
-        slides = [self._chain.slides(joint) for joint in self._joints]
-        moves = np.any([moving_joints(item, slides) for item in self._recordings], axis=0)
-        self._moving = tuple(joint for joint, moving in zip(self._joints, moves, strict=True)
-                             if moving)
+        self._slides = [self._chain.slides(joint) for joint in self._joints]
+        plan = self._plan()
+        self._recordings = [read_planned(path, plan, quiet=True) for path in paths]
+        moves = np.any([moving_joints(item, self._slides) for item in self._recordings], axis=0)
+        self._moving = [joint for joint, moving in zip(self._joints, moves, strict=True)
+                        if moving]
         if not self._moving:
-            raise ArmError('no joint moves in the bags', place=self._paths[0],
+            raise ArmError('no joint moves in the bags', place=paths[0],
                            remedy='record a motion')
-        self.draft = Draft({'name': self._chain.name or out.stem},
-                           bags=tuple(self._paths))
-        if self._chain.note:
-            self.draft.notes.append(self._chain.note)
+        self.draft = Draft({'name': self._chain.name or out.stem}, bags=paths,
+                           notes=[self._chain.note] if self._chain.note else [])
 
-    def _read(self, path: str) -> Recording:
-        efforts = tuple(
-            ChannelSource(carrier.topic, joint, carrier.field, carrier.msgtype)
-            for joint, (carrier, _) in self._sources.items() if carrier is not None)
-        whole = len(efforts) == len(self._joints)
-        plan = Sources(
-            self._found.positions.topic, self._joints,
-            tuple(self._chain.slides(joint) for joint in self._joints),
-            (None,) * len(self._joints),
-            efforts if whole else (),
+    def _plan(self) -> Sources:
+        efforts = tuple(carrier.source(joint) for joint, (carrier, _) in self._sources.items()
+                        if carrier is not None)
+        return Sources(
+            self._found.positions.topic, self._joints, tuple(self._slides),
+            (None,) * len(self._joints), efforts if len(efforts) == len(self._joints) else (),
             tuple(entry['name'] for _, _, entry in self._gauges),
-            tuple(ChannelSource(carrier.topic, key, carrier.field, carrier.msgtype)
-                  for carrier, key, _ in self._gauges))
-        return read_planned(path, plan, quiet=True)
+            tuple(carrier.source(key) for carrier, key, _ in self._gauges))
+
+    def _samples(self, output: str) -> Samples | None:
+        model = self._chain.model
+        return None if model is None else spread(
+            model, [int(model.joints[model.getJointId(joint)].idx_q) for joint in self._joints],
+            self._recordings, output)
 
     def write(self) -> Draft:
         """Write all parts."""
-        content, found = self.draft.content, self._found
+        content, found, bags = self.draft.content, self._found, self.draft.bags
+        efforts, strains = self._samples('effort'), self._samples('strain')
         content['kinematics'] = self._chain.content
-        content['gravity'] = self._gravity()
-        content['joint_topic'] = _relative(found.positions.topic)
+        content['gravity'] = self._gravity(efforts)
+        content['joint_topic'] = found.positions.keys['topic']
         self.draft.remarks['joint_topic'] = (
             f'{found.positions.rate:.4g} Hz, {found.seconds:.4g} s in '
-            f'{len(self._paths)} bag{"s" * (len(self._paths) > 1)}')
-        content['joints'] = [self._joint(joint) for joint in self._chain.joints]
+            f'{len(bags)} bag{"s" * (len(bags) > 1)}')
+        units = self._units(efforts)
+        content['joints'] = [self._joint(joint, units) for joint in self._chain.joints]
         if len(self._moving) < len(self._chain.joints):
-            content['active_joints'] = list(self._moving)
-        gauges = [self._gauge(*item) for item in enumerate(self._gauges)]
-        if gauges:
-            content['gauges'] = gauges
+            content['active_joints'] = self._moving
+        if self._gauges:
+            content['gauges'] = [self._gauge(number, strains)
+                                 for number in range(len(self._gauges))]
         elif not any('topic' in joint.get('effort', ()) for joint in content['joints']):
             self.draft.notes.append('neither efforts nor strains are in the bags: nothing can be '
                                     'learned from them, record them as well')
         return self.draft
 
-    @property
-    def _with_effort(self) -> list[Recording]:
-        return [item for item in self._recordings if item.effort is not None]
+    def _gravity(self, efforts: Samples | None) -> list[float]:
+        if efforts is None:
+            return list(USUAL)
+        gravity, reason, certain = down(
+            efforts, [self._joints.index(joint) for joint in self._moving],
+            self._chain.has_masses)
+        if reason:
+            self.draft.remarks['gravity'] = reason
+            which = '' if certain else '; make sure of axis and sign'
+            self.draft.notes.append(f'gravity is not along -z of the base: {reason}{which}')
+        return gravity
 
-    def _gravity(self) -> list[float]:
-        """Judge where down is; with the masses of a URDF, which way along its axis, too."""
-        model, measured = self._chain.model, self._with_effort
-        if model is None or not measured:
-            return list(GRAVITY)
-        index = self._chain.index(self._joints)
-        found = down(model, measured, index, [joint in self._moving for joint in self._joints])
-        gravity, told = np.array(found.gravity), len(found.alike) == 1
-        model.gravity = pin.Motion(gravity, np.zeros(3))
-        if self._chain.has_masses and not told:
-            # what masses the links have says which of them it is, and which way
-            slopes = {}
-            for alike in found.alike:
-                model.gravity = pin.Motion(np.array(alike), np.zeros(3))
-                slopes[alike] = list(effort_over_gravity(model, measured, index).values())
-            best = max(slopes, key=lambda alike: len(slopes[alike]))
-            told = bool(slopes[best])
-            gravity = np.array(best) * (-1.0 if told and np.median(slopes[best]) < 0.0 else 1.0)
-            model.gravity = pin.Motion(gravity, np.zeros(3))
-        if found.reason:
-            self.draft.remarks['gravity'] = found.reason
-            which = '' if told else '; make sure of axis and sign'
-            self.draft.notes.append(f'gravity is not along -z of the base: {found.reason}{which}')
-        return [float(value) + 0.0 for value in gravity]
-
-    def _unit(self) -> dict[str, Judgement]:
+    def _units(self, efforts: Samples | None) -> dict[str, Judgement]:
         """Judge the unit of each source of efforts, by all joints that it carries."""
         judged: dict[str, Judgement] = {}
-        slopes: dict[int, float] = {}
         model = self._chain.model
-        if self._with_effort and model is not None and self._chain.has_masses:
-            slopes = effort_over_gravity(model, self._with_effort,
-                                         self._chain.index(self._joints))
+        slopes = {} if efforts is None or not self._chain.has_masses else {
+            self._joints[column]: slope for column, slope in effort_over_gravity(
+                efforts, self.draft.content['gravity']).items()}
         for key in dict.fromkeys(str(source) for _, source in self._sources.values()):
             joints = [joint for joint in self._joints if str(self._sources[joint][1]) == key]
             carrier = self._sources[joints[0]][0]
             if carrier is None:
                 judged[key] = Judgement(OPEN, 'which place in the array is this joint?')
                 continue
-            own = {column: slope for column, slope in slopes.items()
-                   if self._joints[column] in joints}
             peaks = [max(map(abs, carrier.ranges[joint])) for joint in joints]
             limits = [0.0] * len(joints) if model is None else [
                 float(model.effortLimit[model.joints[model.getJointId(joint)].idx_v])
                 for joint in joints]
             name = carrier.field if carrier.msgtype == DYNAMIC_JOINT_STATE else carrier.topic
             torque = 'N' if all(map(self._chain.slides, joints)) else 'N m'
-            judged[key] = effort_unit(own, peaks, limits, name, torque)
+            judged[key] = effort_unit(
+                [slope for joint, slope in slopes.items() if joint in joints], peaks, limits,
+                name, torque)
             if model is None and judged[key].value == torque:
                 judged[key] = Judgement(OPEN, f'{judged[key].reason}: N m, or N of a joint that '
                                               'slides?')
         return judged
 
-    def _joint(self, joint: str) -> dict[str, Any]:
+    def _joint(self, joint: str, units: dict[str, Judgement]) -> dict[str, Any]:
+        remarks, slides = self.draft.remarks, self._chain.slides(joint)
         entry: dict[str, Any] = {'name': joint}
-        if self._chain.kinds and self._chain.kinds[self._chain.joints.index(joint)]:
-            entry['type'] = self._chain.kinds[self._chain.joints.index(joint)]
-        slides = self._chain.slides(joint)
-        unit = 'm' if slides else 'rad'
+        effort: dict[str, Any] = {'unit': 'N'} if slides else {}
+        if joint in self._chain.kinds:
+            entry['type'] = self._chain.kinds[joint]
         if joint not in self._joints:
-            self.draft.remarks[f'joints.{joint}'] = 'not in the bags: held at 0'
-            return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
-        low, high = self._found.positions.ranges[joint]
-        unit = unit if self._chain.model is not None else 'rad or m'
-        text = f'{low:.4g} .. {high:.4g} {unit}'
-        if joint not in self._moving:
-            place = float(np.median(np.concatenate([
-                item.q[:, self._joints.index(joint)] for item in self._recordings])))
-            entry['hold'] = round(place, 6) + 0.0
-            self.draft.remarks[f'joints.{joint}'] = f'does not move ({text}): held'
-            return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
-        carrier, source = self._sources[joint]
-        if not source:
-            self.draft.remarks[f'joints.{joint}'] = f'{text}; no effort in the bags'
-            return {**entry, **({'effort': {'unit': 'N'}} if slides else {})}
-        judged = self._units[str(source)]
-        unit = judged.value
-        if unit in ('N m', 'N'):
-            unit = 'N' if slides else 'N m'
-        entry['effort'] = {**source, 'unit': unit}
-        if carrier is not None:
-            least, most = carrier.ranges[joint]
-            text += f'; effort {least:.4g} .. {most:.4g}'
-            if not carrier.changes(joint):
-                self.draft.notes.append(f'the effort of {joint} in {carrier.topic} never changes')
-        self.draft.remarks[f'joints.{joint}'] = text
-        self.draft.remarks['unit'] = judged.reason
-        return entry
+            text = 'not in the bags: held at 0'
+        else:
+            low, high = self._found.positions.ranges[joint]
+            unit = 'rad or m' if self._chain.model is None else 'm' if slides else 'rad'
+            text = f'{low:.4g} .. {high:.4g} {unit}'
+            carrier, source = self._sources[joint]
+            if joint not in self._moving:
+                place = float(np.median(np.concatenate([
+                    item.q[:, self._joints.index(joint)] for item in self._recordings])))
+                entry['hold'] = round(place, 6) + 0.0
+                text = f'does not move ({text}): held'
+            elif not source:
+                text += '; no effort in the bags'
+            else:
+                judged = units[str(source)]
+                unit = judged.value
+                if unit in ('N m', 'N'):
+                    unit = 'N' if slides else 'N m'
+                effort = {**source, 'unit': unit}
+                remarks['unit'] = judged.reason
+                if carrier is not None:
+                    least, most = carrier.ranges[joint]
+                    text += f'; effort {least:.4g} .. {most:.4g}'
+                    if not carrier.changes(joint):
+                        self.draft.notes.append(
+                            f'the effort of {joint} in {carrier.topic} never changes')
+        remarks[f'joints.{joint}'] = text
+        return {**entry, **({'effort': effort} if effort else {})}
 
-    @property
-    def _units(self) -> dict[str, Judgement]:
-        if not hasattr(self, '_judged'):
-            self._judged = self._unit()
-        return self._judged
-
-    def _gauge(self, number: int, item: tuple[Carrier, str, dict[str, Any]]) -> dict[str, Any]:
-        carrier, key, begin = item
+    def _gauge(self, number: int, strains: Samples | None) -> dict[str, Any]:
+        carrier, key, begin = self._gauges[number]
         unit = strain_unit(*carrier.ranges[key])
-        where = Judgement(OPEN, 'behind which joint?')
-        measured = [recording for recording in self._recordings if recording.strain is not None]
-        if self._chain.model is not None and measured:
-            where = joint_before(self._chain.model, measured, self._chain.index(self._joints),
-                                 number, self._joints, self._moving)
+        where = Judgement(OPEN, 'behind which joint?') if strains is None else joint_before(
+            strains, self.draft.content['gravity'], number, self._joints, self._moving)
         self.draft.remarks[f'gauges.{begin["name"]}'] = f'{unit.reason}; {where.reason}'
         name = begin.pop('name')
         return {'name': name, 'joint': where.value, 'distance': OPEN, **begin, 'unit': unit.value}
@@ -286,19 +245,14 @@ def check_draft(draft: Draft, out: Path) -> None:
         arm_from_dict(draft.content, base=out.parent, source=str(out))
 
 
-# -- What is asked for the values that a first description leaves open
-
 Question = tuple[str, Callable[[str], Any]]
 
 
 def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
     """Give what to ask for an open value; returns None for what cannot be said in a word."""
-    entry: Any = draft.content
-    for step in path[:-1]:
-        entry = entry[step]
-    joints = [joint['name'] for joint in draft.content['joints']]
+    entry = _entry(draft, path)
 
-    def one_of(values: Sequence[str]) -> Callable[[str], str]:
+    def one_of(*values: str) -> Callable[[str], str]:
         def choose(answer: str) -> str:
             value = str(one_spelling(answer))
             if value not in values:
@@ -314,11 +268,12 @@ def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
 
     key = path[-1]
     if key == 'unit' and 'distance' not in entry:
-        return 'unit (A, N m, N)', one_of(('A', 'N m', 'N'))
+        return 'unit (A, N m, N)', one_of('A', 'N m', 'N')
     if key == 'unit':
-        return 'unit (um/m, m/m, mV/V, V, N m)', one_of(('um/m', 'm/m', 'mV/V', 'V', 'N m'))
+        return 'unit (um/m, m/m, mV/V, V, N m)', one_of('um/m', 'm/m', 'mV/V', 'V', 'N m')
     if key == 'joint':
-        return f'joint before it ({", ".join(joints)})', one_of(joints)
+        joints = [joint['name'] for joint in draft.content['joints']]
+        return f'joint before it ({", ".join(joints)})', one_of(*joints)
     if key == 'distance':
         return 'distance along the link from that joint [m]', length
     if key == 'index':
@@ -326,11 +281,16 @@ def question_of(draft: Draft, path: tuple[str | int, ...]) -> Question | None:
     return None
 
 
-def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
-    """Put a value in the place of an open one."""
+def _entry(draft: Draft, path: tuple[str | int, ...]) -> Any:
     entry: Any = draft.content
     for step in path[:-1]:
         entry = entry[step]
+    return entry
+
+
+def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
+    """Put a value in the place of an open one."""
+    entry = _entry(draft, path)
     entry[path[-1]] = value
     if path[-1] == 'unit' and path[0] == 'joints':  # one driver, one unit
         for joint in draft.content['joints']:
@@ -339,8 +299,6 @@ def answer(draft: Draft, path: tuple[str | int, ...], value: Any) -> None:
                     other.get(key) == entry.get(key) for key in ('topic', 'interface')):
                 other['unit'] = value
 
-
-# -- A first description as YAML with remarks, for people to read and go on with
 
 WIDTH = 99
 """Of remarks [characters]."""
@@ -370,13 +328,9 @@ def _flow(value: Any) -> str:
 
 def _remark(text: str, indent: str = '') -> list[str]:
     """Break a remark into lines of comment."""
-    lines, line = [], f'{indent}#'
-    for word in printable(text).split():
-        if len(line) + 1 + len(word) > WIDTH and not line.endswith('#'):
-            lines.append(line)
-            line = f'{indent}#'
-        line += f' {word}'
-    return [*lines, line]
+    return textwrap.wrap(' '.join(printable(text).split()), WIDTH, initial_indent=f'{indent}# ',
+                         subsequent_indent=f'{indent}# ', break_long_words=False,
+                         break_on_hyphens=False)
 
 
 def _list(key: str, entries: list[dict[str, Any]], draft: Draft) -> list[str]:

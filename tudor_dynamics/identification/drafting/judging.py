@@ -16,9 +16,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -28,88 +29,83 @@ from tudor_dynamics.arm.description import OPEN
 from tudor_dynamics.bags.info import BagReport, STRAIN_WORDS
 from tudor_dynamics.bags.messages import (
     DATA, DYNAMIC_JOINT_STATE, FLOAT64_MULTI_ARRAY, JOINT_STATE)
-from tudor_dynamics.bags.recording import Recording
+from tudor_dynamics.bags.recording import ChannelSource, Recording
 from tudor_dynamics.errors import BagError
-from tudor_dynamics.typing import FloatArray, IndexArray
-
-
-# -- Samples of a recording that are enough to judge by
-
-MAX_SAMPLES = 400
-"""Of each bag, evenly spread: gravity needs poses, not samples."""
-WINDOW = 0.15
-"""Over which positions are smoothed to differentiate them [s]."""
-SLOW = 0.05
-"""Speed over which the sign of the friction is smoothed [rad/s or m/s]."""
+from tudor_dynamics.identification import settings
+from tudor_dynamics.typing import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Evenly spread samples of a recording."""
+    """Evenly spread samples of an output, and how the model moves there."""
 
-    rows: IndexArray  # which rows of the recording they are, (n,)
-    # Motion of all joints of a model, of those that were not recorded zero, (n, model)
-    # [rad or m, and per s and s^2].
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
+    model: pin.Model
+    index: list[int]  # places of the recorded joints in the model
+    # `q`, `dq`, `ddq` of all joints of the model, of those that were not recorded zero,
+    # (n, 3, model) [rad or m, and per s and s^2].
+    motion: FloatArray
+    measured: FloatArray  # efforts or strains, (n, channels)
 
+    def speed(self, joint: int) -> FloatArray:
+        """Give the speed of a recorded joint: (n,)."""
+        return self.motion[:, 1, self.index[joint]]
 
-def spread(recording: Recording, size: int, index: Sequence[int]) -> Samples:
-    """Take samples, with speeds and accelerations of joints that are smooth over `WINDOW`."""
-    keep = max(1, len(recording.q) // MAX_SAMPLES)
-    parts = []
-    for segment in recording.segments:
-        width = 2 * max(2, round(WINDOW / recording.dt / 2)) + 1
-        if segment.stop - segment.start <= width:
-            continue
-        moved = [savgol_filter(recording.q[segment], width, 3, deriv=order, delta=recording.dt,
-                               axis=0)[::keep] for order in range(3)]
-        whole = np.zeros((3, len(moved[0]), size))
-        whole[:, :, list(index)] = moved
-        parts.append((np.arange(segment.start, segment.stop)[::keep], *whole))
-    if not parts:
-        none = np.empty((0, size))
-        return Samples(np.empty(0, dtype=np.intp), none, none, none)
-    return Samples(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    def under(self, gravity: Sequence[float]) -> pin.Model:
+        """Give the model under a gravity in the base frame [m/s^2]."""
+        model = pin.Model(self.model)
+        model.gravity = pin.Motion(np.array(gravity), np.zeros(3))
+        return model
+
+    def rows(self, gravity: Sequence[float]) -> FloatArray:
+        """Give the rows of the recorded joints: (n, joints, parameters of the bodies)."""
+        model = self.under(gravity)
+        data = model.createData()
+        return np.array([pin.computeJointTorqueRegressor(model, data, *motion)[self.index]
+                         for motion in self.motion])
 
 
-# -- Which way is down: the direction of gravity that the efforts follow best.
-#
-# Efforts are linear in the masses, centres and inertias of the links, whatever these are, for each
-# direction of gravity. The usual one counts unless another leaves much less.
+def spread(
+    model: pin.Model, index: list[int], recordings: Sequence[Recording], output: str,
+) -> Samples | None:
+    """Take samples of all recordings that have an output; None where there are none."""
+    motions, measured = [], []
+    for recording in recordings:
+        values = getattr(recording, output)
+        keep = max(1, len(recording.q) // settings.SAMPLES_TO_DRAFT)
+        width = 2 * max(2, round(settings.DERIVATIVE_WINDOW / recording.dt / 2)) + 1
+        for segment in recording.segments if values is not None else ():
+            if segment.stop - segment.start <= width:
+                continue
+            measured.append(values[segment][::keep])
+            motion = np.zeros((len(measured[-1]), 3, model.nq))
+            for order in range(3):
+                motion[:, order, index] = savgol_filter(
+                    recording.q[segment], width, 3, deriv=order, delta=recording.dt,
+                    axis=0)[::keep]
+            motions.append(motion)
+    if not motions:
+        return None
+    return Samples(model, index, np.concatenate(motions), np.concatenate(measured))
+
 
 SIZE = 9.81
 """Of gravity [m/s^2]."""
 USUAL = (0.0, 0.0, -SIZE)
+"""Of a base that stands upright."""
 OTHERS = {'none': (0.0, 0.0, 0.0), '-x': (-SIZE, 0.0, 0.0), 'x': (SIZE, 0.0, 0.0),
           '-y': (0.0, -SIZE, 0.0), 'y': (0.0, SIZE, 0.0), 'z': (0.0, 0.0, SIZE)}
 """Axes of the base, and an arm that gravity does not reach. Which way along an axis shows where
 the same centres of mass carry and accelerate."""
-BETTER = 2.0
-"""Another direction counts where it leaves less than one over this of the efforts' variance."""
-SIMPLER = 1.05
-"""No gravity at all counts where a direction explains hardly more."""
 
 
-@dataclass(frozen=True)
-class Down:
-    """A direction of gravity, and why."""
-
-    gravity: tuple[float, float, float]  # in the base frame [m/s^2]
-    alike: tuple[tuple[float, float, float], ...]  # all that explain the efforts as well [m/s^2]
-    # Evidence with its numbers; empty where nothing speaks against the usual direction.
-    reason: str
-
-
-def _unexplained(rows: FloatArray, dq: FloatArray, effort: FloatArray) -> float:
-    """Give what is left of the efforts' variance, on average over the joints."""
-    shares = []
-    for joint in range(effort.shape[1]):
-        y = effort[:, joint]
+def _unexplained(samples: Samples, gravity: Sequence[float], moving: Sequence[int]) -> float:
+    """Give the share of the efforts' variance that remains, on average over the joints."""
+    shares, rows = [], samples.rows(gravity)
+    for joint in moving:
+        y, dq = samples.measured[:, joint], samples.speed(joint)
         if not y.std() > 0.0:
             continue
-        x = np.column_stack([rows[:, joint], np.tanh(dq[:, joint] / SLOW), dq[:, joint]])
+        x = np.column_stack([rows[:, joint], np.tanh(dq / settings.SLOW), dq])
         x = x[:, np.abs(x).max(axis=0) > 1e-9]
         error = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
         shares.append(float(error @ error) / float((y - y.mean()) @ (y - y.mean())))
@@ -117,42 +113,39 @@ def _unexplained(rows: FloatArray, dq: FloatArray, effort: FloatArray) -> float:
 
 
 def down(
-    model: pin.Model, recordings: Sequence[Recording], index: Sequence[int],
-    moving: Sequence[bool],
-) -> Down:
-    """Judge the direction of gravity."""
-    other = pin.Model(model)
-    rows: dict[str, list[FloatArray]] = {name: [] for name in ('usual', *OTHERS)}
-    speed, measured = [], []
-    for recording in recordings:
-        assert recording.effort is not None
-        taken = spread(recording, model.nq, index)
-        speed.append(taken.dq[:, list(index)])
-        measured.append(recording.effort[taken.rows])
-        for name, gravity in (('usual', USUAL), *OTHERS.items()):
-            other.gravity = pin.Motion(np.array(gravity), np.zeros(3))
-            data = other.createData()
-            rows[name] += [
-                pin.computeJointTorqueRegressor(other, data, q, dq, ddq)[list(index)].copy()
-                for q, dq, ddq in zip(taken.q, taken.dq, taken.ddq, strict=True)]
-    dq, effort = np.vstack(speed), np.vstack(measured)
-    if len(effort) < 2:
-        return Down(USUAL, (USUAL,), '')
-    some = np.flatnonzero(moving)
-    left = {name: _unexplained(np.array(found)[:, some], dq[:, some], effort[:, some])
-            for name, found in rows.items()}
-    best = min(OTHERS, key=lambda name: left[name] * (1.0 if name == 'none' else SIMPLER))
-    if left['usual'] <= BETTER * left[best]:
-        return Down(USUAL, (USUAL,), '')
+    samples: Samples, moving: Sequence[int], has_masses: bool,
+) -> tuple[list[float], str, bool]:
+    """
+    Judge the direction of gravity by the joints that move: that which the efforts follow best.
+
+    Efforts are linear in the masses, centres and inertias of the links, whatever these are, for
+    each direction of gravity. The usual one counts unless another leaves much less. Which of
+    several, and which way, is shown by the masses that the links have.
+
+    Returns gravity in the base frame [m/s^2], the evidence with its numbers (empty where nothing
+    speaks against the usual one), and whether no other axis or sign explains the efforts as well.
+    """
+    usual = _unexplained(samples, USUAL, moving)
+    left = {name: _unexplained(samples, gravity, moving) for name, gravity in OTHERS.items()}
+    best = min(OTHERS, key=lambda name: left[name] * (
+        1.0 if name == 'none' else settings.SIMPLER))
+    if usual <= settings.BETTER * left[best]:
+        return list(USUAL), '', True
     alike = ['none'] if best == 'none' else [
-        name for name in OTHERS if name != 'none' and left[name] <= SIMPLER * left[best]]
+        name for name in OTHERS if name != 'none' and left[name] <= settings.SIMPLER * left[best]]
+    gravity, certain = np.array(OTHERS[best]), len(alike) == 1
+    if has_masses and not certain:
+        slopes = {name: list(effort_over_gravity(samples, OTHERS[name]).values())
+                  for name in alike}
+        chosen = max(slopes, key=lambda name: len(slopes[name]))
+        certain = bool(slopes[chosen])
+        sign = -1.0 if certain and np.median(slopes[chosen]) < 0.0 else 1.0
+        gravity = sign * np.array(OTHERS[chosen])
     names = 'off' if best == 'none' else f'along {" or ".join(alike)}'
-    return Down(OTHERS[best], tuple(OTHERS[name] for name in alike), (
+    return [float(value) + 0.0 for value in gravity], (
         f'{100 * left[best]:.3g} % of the variance of the efforts left with gravity {names}, '
-        f'{100 * left["usual"]:.3g} % with it along -z'))
+        f'{100 * usual:.3g} % with it along -z'), certain
 
-
-# -- What bags show of an arm: topics, joints, and what may be efforts and strains
 
 EFFORT_WORDS = ('effort', 'torque', 'current', 'tau')
 """Interfaces, and topics of arrays, that have one of these in their names carry efforts."""
@@ -175,6 +168,17 @@ class Carrier:
         low, high = self.ranges.get(name, (0.0, 0.0))
         return high > low
 
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Name it as descriptions do, so that namespaces and remapping work."""
+        topic = self.topic[1:] if self.topic.count('/') == 1 else self.topic
+        interface = {'interface': self.field} if self.msgtype == DYNAMIC_JOINT_STATE else {}
+        return {'topic': topic, **interface}
+
+    def source(self, name: str) -> ChannelSource:
+        """Say where a reader finds the values of a name."""
+        return ChannelSource(self.topic, name, self.field, self.msgtype)
+
     def speaks_of(self, words: Collection[str]) -> bool:
         """Say whether topic or interface have one of some words in their names."""
         text = self.topic if self.msgtype != DYNAMIC_JOINT_STATE else self.field
@@ -189,7 +193,6 @@ class Survey:
     efforts: tuple[Carrier, ...]  # what may be efforts, the likeliest first
     strains: tuple[Carrier, ...]  # what may be strains
     seconds: float  # length of all bags [s]
-    payloads: tuple[float, ...]  # masses at the tip that the bags tell of themselves [kg]
 
 
 def carriers(reports: Sequence[BagReport]) -> list[Carrier]:
@@ -228,156 +231,115 @@ def survey(reports: Sequence[BagReport], known: Collection[str] = ()) -> Survey:
     arrays = [item for item in found if item.msgtype == FLOAT64_MULTI_ARRAY
               and item.field == DATA and item not in strains and item.speaks_of(EFFORT_WORDS)]
     named.sort(key=lambda item: (item.msgtype != JOINT_STATE, item.topic != chosen.topic))
-    return Survey(chosen, (*named, *arrays), strains, sum(report.duration for report in reports),
-                  tuple(sorted({report.payload for report in reports
-                                if report.payload is not None})))
-
-
-# -- What units and places the numbers of a bag have, judged by the gravity of the arm.
-#
-# A URDF says what the joints of the arm carry. Where the efforts follow that moment one to one
-# they are torques; where they do so at a tenth they are currents. What carries nothing says
-# nothing.
-
-FOLLOWS = 0.5
-"""Share of what friction leaves of an effort that gravity explains, to be evidence of its unit."""
-TORQUES = (0.5, 2.0)
-"""Effort over gravity moment where efforts are torques: masses of a URDF are often rough."""
-CURRENTS = 0.005
-"""Below `TORQUES` and above this, efforts are currents of drives with a gear [A/(N m)]."""
-LARGEST_CURRENT = 100.0
-"""Efforts beyond this are no currents of an arm [A]."""
-PLAUSIBLE = (0.02, 1.5)
-"""Largest effort over the limit of the URDF, where efforts are what the limit means."""
-MICROSTRAIN, STRAIN = 5.0, 0.01
-"""Ranges of readings above the first are um/m, below the second m/m; between, units of bridges."""
-OUTERMOST = 1.5
-"""A gauge sits behind the outermost joint whose moment leaves at most so many times the least."""
-UNTOLD = 0.3
-"""Variance of a reading that no gravity moment explains: then none of them tells its place."""
+    return Survey(chosen, (*named, *arrays), strains, sum(report.duration for report in reports))
 
 
 @dataclass(frozen=True)
 class Judgement:
     """A value, and why."""
 
-    value: str  # `?` where it could not be told
+    value: str  # `?` where nothing shows it
     reason: str  # evidence with its number
 
 
-def effort_over_gravity(
-    model: pin.Model, recordings: Sequence[Recording], index: Sequence[int],
-) -> dict[int, float]:
+def effort_over_gravity(samples: Samples, gravity: Sequence[float]) -> dict[int, float]:
     """
     Give the slope of effort over gravity moment, of the joints that carry something.
 
     Friction (sign and size of the speed), an offset and the moment of inertia are taken out of
-    both; a slope counts where gravity explains at least the share `FOLLOWS` of what is left.
-
-    model: joints that are not recorded stand at zero.
+    both; a slope counts where gravity explains at least the share `EXPLAINED` of the rest.
     """
+    model = samples.under(gravity)
     data, nothing = model.createData(), np.zeros(model.nv)
-    gravity, inertial, speed, measured = [], [], [], []
-    for recording in recordings:
-        assert recording.effort is not None
-        some = spread(recording, model.nq, index)
-        for q, dq, ddq in zip(some.q, some.dq, some.ddq, strict=True):
-            still = np.array(pin.rnea(model, data, q, nothing, nothing))
-            gravity.append(still[list(index)])
-            inertial.append((pin.rnea(model, data, q, dq, ddq) - still)[list(index)])
-        speed.append(some.dq[:, list(index)])
-        measured.append(recording.effort[some.rows])
-    moments, rest = np.array(gravity), np.array(inertial)
-    dq, effort = np.vstack(speed), np.vstack(measured)
-    largest = moments.std(axis=0).max(initial=0.0)
+    still, moved = (
+        np.array([pin.rnea(model, data, *row).copy() for row in rows])[:, samples.index]
+        for rows in (((q, nothing, nothing) for q in samples.motion[:, 0]), samples.motion))
+    inertial = moved - still
+    largest = still.std(axis=0).max(initial=0.0)
     found = {}
-    for joint in range(len(index)):
-        if not len(moments) or moments[:, joint].std() < max(0.02 * largest, 1e-6):
-            continue
-        others = np.column_stack([np.ones(len(dq)), np.tanh(dq[:, joint] / SLOW), dq[:, joint],
-                                  rest[:, joint]])
-        both = np.column_stack([moments[:, joint], effort[:, joint]])
+    for joint in np.flatnonzero(still.std(axis=0) >= max(
+            settings.CARRIES * largest, 1e-6)).tolist():
+        dq = samples.speed(joint)
+        others = np.column_stack([np.ones(len(dq)), np.tanh(dq / settings.SLOW), dq,
+                                  inertial[:, joint]])
+        both = np.column_stack([still[:, joint], samples.measured[:, joint]])
         own, other = (both - others @ np.linalg.lstsq(others, both, rcond=None)[0]).T
-        if (own @ other)**2 > FOLLOWS * (own @ own) * (other @ other) > 0.0:
+        if (own @ other)**2 > settings.EXPLAINED * (own @ own) * (other @ other) > 0.0:
             found[joint] = float((own @ other) / (own @ own))
     return found
 
 
 def effort_unit(
-    slopes: Mapping[int, float], peaks: Sequence[float], limits: Sequence[float], name: str,
+    slopes: Sequence[float], peaks: Sequence[float], limits: Sequence[float], name: str,
     torque: str,
 ) -> Judgement:
-    """Judge the unit of efforts; limits [N m or N]: 0 or infinite where it says nothing."""
+    """
+    Judge the unit of efforts; limits [N m or N]: 0 or infinite where it says nothing.
+
+    A URDF says what the joints of the arm carry. Where the efforts follow that moment one to one
+    they are torques; where they do so at a tenth they are currents. What carries nothing says
+    nothing.
+    """
+    least, most = settings.TORQUES
     if slopes:
-        slope = float(np.median([abs(value) for value in slopes.values()]))
+        slope = float(np.median(np.abs(slopes)))
         text = f'{slope:.3g} times the gravity moments of the URDF'
-        if TORQUES[0] <= slope <= TORQUES[1] and 'current' not in name.lower():
+        if least <= slope <= most and 'current' not in name.lower():
             return Judgement(torque, text)
-        if CURRENTS <= slope <= TORQUES[1]:
+        if settings.CURRENTS <= slope <= most:
             return Judgement('A', f'{text}: currents')
-        what = (f'{torque} in thousandths' if 500.0 <= slope <= 2000.0
+        what = (f'{torque} in thousandths' if 1e3 * least <= slope <= 1e3 * most
                 else f'neither A nor {torque}')
         return Judgement(OPEN, f'{text}: {what}? publish A or {torque}')
     if 'current' in name.lower():
         return Judgement('A', f'by the name {name}')
-    if max(peaks, default=0.0) > LARGEST_CURRENT:
+    if max(peaks, default=0.0) > settings.LARGEST_CURRENT:
         return Judgement(torque, f'up to {max(peaks):.4g}, more than drives take in ampere')
-    told = [peak / limit for peak, limit in zip(peaks, limits, strict=True)
-            if 0.0 < limit < 1e6 and peak > 0.0]
-    if told and PLAUSIBLE[0] <= min(told) and max(told) <= PLAUSIBLE[1]:
-        return Judgement(torque, f'{min(told):.2g} to {max(told):.2g} of the limits of the URDF')
-    if told:
-        return Judgement(OPEN, f'between {min(told):.2g} and {max(told):.2g} of the limits of the '
-                               f'URDF: A, or {torque}?')
-    return Judgement(OPEN, f'A, or {torque}? No masses or limits of a URDF to judge by')
+    used = [peak / limit for peak, limit in zip(peaks, limits, strict=True)
+            if 0.0 < limit < settings.UNLIMITED and peak > 0.0]
+    if not used:
+        return Judgement(OPEN, f'A, or {torque}? No masses or limits of a URDF to judge by')
+    low, high = min(used), max(used)
+    if settings.PLAUSIBLE[0] <= low and high <= settings.PLAUSIBLE[1]:
+        return Judgement(torque, f'{low:.2g} to {high:.2g} of the limits of the URDF')
+    return Judgement(OPEN, f'between {low:.2g} and {high:.2g} of the limits of the URDF: A, or '
+                           f'{torque}?')
 
 
 def strain_unit(low: float, high: float) -> Judgement:
     """Judge the unit of a gauge's readings by their size."""
     span = high - low
-    if span > MICROSTRAIN:
+    if span > settings.MICROSTRAIN:
         return Judgement('um/m', f'readings span {span:.3g}')
-    if 0.0 < span < STRAIN:
+    if 0.0 < span < settings.STRAIN:
         return Judgement('m/m', f'readings span {span:.3g}')
     return Judgement(OPEN, f'readings span {span:.3g}: mV/V, V, N m, um/m or m/m?')
 
 
 def joint_before(
-    model: pin.Model, recordings: Sequence[Recording], index: Sequence[int], gauge: int,
-    names: Sequence[str], moving: Collection[str],
+    samples: Samples, gravity: Sequence[float], gauge: int, names: Sequence[str],
+    moving: Collection[str],
 ) -> Judgement:
     """
-    Judge behind which joint a gauge sits: that whose moment its reading follows.
+    Judge after which joint a gauge sits: that whose moment its reading follows.
 
-    The moment at a joint is linear in masses, centres and inertias behind it, whatever these are.
+    The moment at a joint is linear in masses, centres and inertias after it, whatever these are.
     Those of the joints before it can follow the same reading with what they have more; so the
-    outermost joint counts that leaves hardly more than the best. A joint behind that one which
-    never moved would carry the same, so that the two cannot be told apart.
+    outermost joint counts that leaves hardly more than the best. A joint after that one which
+    never moved would carry the same, so that nothing tells the two apart.
     """
-    data = model.createData()
-    rows: list[FloatArray] = []
-    readings: list[FloatArray] = []
-    for recording in recordings:
-        assert recording.strain is not None
-        some = spread(recording, model.nq, index)
-        rows += [pin.computeJointTorqueRegressor(model, data, q, dq, ddq)[list(index)]
-                 for q, dq, ddq in zip(some.q, some.dq, some.ddq, strict=True)]
-        readings.append(recording.strain[some.rows, gauge])
-    columns, y = np.array(rows), np.concatenate(readings)
+    rows, y = samples.rows(gravity), samples.measured[:, gauge]
     y = y - y.mean()
     left = {}
-    for joint in range(len(index)):
-        if names[joint] not in moving:
-            continue
-        x = columns[:, joint]
-        x = x - x.mean(axis=0)
-        if np.abs(x).max() > 1e-9:
+    for joint, name in enumerate(names):
+        x = rows[:, joint] - rows[:, joint].mean(axis=0)
+        if name in moving and np.abs(x).max() > 1e-9:
             error = y - x @ np.linalg.lstsq(x, y, rcond=1e-9)[0]
             left[joint] = float((error @ error) / (y @ y)) if y @ y > 0.0 else 1.0
-    if not left or min(left.values()) > UNTOLD:
+    if not left or min(left.values()) > settings.UNEXPLAINED:
         return Judgement(OPEN, 'its reading follows the moment of no joint')
     chosen = max(joint for joint, share in left.items()
-                 if share <= OUTERMOST * min(left.values()) + 0.01)
+                 if share <= settings.OUTERMOST * min(left.values()) + 0.01)
     text = (f'its reading follows the moment of {names[chosen]} '
             f'({100 * (1 - left[chosen]):.0f} % of its variance)')
     if names[chosen + 1:] and names[chosen + 1] not in moving:

@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import math
 import os
 from pathlib import Path
 import re
 from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import OPEN
@@ -33,8 +32,6 @@ from tudor_dynamics.arm.kinematics import (
 from tudor_dynamics.errors import ArmError
 from tudor_dynamics.files import load_yaml, read_bounded
 
-
-# -- D-H rows as a table in a file: text, CSV or YAML
 
 MAX_BYTES = 100_000
 MAX_ROWS = 101
@@ -56,14 +53,6 @@ class DhRow:
     kind: str = ''  # how it moves; empty where the table does not say
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of D-H rows."""
-
-    rows: tuple[DhRow, ...]  # one a joint, base first
-    convention: str = 'standard'  # `standard` or `modified`
-
-
 def _number(word: str) -> float | None:
     found = QUARTERS.fullmatch(word)
     if found is not None:
@@ -76,34 +65,37 @@ def _number(word: str) -> float | None:
 
 
 def _row(words: list[str], where: str) -> DhRow:
-    numbers = [_number(word) for word in words]
-    joint = words.pop(0) if numbers and numbers[0] is None else ''
+    joint = words.pop(0) if words and _number(words[0]) is None else ''
     kind = words.pop() if words and words[-1] in KINDS else ''
-    values = [_number(word) for word in words]
-    if len(values) != 4 or any(value is None or not math.isfinite(value) for value in values):
+    values = [math.nan if value is None else value for value in map(_number, words)]
+    if len(values) != 4 or not all(map(math.isfinite, values)):
         raise ArmError(f'{" ".join(words)[:60]!r} is no row of a D-H table', place=where,
                        remedy=EXPECTED)
-    a, alpha, d, theta = (float(value) for value in values if value is not None)
+    a, alpha, d, theta = values
     if max(abs(alpha), abs(theta)) > LARGEST_ANGLE:
         raise ArmError(f'an angle of {max(alpha, theta, key=abs):g} looks like degrees',
                        place=where, remedy='give radians; pi/2 may be written so')
     return DhRow((a, alpha, d, theta), joint, kind)
 
 
-def _from_yaml(content: Any, path: str) -> Table:
-    content = content.get('kinematics', content) if isinstance(content, dict) else content
-    convention = content.get('convention', 'standard') if isinstance(content, dict) else 'standard'
-    rows = content.get('dh') if isinstance(content, dict) else content
+def _from_yaml(text: str, path: Path) -> tuple[list[Any], str]:
+    """Find the rows in YAML, and whether they are standard or modified."""
+    try:
+        content = load_yaml(text)
+    except ValueError as err:
+        raise ArmError(str(err), place=path) from None
+    if isinstance(content, dict):
+        content = content.get('kinematics', content)
+    if not isinstance(content, dict):
+        content = {'dh': content}
+    rows, convention = content.get('dh'), content.get('convention', 'standard')
     if not isinstance(rows, list) or convention not in ('standard', 'modified'):
         raise ArmError('no D-H rows', place=path, remedy=EXPECTED)
-    return Table(tuple(
-        _row([str(word) for word in row] if isinstance(row, list) else [],
-             f'{path}, row {number}') for number, row in enumerate(rows[:MAX_ROWS + 1], start=1)),
-        convention)
+    return rows, convention
 
 
-def read_table(path: Path) -> Table:
-    """Read a table of D-H rows."""
+def read_table(path: Path) -> tuple[list[DhRow], str]:
+    """Read D-H rows, one a joint, base first, and whether they are standard or modified."""
     try:
         text = read_bounded(path, MAX_BYTES).decode()
     except (OSError, ValueError) as err:
@@ -111,30 +103,18 @@ def read_table(path: Path) -> Table:
         raise ArmError(f'the D-H table cannot be read ({cause})', place=path,
                        remedy='check --dh') from None
     if path.suffix in ('.yaml', '.yml'):
-        try:
-            table = _from_yaml(load_yaml(text), str(path))
-        except ArmError:
-            raise
-        except ValueError as err:
-            raise ArmError(str(err), place=path) from None
+        found, convention = _from_yaml(text, path)
+        lines = [(f'row {number}', list(map(str, row)) if isinstance(row, list) else [])
+                 for number, row in enumerate(found[:MAX_ROWS + 1], start=1)]
     else:
-        lines = [(number, line.partition('#')[0].replace(',', ' ').split())
-                 for number, line in enumerate(text.splitlines(), start=1)]
-        table = Table(tuple(_row(words, f'{path}, line {number}') for number, words in lines
-                            if words and not _is_head(words)))
-    if not 0 < len(table.rows) <= MAX_ROWS:
-        raise ArmError(f'{len(table.rows)} D-H rows', place=path, remedy=EXPECTED)
-    return table
-
-
-def _is_head(words: list[str]) -> bool:
-    return 'alpha' in [word.lower() for word in words]
-
-
-# -- The kinematics of a first description: from a URDF, from D-H rows, or left open
-
-GRAVITY = (0.0, 0.0, -9.81)
-"""Of a base that stands upright [m/s^2]."""
+        split = [line.partition('#')[0].replace(',', ' ').split() for line in text.splitlines()]
+        convention = 'standard'
+        lines = [(f'line {number}', words) for number, words in enumerate(split, start=1)
+                 if words and 'alpha' not in map(str.lower, words)]
+    rows = [_row(words, f'{path}, {where}') for where, words in lines]
+    if not 0 < len(rows) <= MAX_ROWS:
+        raise ArmError(f'{len(rows)} D-H rows', place=path, remedy=EXPECTED)
+    return rows, convention
 
 
 @dataclass(frozen=True)
@@ -147,16 +127,11 @@ class DraftedChain:
     has_masses: bool = False  # whether the links have masses, as those of a URDF
     name: str = ''  # of the robot, where the kinematics say
     note: str = ''  # what the user should know of them
-    kinds: tuple[str, ...] = ()  # type of each joint where a table says
+    kinds: dict[str, str] = field(default_factory=dict)  # joint to its type, where a table says
 
     def slides(self, joint: str) -> bool:
         """Say whether a joint moves along its axis."""
         return self.model is not None and is_prismatic(self.model, joint)
-
-    def index(self, joints: Sequence[str]) -> list[int]:
-        """Give the places of joints in the model's configuration."""
-        assert self.model is not None
-        return [int(self.model.joints[self.model.getJointId(joint)].idx_q) for joint in joints]
 
 
 def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
@@ -164,7 +139,6 @@ def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
     snapped = ExactAngles()
     text = read_urdf(path)
     model = model_from_urdf(text, str(path), snapped)
-    model.gravity = pin.Motion(np.array(GRAVITY), np.zeros(3))
     joints = tuple(model.names)[1:]
     if not joints:
         raise ArmError('no joint of this URDF moves', place=path, remedy='give the URDF of an arm')
@@ -173,9 +147,12 @@ def chain_of_urdf(path: Path, out: Path) -> DraftedChain:
     return DraftedChain({'urdf': relative}, joints, model, masses, model.name, snapped.note())
 
 
-def _from_table(path: Path, table: Table, names: Sequence[str]) -> DraftedChain:
-    rows = table.rows
-    flange = int(table.convention == 'modified' and len(rows) == len(names) + 1)
+def chain_of_table(path: Path | None, names: Sequence[str]) -> DraftedChain:
+    """Take the kinematics of a table of D-H rows, or leave them open."""
+    if path is None:
+        return DraftedChain({'dh': OPEN}, tuple(names))
+    rows, convention = read_table(path)
+    flange = int(convention == 'modified' and len(rows) == len(names) + 1)
     joints = [row.joint for row in rows[:len(rows) - flange]]
     if not all(joints):
         joints = list(names)
@@ -183,25 +160,13 @@ def _from_table(path: Path, table: Table, names: Sequence[str]) -> DraftedChain:
         raise ArmError(
             f'{len(rows)} rows for the joints {", ".join(names)} of the bag', place=path,
             remedy='give a row a joint, base first, with its name before the numbers')
-    kinds = tuple(row.kind for row in rows)
     model = model_from_dh([row.values for row in rows], joints,
-                          [kind or 'revolute' for kind in kinds], table.convention)
-    model.gravity = pin.Motion(np.array(GRAVITY), np.zeros(3))
+                          [row.kind or 'revolute' for row in rows], convention)
     content: dict[str, Any] = {'dh': [list(row.values) for row in rows]}
-    if table.convention != 'standard':
-        content['convention'] = table.convention
+    if convention != 'standard':
+        content['convention'] = convention
+    kinds = {joint: row.kind for joint, row in zip(joints, rows, strict=False) if row.kind}
     note = '' if all(row.joint for row in rows[:len(joints)]) else (
         f'the rows of {path} are taken as those of {", ".join(joints)}, base first, as the bag '
         'names them: make sure of it')
     return DraftedChain(content, tuple(joints), model, note=note, kinds=kinds)
-
-
-def chain_of(
-    urdf: Path | None, dh: Path | None, names: Sequence[str], out: Path,
-) -> DraftedChain:
-    """Take the kinematics of a URDF or a table, or leave them open."""
-    if urdf is not None:
-        return chain_of_urdf(urdf, out)
-    if dh is not None:
-        return _from_table(dh, read_table(dh), names)
-    return DraftedChain({'dh': OPEN}, tuple(names))
