@@ -29,7 +29,7 @@ from tudor_dynamics.arm.schema import CouplingPair, CouplingsSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.doctor.case import (
-    Case, Decimated, Explained, gain, relative, share_of)
+    Case, Decimated, Explained, gain, relative, share_of, unit_scale)
 from tudor_dynamics.identification.doctor.findings import Finding, found
 from tudor_dynamics.load.rows import described_masses
 from tudor_dynamics.typing import FloatArray
@@ -206,9 +206,7 @@ def units(case: Case) -> Iterator[Alternative]:
     for i in shared_efforts(case):
         joint = case.arm.joints[i]
         for scale in settings.SCALES:
-            size = next((exact for exact in (1e3, 1e-3) if 1.0 / settings.NEARLY < scale / exact
-                         < settings.NEARLY), scale)
-            unit = joint.effort.unit
+            size, unit = unit_scale(scale), joint.effort.unit
             other = {1e3: f'm{unit}', 1e-3: f'k{unit}'}.get(size, 'A' if unit != 'A' else 'N m')
             yield Alternative(
                 case, 'effort_unit', (joint.name,), case.usual,

@@ -27,7 +27,7 @@ from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.errors import TudorError
 from tudor_dynamics.identification import settings
 from tudor_dynamics.identification.dataset import BagData, model_for
-from tudor_dynamics.identification.doctor.case import Case
+from tudor_dynamics.identification.doctor.case import Case, unit_scale
 from tudor_dynamics.identification.doctor.examine import examine, Examined, load_of
 from tudor_dynamics.identification.doctor.findings import CHECKS, Finding, found
 from tudor_dynamics.identification.loads import payload_of
@@ -133,9 +133,7 @@ def _scales(cases: Sequence[Case], pairs: Pairs, output: str) -> list[Finding]:
             if not all(map(_differs, [ratio, *others])) or (
                     len(cases) == 2 and not _is_suspect(abs(ratio), j)):
                 continue
-            rounded = next((exact for exact in (1e3, 1e-3) if 0.5 < abs(ratio) / exact < 2.0),
-                           ratio)
-            scaled.setdefault((j, _differs(abs(ratio))), []).append((name, rounded))
+            scaled.setdefault((j, _differs(abs(ratio))), []).append((name, unit_scale(ratio)))
     findings = []
     for (j, of_unit), found_there in scaled.items():
         names = tuple(name for name, _ in found_there)

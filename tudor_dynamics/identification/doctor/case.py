@@ -388,6 +388,12 @@ def gain(now: FloatArray, other: FloatArray) -> float:
     return float(np.sum(np.log(now / other)))
 
 
+def unit_scale(scale: float) -> float:
+    """Take a scale of efforts that is nearly a thousand or a thousandth for it."""
+    return next((exact for exact in (1e3, 1e-3) if 1.0 / settings.NEARLY < abs(scale) / exact
+                 < settings.NEARLY), scale)
+
+
 def relative(shares: FloatArray) -> float:
     """Give the relative residual of all channels from their shares, each with the same weight."""
     return float(np.sqrt(np.mean(shares)))
