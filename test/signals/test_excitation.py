@@ -23,28 +23,20 @@ import pytest
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.excitation import (
-    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange, REST, TAPS)
+    aprbs, aprbs_motion, binary_sequence, fourier_motion, joint_range, JointRange)
 from tudor_dynamics.signals.motion_profile import motion_limits, MotionLimits
 
 BOUNDS = JointRange(np.radians([13.0, -80.0]), np.radians([178.0, 80.0]))
 
 
-@pytest.mark.parametrize('register', sorted(TAPS))
-def test_shift_registers_have_full_length(register: int) -> None:
-    """The sequence repeats after 2^n - 1 clocks and holds 2^(n-1) ones: Golomb's postulates."""
-    period = 2**register - 1
-    bits = binary_sequence(2 * period, register, np.random.default_rng(1))
-    np.testing.assert_array_equal(bits[:period], bits[period:])
-    assert bits[:period].sum() == 2 ** (register - 1)
-    shorter = [p for p in range(1, period) if period % p == 0]
-    assert all((bits[:period - p] != bits[p:period]).any() for p in shorter)
-
-
-def test_unknown_register() -> None:
-    """A register without known taps is refused."""
-    with pytest.raises(SignalError, match='8 bits'):
-        binary_sequence(10, 8, np.random.default_rng(0))
+def test_shift_register_has_full_length() -> None:
+    """A register of 7 bits repeats after 127 clocks, with 64 ones among them, and not before."""
+    bits = binary_sequence(254, np.random.default_rng(1))
+    assert np.array_equal(bits[:127], bits[127:])
+    assert bits[:127].sum() == 64
+    assert not any(np.array_equal(bits[:127], bits[k:k + 127]) for k in range(1, 127))
 
 
 def test_levels_cover_the_range() -> None:
@@ -64,7 +56,7 @@ def test_clock() -> None:
         np.testing.assert_allclose(gaps, np.round(gaps), atol=1e-9)
         assert gaps.min() >= 1.0 - 1e-9
         assert 19 <= len(times) <= 60
-        assert times[0] >= REST
+        assert times[0] >= settings.REST
     assert not np.array_equal(targets.times[0], targets.times[1])
 
 

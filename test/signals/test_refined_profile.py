@@ -21,7 +21,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from tudor_dynamics.signals.motion_profile import MotionLimits
-from tudor_dynamics.signals.shaping import largest_swing, PathModes, plan_shaped, Profile, refine
+from tudor_dynamics.signals.shaping import (
+    largest_oscillation, PathModes, plan_shaped, Profile, refine)
 
 LIMITS = MotionLimits(np.array([1.2, 1.2]), np.array([3.5, 3.5]))
 START, TARGET = np.array([0.5, 0.3]), np.array([1.6, -0.2])
@@ -59,7 +60,7 @@ def test_less_swings_and_all_else_stays() -> None:
     """A tenth of the swing is left; ends, length and limits are those of before."""
     before = planned()
     after = refine(before, LIMITS, swings)
-    left = [float(largest_swing(swings([move]))[0]) for move in (before, after)]
+    left = [float(largest_oscillation(swings([move]))[0]) for move in (before, after)]
     assert left[0] > 20.0 and left[1] < 0.1 * left[0]
     assert after.duration == before.duration
     t = np.linspace(0.0, after.duration, 2001)

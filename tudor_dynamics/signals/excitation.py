@@ -31,14 +31,13 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.motion_profile import (
     follow_targets, motion_limits, MotionLimits, Reference)
 from tudor_dynamics.typing import FloatArray
 
-# Feedback taps of shift registers whose sequence repeats only after 2^n - 1 clocks.
-TAPS = {5: (5, 3), 6: (6, 5), 7: (7, 6), 9: (9, 5), 10: (10, 7), 11: (11, 9)}
-REST = 1.5
-"""Rest before the first target [s]: controllers and filters settle."""
+TAPS = (7, 6)
+"""Feedback of a shift register of 7 bits, whose sequence repeats only after 127 clocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,16 +65,13 @@ def joint_range(arm: Arm) -> JointRange:
                       np.where(np.isfinite(planned.upper), planned.upper, np.pi))
 
 
-def binary_sequence(length: int, register: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+def binary_sequence(length: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Run a shift register from a random state; returns (length,)."""
-    if register not in TAPS:
-        msg = f'no shift register of {register} bits; choose one of {sorted(TAPS)}'
-        raise SignalError(msg)
-    state = [bool(bit) for bit in rng.integers(0, 2, register)]
+    state = [bool(bit) for bit in rng.integers(0, 2, TAPS[0])]
     if not any(state):
         state[0] = True
     result = np.empty(length, dtype=bool)
-    first, second = TAPS[register]
+    first, second = TAPS
     for k in range(length):
         result[k] = state[-1]
         state = [state[first - 1] != state[second - 1], *state[:-1]]
@@ -83,10 +79,10 @@ def binary_sequence(length: int, register: int, rng: np.random.Generator) -> NDA
 
 
 def aprbs(
-    bounds: JointRange, duration: float, seed: int, *, clock: float = 1.0, register: int = 7,
-    rest: float = REST,
+    bounds: JointRange, duration: float, seed: int, *, clock: float = 1.0,
 ) -> Targets:
-    """Make an APRBS for each joint: duration, clock, rest [s]."""
+    """Make an APRBS for each joint: duration, clock [s]."""
+    rest = settings.REST
     if not (clock > 0.0 and duration > rest + clock):
         msg = (f'an APRBS of {duration} s with a clock of {clock} s has no target; it needs more '
                f'than {rest + max(clock, 0.0):g} s and a positive clock')
@@ -98,7 +94,7 @@ def aprbs(
     values: list[FloatArray] = []
     for j, rng in enumerate(generators):
         clocks = int((duration - rest) / clock)
-        bits = binary_sequence(clocks, register, rng)
+        bits = binary_sequence(clocks, rng)
         begins = np.flatnonzero(np.concatenate([[True], bits[1:] != bits[:-1]]))
         count = len(begins) + 1  # one for the rest before
         bins = (np.arange(count) + rng.uniform(0.0, 1.0, count)) / count
@@ -112,10 +108,9 @@ def aprbs(
     return Targets(start, tuple(times), tuple(values))
 
 
-def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float, *, clock: float = 1.0,
-                 ) -> Reference:
-    """Plan the motion of an arm through an APRBS within its limits: duration, dt, clock [s]."""
-    targets = aprbs(joint_range(arm), duration, seed, clock=clock)
+def aprbs_motion(arm: Arm, duration: float, seed: int, dt: float) -> Reference:
+    """Plan the motion of an arm through an APRBS within its limits: duration, dt [s]."""
+    targets = aprbs(joint_range(arm), duration, seed)
     return follow_targets(targets.start, targets.times, targets.values, motion_limits(arm), dt,
                           int(round(duration / dt)))
 
@@ -162,7 +157,7 @@ def fade(t: FloatArray, duration: float, ramp: float) -> tuple[
     """
     Fade in and out along a quintic.
 
-    duration, ramp [s]; t (samples,) [s]: before 0 and behind the end there is rest; returns window
+    duration, ramp [s]; t (samples,) [s]: before 0 and after the end there is rest; returns window
     from 0 to 1, with its first and second derivatives [1/s, 1/s^2].
     """
     x = np.clip(np.minimum(t, duration - t) / ramp, 0.0, 1.0)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.typing import FloatArray
 
 
@@ -174,8 +175,6 @@ class CausalDifferentiator:
     def reset(self) -> None:
         """Forget the past: the next sample is a first one."""
         self._q: FloatArray | None = None
-        self._dq: FloatArray = np.zeros(0)
-        self._ddq: FloatArray = np.zeros(0)
 
     def process(
         self,
@@ -199,64 +198,50 @@ class CausalDifferentiator:
             raise SignalError(msg)
         if not len(q):
             return FilteredStates(q, q.copy(), q.copy())
-        first = self._q is None
-        begin = 1 if first else 0
-        step = dt[begin:]
-        if np.any(~(step > 0)):  # before anything is remembered: a refused record leaves no trace
-            at = begin + int(np.flatnonzero(~(step > 0))[0])
+        begin = 1 if self._q is None else 0
+        wrong = np.flatnonzero(~(dt[begin:] > 0))
+        if wrong.size:  # before anything is remembered: a refused record leaves no trace
+            at = begin + int(wrong[0])
             msg = f'sample time {dt[at]} s at sample {at}; stamps must increase'
             raise SignalError(msg)
         if self._q is None:
-            self._q = q[0].copy()
-            self._dq = np.zeros(q.shape[1]) if measured is None else measured[0].copy()
-            self._ddq = np.zeros(q.shape[1])
+            self._begin(q[0], None if measured is None else measured[0])
+        assert self._q is not None
         if q.shape[1:] != self._q.shape:
             msg = f'{q.shape[1]} joints after samples of {len(self._q)}; reset the filter between'
             raise SignalError(msg)
-        dq, ddq = np.empty_like(q), np.empty_like(q)
-        if first:
-            dq[0], ddq[0] = self._dq, 0.0
-        if measured is None:
-            quotient = np.diff(q[begin:], axis=0, prepend=self._q[None]) / step[:, None]
-            dq[begin:] = low_pass(quotient, step, self.velocity_cutoff, self._dq)
-        else:
-            dq[begin:] = measured[begin:]
-        quotient = np.diff(dq[begin:], axis=0, prepend=self._dq[None]) / step[:, None]
-        ddq[begin:] = low_pass(quotient, step, self.acceleration_cutoff, self._ddq)
-        self._q, self._dq, self._ddq = q[-1].copy(), dq[-1].copy(), ddq[-1].copy()
-        return FilteredStates(q, dq, ddq)
+        given = np.empty((len(q), 0)) if measured is None else measured
+        rows = np.empty((len(q), 3 * q.shape[1]))
+        rows[0] = np.concatenate([self._q, self._dq, self._ddq])
+        _differentiate_record(
+            dt[begin:], self.velocity_cutoff, self.acceleration_cutoff,
+            np.ascontiguousarray(q[begin:]), np.ascontiguousarray(given[begin:], dtype=float),
+            self._q, self._dq, self._ddq, rows[begin:])
+        _, dq, ddq = np.split(rows, 3, axis=1)
+        return FilteredStates(q, dq.copy(), ddq.copy())
 
-    def step(
-        self, dt: float, q: FloatArray, measured: FloatArray | None = None,
-    ) -> FilteredStates:
-        """
-        Filter one sample: ``process`` for the control loop, without its overhead.
-
-        dt [s], q (joints,) [rad or m], measured (joints,) [rad/s or m/s].
-        """
-        row = self.step_row(dt, q, measured)
-        n = len(q)
-        return FilteredStates(row[:n], row[n:2 * n], row[2 * n:])
+    def _begin(self, q: FloatArray, measured: FloatArray | None) -> None:
+        """Remember a first sample."""
+        self._q = q.copy()
+        self._dq = np.zeros(len(q)) if measured is None else measured.copy()
+        self._ddq = np.zeros(len(q))
 
     def step_row(
         self, dt: float, q: FloatArray, measured: FloatArray | None = None,
     ) -> FloatArray:
         """
-        Filter one sample as `step` does; gives ``[q, dq, ddq]`` in one array, the caller's.
+        Filter one sample, for the control loop: `process` without its overhead.
 
-        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: 0 restarts.
+        q (joints,) [rad or m], measured (joints,) [rad/s or m/s]; dt [s]: of no meaning for the
+        first sample; returns ``[q, dq, ddq]`` in one array, the caller's.
         """
-        n = len(q)
-        row = np.empty(3 * n)
         if self._q is None:
-            self._q = q.copy()
-            self._dq = np.zeros(n) if measured is None else measured.copy()
-            self._ddq = np.zeros(n)
-            row[:n], row[n:2 * n], row[2 * n:] = q, self._dq, 0.0
-            return row
+            self._begin(q, measured)
+            return np.concatenate([q, self._dq, self._ddq])
         if not dt > 0:
             msg = f'sample time {dt} s; stamps must increase'
             raise SignalError(msg)
+        row = np.empty(3 * len(q))
         _differentiate(dt, self.velocity_cutoff, self.acceleration_cutoff, q,
                        _NO_VELOCITY if measured is None else measured,
                        self._q, self._dq, self._ddq, row)
@@ -272,7 +257,7 @@ def _differentiate(
     measured: FloatArray, last_q: FloatArray, last_dq: FloatArray, last_ddq: FloatArray,
     row: FloatArray,
 ) -> None:
-    """Filter one sample: the loop of `CausalDifferentiator.step_row`."""
+    """Filter one sample; without measured speeds that array is empty."""
     n = len(q)
     first, second = low_pass_gain(velocity_cutoff, dt), low_pass_gain(acceleration_cutoff, dt)
     for i in range(n):
@@ -282,6 +267,18 @@ def _differentiate(
         ddq = last_ddq[i] + second * ((dq - last_dq[i]) / dt - last_ddq[i])
         last_q[i], last_dq[i], last_ddq[i] = q[i], dq, ddq
         row[i], row[n + i], row[2 * n + i] = q[i], dq, ddq
+
+
+@compiled
+def _differentiate_record(
+    dt: FloatArray, velocity_cutoff: float, acceleration_cutoff: float, q: FloatArray,
+    measured: FloatArray, last_q: FloatArray, last_dq: FloatArray, last_ddq: FloatArray,
+    rows: FloatArray,
+) -> None:
+    """Filter the samples of a record."""
+    for k in range(len(q)):
+        _differentiate(dt[k], velocity_cutoff, acceleration_cutoff, q[k], measured[k], last_q,
+                       last_dq, last_ddq, rows[k])
 
 
 def zero_phase(
@@ -300,8 +297,9 @@ def zero_phase(
     (samples, joints).
     """
     n = len(t)
-    if n < 32:
-        msg = f'{n} samples are too few for a zero-phase filter; expected 32 or more'
+    if n < settings.FEWEST:
+        msg = (f'{n} samples are too few for a zero-phase filter; expected {settings.FEWEST} or '
+               'more')
         raise SignalError(msg)
     dt = float(t[-1] - t[0]) / (n - 1)
     if not 0 < cutoff < 0.5 / dt:
@@ -344,11 +342,6 @@ def _interpolate(new: FloatArray, old: FloatArray, x: FloatArray) -> FloatArray:
     return np.stack([np.interp(new, old, x[:, i]) for i in range(x.shape[1])], axis=1)
 
 
-SETTLED = 16.0
-"""Warm-up in lags of one stage, after which an acceleration is right to 1e-4 (the step response of
-three stages, test/signals/test_smooth_states.py)."""
-
-
 class SmoothStates:
     """
     Three first-order low-passes in a row, and central differences of the last one's output.
@@ -370,7 +363,7 @@ class SmoothStates:
     @property
     def settle(self) -> float:
         """Give the warm-up: how long derivatives are wrong after a restart [s]."""
-        return SETTLED / self._pole
+        return settings.SETTLED / self._pole
 
     def step(self, dt: float, x: FloatArray) -> FloatArray:
         """
@@ -426,10 +419,6 @@ def central(dt: float | FloatArray, earlier: float | FloatArray) -> FloatArray:
 # Processing 38, 1990): the poles of a sum of damped oscillations are eigenvalues of a pair of
 # Hankel matrices.
 
-MOST_SAMPLES = 600
-"""The signal is averaged down to no more than this: the pencil costs the cube of it."""
-
-
 @dataclass(frozen=True)
 class RingMode:
     """One oscillation of a free decay."""
@@ -439,19 +428,14 @@ class RingMode:
     amplitude: float  # at the first sample, in the unit of the signal
 
 
-def ring_modes(
-    signal: ArrayLike, dt: float, *, count: int = 2, highest: float = 25.0, lowest: float = 0.5,
-) -> tuple[RingMode, ...]:
-    """
-    Find the strongest oscillations of a free decay.
-
-    signal (samples,), dt [s], highest, lowest [Hz].
-    """
+def ring_modes(signal: ArrayLike, dt: float, *, count: int = 2) -> tuple[RingMode, ...]:
+    """Find the strongest oscillations of a free decay: signal (samples,), dt [s]."""
     y = np.asarray(signal, dtype=float)
     if y.ndim != 1 or not np.isfinite(y).all():
         msg = f'a free decay must be one finite signal, found shape {y.shape}'
         raise SignalError(msg)
-    every = max(int(1.0 / (6.0 * highest * dt)), -(-y.size // MOST_SAMPLES), 1)
+    every = max(int(1.0 / (6.0 * settings.HIGHEST_RINGING * dt)),
+                -(-y.size // settings.MOST_SAMPLES), 1)
     n = y.size // every
     if n < 12 * count:
         msg = (f'{y.size} samples at {1.0 / dt:g} Hz are too few to find {count} oscillations; '
@@ -475,7 +459,7 @@ def ring_modes(
             continue
         s = np.log(pole) / step
         frequency = float(s.imag) / (2.0 * math.pi)
-        if lowest <= frequency <= highest:
+        if settings.LOWEST_RINGING <= frequency <= settings.HIGHEST_RINGING:
             energy = float(np.sum(np.abs(weight * pole ** np.arange(n)) ** 2))
             found.append((energy, RingMode(frequency, float(-s.real / abs(s)),
                                            2.0 * float(abs(weight)))))

@@ -29,6 +29,7 @@ from tudor_dynamics.arm.limits import planned_limits
 from tudor_dynamics.bags.trajectory import Trajectory
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.typing import FloatArray
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ SEGMENTS = 5
 PLAN = FIRST + 4 * SEGMENTS
 
 PULSE, FADE = 0.0, 1.0
-JERK = 20.0  # 1/s, times the acceleration limit: only pulses shorter than 0.16 s get smaller
 
 
 @compiled
@@ -65,7 +65,7 @@ def _segment(kind: float, a: float, v: float, length: float, t: float) -> tuple[
 @compiled
 def _pulse_time(change: float, a_max: float) -> float:
     """Give the duration of the pulse for a change of speed, within acceleration and jerk."""
-    return max(2.0 * change / a_max, math.sqrt(2.0 * math.pi * change / (JERK * a_max)))
+    return max(2.0 * change / a_max, math.sqrt(2.0 * math.pi * change / (settings.JERK * a_max)))
 
 
 @compiled
@@ -332,9 +332,17 @@ class MotionPlanner:
         self._plans[:] = 0.0
         self._plans[:, Q] = self._plans[:, TARGET] = self.q
 
-    def brake(self) -> None:
-        """Come to rest by one pulse of the planned acceleration a joint, from this moment on."""
-        self.move(self.q, self.dq)
+    def brake(self, q: ArrayLike | None = None, dq: ArrayLike | None = None) -> None:
+        """
+        Come to rest by one pulse of the planned acceleration a joint, from this moment on.
+
+        Parameters
+        ----------
+        q, dq : array of shape (n_joints,), optional
+            Positions and speeds to brake from; the present ones by default [rad, rad/s].
+
+        """
+        self.move(self.q if q is None else q, self.dq if dq is None else dq)
         self.go([q + stopping_distance(float(dq), float(a)) for q, dq, a in zip(
             self.q, self.dq, self.limits.acceleration, strict=True)])
 
@@ -400,10 +408,6 @@ def follow_targets(
 # both have velocities a cubic, and a straight line otherwise (ros2_controllers,
 # joint_trajectory_controller, "Trajectory Representation").
 
-MOST_POINTS = 1_000_000
-"""Of a trajectory that is made denser; five minutes of a 3 kHz loop."""
-
-
 def spline(trajectory: Trajectory) -> BPoly:
     """Lay polynomials between points; returns positions of all joints over the time [s]."""
     from scipy.interpolate import BPoly  # slow to import, and few fits have a plan
@@ -419,7 +423,7 @@ def states(trajectory: Trajectory) -> FloatArray:
 
     Where velocities or accelerations are not given, they are those of the splines; where the
     splines on both sides of a point differ, the mean of both, since the controller draws a
-    straight line from effort to effort. The arm rests before the first point and behind the last,
+    straight line from effort to effort. The arm rests before the first point and after the last,
     which the controller holds: there what is not given is zero.
 
     Returns (points, 3 joints): ``[q, dq, ddq]`` [rad, rad/s, rad/s^2 or m, m/s, m/s^2].
@@ -446,9 +450,9 @@ def _at_points(trajectory: Trajectory, order: int) -> FloatArray:
 def denser(trajectory: Trajectory, rate: float) -> Trajectory:
     """Put more points onto the splines, so that efforts follow what lies between: rate [Hz]."""
     seconds = float(trajectory.t[-1] - trajectory.t[0])
-    if not 0.0 < rate < float('inf') or seconds * rate > MOST_POINTS:
+    if not 0.0 < rate < float('inf') or seconds * rate > settings.MOST_POINTS:
         msg = (f'{seconds:g} s at {rate:g} points per second; expected a rate above zero and '
-               f'at most {MOST_POINTS} points')
+               f'at most {settings.MOST_POINTS} points')
         raise SignalError(msg)
     if len(trajectory.t) < 2:
         return trajectory

@@ -25,22 +25,11 @@ from numpy.typing import NDArray
 from tudor_dynamics.arm.schema import PreprocessingSpec
 from tudor_dynamics.bags.recording import Recording
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.filters import (
     CausalDifferentiator, chebyshev, FilteredStates, forward_backward, low_pass, low_pass_sections,
     zero_phase)
 from tudor_dynamics.typing import FloatArray
-
-
-LEAST_JITTER = 0.02
-"""Less, relative to the sample time, changes no derivative that matters; source: none known."""
-LARGEST_OFFSET = 0.45
-"""A stamp farther from its even place, in sample times, belongs to another one."""
-LARGEST_IN_ORDER = 0.9
-"""... where none was lost, and the order of the messages says which sample it is."""
-CLEAR = 0.8
-"""Even stamps are right where they reduce the roughness to less than this part (no false alarm
-with the faults of bench/doctor.py)."""
-FEWEST_STAMPS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +46,7 @@ class Timing:
     @property
     def clear(self) -> bool:
         """Say whether the positions were sampled evenly beyond doubt."""
-        return self.even < CLEAR * self.now
+        return self.even < settings.CLEAR * self.now
 
 
 def timing(recording: Recording) -> Timing | None:
@@ -74,7 +63,7 @@ def timing(recording: Recording) -> Timing | None:
     squares, count = np.zeros((2, recording.q.shape[1])), 0
     offsets = []
     for part in recording.segments:
-        if part.stop - part.start < FEWEST_STAMPS:
+        if part.stop - part.start < settings.FEWEST_STAMPS:
             continue
         t = (recording.stamp[part] - recording.stamp[part.start]) * 1e-9
         even = _even(t)
@@ -88,7 +77,7 @@ def timing(recording: Recording) -> Timing | None:
     if not count:
         return None
     jitter = float(np.std(np.concatenate(offsets)))
-    if jitter < LEAST_JITTER * recording.dt or np.any(np.diff(stamp) <= 0):
+    if jitter < settings.LEAST_JITTER * recording.dt or np.any(np.diff(stamp) <= 0):
         return None
     rough = np.sqrt(squares / count)
     # the joint with the largest difference: one that stands still says nothing
@@ -114,13 +103,13 @@ def retimed(recording: Recording) -> tuple[Recording, Timing | None]:
 
 def _even(t: FloatArray) -> FloatArray | None:
     """Give the even times nearest to stamps; lost samples leave their places free."""
-    whole = _fitted(t, np.arange(len(t), dtype=float), LARGEST_IN_ORDER)
+    whole = _fitted(t, np.arange(len(t), dtype=float), settings.LARGEST_IN_ORDER)
     step = float(np.median(np.diff(t)))
     # step by step: over a whole record, the error of the median would come to many samples
     index = np.concatenate([[0.0], np.cumsum(np.maximum(np.round(np.diff(t) / step), 1.0))])
     slope, first = np.polyfit(index, t, 1)
     index = np.round((t - first) / slope)
-    holed = None if np.any(np.diff(index) < 1.0) else _fitted(t, index, LARGEST_OFFSET)
+    holed = None if np.any(np.diff(index) < 1.0) else _fitted(t, index, settings.LARGEST_OFFSET)
     found = [even for even in (whole, holed) if even is not None]
     return min(found, key=lambda even: float(np.std(t - even)), default=None)
 
@@ -154,8 +143,6 @@ def _unexpected(t: FloatArray, x: FloatArray) -> FloatArray:
 
 BLOCK = 4096
 COLUMNS_AT_A_TIME = 64
-FEWEST = 32
-"""Samples below which a stretch is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +327,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
     t_all = recording.t
     for part in recording.segments:
         t = t_all[part]
-        if len(t) < FEWEST or t[-1] - t[0] <= 2.0 * spec.settle:
+        if len(t) < settings.FEWEST or t[-1] - t[0] <= 2.0 * spec.settle:
             continue
         stamp = recording.stamp[part]
         # from the stamps, as the running robot has it: differences of t are off by rounding
@@ -365,7 +352,7 @@ def prepare(recording: Recording, spec: PreprocessingSpec) -> list[Stretch]:
             decimation, margin, before, since))
     if not stretches:
         msg = (f'{recording.path}: no stretch without gaps is longer than {2 * spec.settle:.3g} s '
-               f'and {FEWEST} samples and leaves two samples after decimation; record longer, or '
-               'lower preprocessing.settle')
+               f'and {settings.FEWEST} samples and leaves two samples after decimation; record '
+               'longer, or lower preprocessing.settle')
         raise SignalError(msg)
     return stretches

@@ -20,22 +20,25 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
-from scipy.sparse import csr_matrix, vstack
+from scipy.sparse import csr_matrix
 
 from tudor_dynamics.errors import SignalError
+from tudor_dynamics.signals import settings
 from tudor_dynamics.signals.motion_profile import MotionLimits, MotionPlanner
+from tudor_dynamics.signals.settings import FINE, KNOTS, ROUNDING
 from tudor_dynamics.typing import FloatArray
 
 
 # -- Input shapers: a motion as the sum of itself and of itself somewhat later.
 #
-# A swing that the first part leaves is met by that of the next ones. The sum is a mean with
-# positive weights: position, speed and acceleration stay within what the motion itself keeps to.
-# ZV and ZVD: Singer and Seering, "Preshaping command inputs to reduce system vibration", ASME
+# An oscillation that the first part leaves is met by those of the next ones. The sum is a mean
+# with positive weights: position, speed and acceleration stay within what the motion itself keeps
+# to. ZV and ZVD: Singer and Seering, "Preshaping command inputs to reduce system vibration", ASME
 # Journal of Dynamic Systems, Measurement, and Control 112(1), 1990; ZV goes back to O. J. M.
 # Smith's posicast, 1957.
 
@@ -51,7 +54,7 @@ class Impulses:
 
 
 def impulses(kind: str, frequency: float, damping: float) -> Impulses:
-    """Give the impulses after which a mode does not swing: frequency [Hz]."""
+    """Give the impulses after which a mode does not oscillate: frequency [Hz]."""
     if kind not in KINDS or not (math.isfinite(frequency) and frequency > 0.0
                                  and 0.0 <= damping < 1.0):
         msg = (f'shaper {kind!r} for {frequency} Hz with a damping ratio of {damping}: expected '
@@ -66,7 +69,7 @@ def impulses(kind: str, frequency: float, damping: float) -> Impulses:
 
 
 class ImpulseShaper:
-    """Shapes a motion sample by sample: q (joints,) [rad]."""
+    """Shapes a motion sample by sample, from rest at q (joints,) [rad]."""
 
     def __init__(self, shaper: Impulses, q: FloatArray) -> None:
         self.shaper = shaper
@@ -105,34 +108,19 @@ class ImpulseShaper:
         return self._past[0][1]
 
 
-# -- A move from rest to rest after which links do not swing, though their modes change on the way.
+# -- A move from rest to rest after which links do not oscillate, though their modes change on the
+#    way.
 #
 # Each mode obeys ``y'' + 2 zeta w y' + w^2 y = sum_j b_j ddq_j`` with w, zeta and b of the pose.
-# For slow changes its swing at the end T is, in complex form (Wentzel, Kramers, Brillouin),
+# For slow changes its oscillation at the end T is, in complex form (Wentzel, Kramers, Brillouin),
 #
 #     y(T) + i y'(T) / w = int g(t) sum_j b_j(t) ddq_j(t) dt,
 #     g(t) = exp(-int_t^T zeta w) (sin f + i cos f) / sqrt(w(t) w(T)),   f(t) = int_t^T w_d
 #
-# so that no swing is one linear condition on the acceleration. With acceleration linear between
-# knots the move is a linear programme: limits of speed and acceleration, no way back, no swing of
-# any mode, and among all such moves the one with the least jerk and the least swing of a first
-# mode that is a little slower or faster than was thought.
-
-KNOTS = 30
-"""Of each joint's acceleration."""
-FINE = 16
-"""Steps between two knots, for integrals."""
-SPREAD = 0.07
-"""Part by which the first frequency may be another."""
-ROBUST = 0.3
-"""What its swing counts beside the jerk, each over what it is without shaping."""
-ROUNDING = 1.0 - 1e-6
-"""Of the limits of speed and acceleration."""
-LONGER = 0.5
-"""Of a period that a move may be longer than without shaping."""
-TRIES = 8
-"""More quarters of a period, where that is not enough."""
-
+# so that none is one linear condition on the acceleration. With acceleration linear between knots
+# the move is a linear programme: limits of speed and acceleration, no way back, no oscillation of
+# any mode, and among all such moves the one with the least jerk and the least oscillation of a
+# first mode that is a little slower or faster than was thought.
 
 @dataclass(frozen=True, eq=False)
 class PathModes:
@@ -166,7 +154,7 @@ class Profile:
 
     def at(self, t: float | FloatArray) -> FloatArray:
         """
-        Give the motion at a time; before it begins and behind its end it rests.
+        Give the motion at a time; before it begins and after its end it rests.
 
         t (samples,) [s]; returns (3, joints) or (3, samples, joints).
         """
@@ -178,9 +166,9 @@ class Profile:
             self.dq[k] + s * (self.ddq[k] + 0.5 * s * jerk), self.ddq[k] + s * jerk])
 
 
-def swing(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
+def oscillation(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
     """
-    Give what an acceleration at each time swings each mode with at the end.
+    Give what how an acceleration at each time makes each mode oscillate at the end.
 
     step [s]; returns (samples, modes, joints) [unit s^2/rad per s].
     """
@@ -196,16 +184,17 @@ def swing(modes: PathModes, step: float, scale: float = 1.0) -> FloatArray:
 def plan_shaped(
     start: FloatArray, target: FloatArray, limits: MotionLimits, along: ModesAlong,
 ) -> Profile:
-    """Plan a move that leaves no swing: start, target (joints,) [rad]."""
+    """Plan a move that leaves no oscillation: start, target (joints,) [rad]."""
     plain = MotionPlanner(limits, start)
     plain.go(target)
     period = 2.0 * math.pi / float(along(target[None]).omega[0, 0])
     moving = np.abs(target - start) > 1e-9
     if not moving.any():
         raise SignalError('there is no way to go: the target is where the joints rest')
-    for more in range(TRIES):
-        duration = plain.remaining + (LONGER + 0.25 * more) * period
-        path = _plain_path(start, target)
+    for more in range(settings.TRIES):
+        duration = plain.remaining + (settings.LONGER + 0.25 * more) * period
+        s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
+        path = start + (s**3 * (10.0 - s * (15.0 - 6.0 * s))) * (target - start)
         found = None
         for _ in range(2):  # modes along what is found then
             found = _solve(start, target, limits, _denser(along(path)), duration, moving)
@@ -215,11 +204,6 @@ def plan_shaped(
         if found is not None:
             return found
     raise SignalError('no move without swing is found: modes and limits contradict each other')
-
-
-def _plain_path(start: FloatArray, target: FloatArray) -> FloatArray:
-    s = np.linspace(0.0, 1.0, KNOTS + 1)[:, None]
-    return np.asarray(start + (s**3 * (10.0 - s * (15.0 - 6.0 * s))) * (target - start))
 
 
 def _denser(modes: PathModes) -> PathModes:
@@ -252,15 +236,15 @@ def _solve(
     measure = np.full(len(fine), step / FINE)
     measure[[0, -1]] *= 0.5
 
-    def swings(scale: float) -> FloatArray:
-        weights = swing(modes, step / FINE, scale)[:, :, joints] * measure[:, None, None]
+    def oscillations(scale: float) -> FloatArray:
+        weights = oscillation(modes, step / FINE, scale)[:, :, joints] * measure[:, None, None]
         rows = np.einsum('tk,tmj->mjk', hats, weights) * unit[None, :, None]
         flat = rows.reshape(len(modes.size), count)
         return np.vstack([flat.real, flat.imag])
 
     speed = speed_rows(step)
     reach = step * np.arange(KNOTS - 1, 0, -1) * step  # way by each hat
-    plain = swings(1.0)
+    plain = oscillations(1.0)
     scale = max(float(np.abs(plain).sum(axis=1).max()) / KNOTS, 1e-12)
     equal = [plain / scale]
     wanted = [np.zeros(len(plain))]
@@ -270,12 +254,9 @@ def _solve(
         row[1, j * inner:(j + 1) * inner] = reach / reach.sum()
         equal.append(row)
         wanted.append(np.array([0.0, float(abs(way[j])) / (abs(unit[j]) * reach.sum())]))
-    first = [rows[[0, len(modes.size)]] / scale for rows in map(
-        swings, (1.0 - SPREAD, 1.0 + SPREAD))]
-    off = np.vstack(first)
-    change = np.zeros((KNOTS, inner))
-    for k in range(inner):
-        change[k, k], change[k + 1, k] = 1.0, -1.0
+    off = np.vstack([oscillations(other)[[0, len(modes.size)]] / scale
+                     for other in (1.0 - settings.SPREAD, 1.0 + settings.SPREAD)])
+    change = np.diff(np.pad(np.eye(inner), ((1, 1), (0, 0))), axis=0)
     bound, right = [], []
     for j in range(n):
         block = np.zeros((KNOTS, count))
@@ -292,17 +273,25 @@ def _solve(
     bound += [np.hstack([side * off, np.zeros((len(off), 1)), -np.ones((len(off), 1))])
               for side in (1.0, -1.0)]
     right += [np.zeros(len(off))] * 2
-    cost = np.concatenate([np.zeros(count), [1.0, ROBUST]])
     rows = np.vstack(equal)
-    answer = linprog(
-        cost, csr_matrix(np.vstack(bound)), np.concatenate(right),
-        vstack([csr_matrix(np.hstack([rows, np.zeros((len(rows), 2))]))]),
-        np.concatenate(wanted), [(-1.0, 1.0)] * count + [(0.0, None)] * 2, method='highs')
-    if answer.x is None or answer.status != 0:
+    found = _solved(
+        np.concatenate([np.zeros(count), [1.0, settings.ROBUST]]), bound, right,
+        A_eq=csr_matrix(np.hstack([rows, np.zeros((len(rows), 2))])), b_eq=np.concatenate(wanted),
+        bounds=[(-1.0, 1.0)] * count + [(0.0, None)] * 2)
+    if found is None:
         return None
     ddq = np.zeros((KNOTS + 1, len(start)))
-    ddq[1:-1, joints] = answer.x[:count].reshape(n, inner).T * unit
+    ddq[1:-1, joints] = found[:count].reshape(n, inner).T * unit
     return integrate(start, target, ddq, step)
+
+
+def _solved(
+    cost: FloatArray, bound: list[FloatArray], right: list[FloatArray], **more: Any,
+) -> FloatArray | None:
+    """Solve a linear programme with blocks of rows below their right sides; None without one."""
+    answer = linprog(
+        cost, csr_matrix(np.vstack(bound)), np.concatenate(right), method='highs', **more)
+    return None if answer.x is None or answer.status != 0 else np.asarray(answer.x)
 
 
 def speed_rows(step: float) -> FloatArray:
@@ -311,13 +300,8 @@ def speed_rows(step: float) -> FloatArray:
 
     step [s]; returns (2 * KNOTS, KNOTS - 1) [s].
     """
-    inner = KNOTS - 1
-    speed = np.zeros((2 * KNOTS, inner))
-    for k in range(inner):
-        speed[k + 1, k], speed[k + 2:KNOTS, k] = 0.5 * step, step
-        speed[KNOTS:, k] = speed[:KNOTS, k]
-        speed[KNOTS + k + 1, k] += 0.5 * step
-    return speed
+    row, hat = np.arange(KNOTS)[:, None], np.arange(1, KNOTS)
+    return np.vstack([step * (row > hat) + 0.5 * step * (row == hat), step * (row >= hat)])
 
 
 def integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: float) -> Profile:
@@ -334,70 +318,57 @@ def integrate(start: FloatArray, target: FloatArray, ddq: FloatArray, step: floa
     return Profile(step, q, dq, ddq)
 
 
-# -- A planned move refined against a simulation of what swings behind it, by linear programmes in
-#    turn.
+# -- A planned move refined against a simulation of what oscillates after it, by linear programmes
+#    in turn.
 #
 # Where modes do not tell what an arm does, as with gears that cross their play on the way, a
 # simulation does. Around a move it is linear in small changes of the acceleration, by differences;
-# the least largest swing within the limits and within a distance in which that holds is a linear
-# programme; of some such distances the one that the simulation likes best is gone, and so on
-# (sequential linear programming; Nocedal and Wright, "Numerical optimization", 2006, ch. 18).
+# the least largest oscillation within the limits and within a distance in which that holds is a
+# linear programme; of some such distances the one that the simulation likes best is gone, and so
+# on (sequential linear programming; Nocedal and Wright, "Numerical optimization", 2006, ch. 18).
 
-STEPS = 10
-"""Most linear programmes in turn."""
-NUDGE = 0.01
-"""Change of acceleration that differences are taken with, of its limit."""
-FARTHEST = 0.3
-"""Change of acceleration in which the simulation is taken for linear at first, of its limit."""
-RADII = (1.0, 0.4, 0.12, 0.03)
-"""Of that, tried side by side; half of the way to each as well."""
-LITTLE = 0.985
-"""A step that leaves more of the swing than this is the last one."""
-SMALLEST = 1e-3
-"""The same at least."""
-
-Swings = Callable[[list[Profile]], FloatArray]
-"""From moves of one length to what swings behind each, shape (n_moves, n_samples, n_channels),
+Oscillations = Callable[[list[Profile]], FloatArray]
+"""From moves of one length to what oscillates after each, shape (n_moves, n_samples, n_channels),
 each channel in a unit of its own in which 1 is nothing."""
 
 
-def largest_swing(swings: FloatArray) -> FloatArray:
-    """Give the largest half range of all channels: swings (..., samples, channels)."""
-    return np.asarray(0.5 * np.ptp(swings, axis=-2).max(axis=-1))
+def largest_oscillation(oscillations: FloatArray) -> FloatArray:
+    """Give the largest half range of all channels: oscillations (..., samples, channels)."""
+    return np.asarray(0.5 * np.ptp(oscillations, axis=-2).max(axis=-1))
 
 
-def refine(profile: Profile, limits: MotionLimits, swings: Swings) -> Profile:
+def refine(profile: Profile, limits: MotionLimits, oscillations: Oscillations) -> Profile:
     """
-    Refine a move until next to nothing swings behind it, or nothing more is to be had.
+    Refine a move until next to nothing oscillates after it, or nothing more is to be had.
 
     Length and ends stay, no joint goes back, and limits hold as before.
 
     Returns the one given where none is better.
     """
     room = _Room(profile, limits)
-    farthest = FARTHEST
-    here = swings([profile])[0]
-    left = float(largest_swing(here))
-    for _ in range(STEPS):
+    farthest = settings.FARTHEST
+    here = oscillations([profile])[0]
+    left = float(largest_oscillation(here))
+    for _ in range(settings.STEPS):
         if left <= 1.0:
             break
-        nudges = NUDGE * np.eye(room.size)
-        slope = (swings([room.changed(row) for row in nudges]) - here) / NUDGE
-        ways = [(radius, way) for radius in RADII
+        nudges = settings.NUDGE * np.eye(room.size)
+        slope = (oscillations([room.changed(row) for row in nudges]) - here) / settings.NUDGE
+        ways = [(radius, way) for radius in settings.RADII
                 if (way := room.step(here, slope, farthest * radius)) is not None]
         if not ways:
             break
         tried = [room.changed(share * way) for _, way in ways for share in (1.0, 0.5)]
-        found = swings(tried)
-        sizes = largest_swing(found)
+        found = oscillations(tried)
+        sizes = largest_oscillation(found)
         best = int(np.argmin(sizes))
         if sizes[best] >= left:
             break
         before, left, here = left, float(sizes[best]), found[best]
         room.profile = tried[best]
         farthest *= ways[best // 2][0] * (1.0 if best % 2 else 2.0)
-        farthest = min(max(farthest, SMALLEST), FARTHEST)
-        if left > LITTLE * before:
+        farthest = min(max(farthest, settings.SMALLEST), settings.FARTHEST)
+        if left > settings.LITTLE * before:
             break
     return room.profile
 
@@ -410,14 +381,11 @@ class _Room:
         self._way = profile.q[-1] - profile.q[0]
         self._joints = np.flatnonzero(np.abs(self._way) > 1e-9)
         # second differences of hats begin and end at rest at the same places
-        inner = KNOTS - 1
-        change = np.zeros((inner, inner - 2))
-        for k in range(inner - 2):
-            change[k:k + 3, k] = 0.5, -1.0, 0.5
+        self._change = 0.5 * np.diff(
+            np.pad(np.eye(KNOTS - 3), ((2, 2), (0, 0))), n=2, axis=0)
         self._most = limits.acceleration * ROUNDING
         self._fastest = limits.velocity * ROUNDING
-        self._change = change
-        self.size = len(self._joints) * change.shape[1]
+        self.size = len(self._joints) * self._change.shape[1]
 
     def changed(self, way: FloatArray) -> Profile:
         """Give the move with so much of each change."""
@@ -451,8 +419,5 @@ class _Room:
                 right += [np.maximum(high - now, 0.0), np.maximum(now - low, 0.0)]
         cost = np.zeros(self.size + channels + 1)
         cost[-1] = 1.0
-        answer = linprog(cost, csr_matrix(np.vstack(bound)), np.concatenate(right),
-                         bounds=(None, None), method='highs')
-        if answer.x is None or answer.status != 0:
-            return None
-        return np.asarray(answer.x[:self.size])
+        found = _solved(cost, bound, right, bounds=(None, None))
+        return None if found is None else found[:self.size]
