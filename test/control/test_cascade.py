@@ -24,7 +24,8 @@ import pytest
 
 from tudor_dynamics.arm.description import load_arm
 from tudor_dynamics.arm.limits import Limits
-from tudor_dynamics.control.cascade import arm_gains, Cascade, JointGains, motor_gains
+from tudor_dynamics.control.cascade import (
+    arm_gains, Cascade, JointGains, motor_gains, position_law, velocity_law)
 from tudor_dynamics.control.settings import COMMANDED_SPEED
 from tudor_dynamics.errors import ArmError
 
@@ -49,12 +50,22 @@ def test_tuning_needs_the_rotor(root: Path) -> None:
         motor_gains(motor, arm.spec.damper)
 
 
+def step(
+    cascade: Cascade, q_ref: float, dq_ref: float, q: float, dq: float, yielding: float = 0.0,
+    ahead: float = 0.0,
+) -> float:
+    """Give the current of the only joint, by the laws in the order of the closed loop."""
+    wanted = position_law(cascade.rows[0], q_ref, dq_ref, q, yielding)
+    speed = cascade.envelope.step(DT, [wanted], [q])[0]
+    return velocity_law(cascade.rows[0], cascade.state[0], DT, speed, dq, ahead)
+
+
 def run_rotor(cascade: Cascade, q_ref: float, seconds: float, load: float) -> np.ndarray:
     """Turn a free rotor of 1 kg m^2 and 1 N m/A against a load torque."""
     q = dq = 0.0
     places = []
     for _ in range(int(seconds / DT)):
-        current = cascade.step([q_ref], [0.0], [q], [dq])[0]
+        current = step(cascade, q_ref, 0.0, q, dq)
         dq += DT * (current - load)
         q += DT * dq
         places.append((q, current))
@@ -73,7 +84,7 @@ def test_no_windup_at_the_limit() -> None:
     """After a long time at the current limit the joint does not shoot over by the integrator."""
     limited = Cascade([JointGains(4.0, 60.0, 600.0, current_limit=1.0)], DT)
     for _ in range(4000):
-        limited.step([1.0], [0.0], [0.0], [0.0])  # blocked
+        step(limited, 1.0, 0.0, 0.0, 0.0)  # blocked
     assert limited.saturated[0]
     places = run_rotor(limited, 0.2, 6.0, 0.0)
     assert np.abs(places[:, 1]).max() <= 1.0
@@ -85,16 +96,16 @@ def test_no_windup_at_the_limit() -> None:
 def test_what_is_fed_forward_is_not_asked_of_errors() -> None:
     """It is added to the current within the limit, and does not wind the integrator up."""
     cascade = Cascade([JointGains(4.0, 60.0, 600.0, current_limit=2.0)], DT)
-    assert cascade.step([0.1], [0.5], [0.1], [0.5], ahead=[1.5])[0] == pytest.approx(1.5)
-    assert cascade.step([0.1], [0.5], [0.1], [0.5], ahead=[9.0])[0] == pytest.approx(2.0)
+    assert step(cascade, 0.1, 0.5, 0.1, 0.5, ahead=1.5) == pytest.approx(1.5)
+    assert step(cascade, 0.1, 0.5, 0.1, 0.5, ahead=9.0) == pytest.approx(2.0)
     assert cascade.saturated[0]
-    assert cascade.step([0.1], [0.5], [0.1], [0.5])[0] == pytest.approx(0.0)
+    assert step(cascade, 0.1, 0.5, 0.1, 0.5) == pytest.approx(0.0)
     known, unknown = (Cascade([JointGains(4.0, 60.0, 0.0)], DT) for _ in range(2))
     places = []
     for one, ahead in ((known, 3.0), (unknown, 0.0)):
         q, dq = 0.0, 0.0
         for _ in range(4000):
-            dq += DT * (one.step([0.2], [0.0], [q], [dq], ahead=[ahead])[0] - 3.0)
+            dq += DT * (step(one, 0.2, 0.0, q, dq, ahead=ahead) - 3.0)
             q += DT * dq
         places.append(q)
     assert places[0] == pytest.approx(0.2, abs=1e-4)
@@ -105,7 +116,7 @@ def test_speed_limit_counts_damper_and_reference() -> None:
     """The commanded speed is bounded whatever asks for it."""
     limits = Limits(*(np.array([x]) for x in (-np.inf, np.inf, 0.5 / COMMANDED_SPEED, np.inf)))
     cascade = Cascade([JointGains(4.0, 1.0, 0.0)], DT, limits)
-    assert cascade.step([0.0], [0.4], [0.0], [0.0], [0.4])[0] == pytest.approx(0.5)
+    assert step(cascade, 0.0, 0.4, 0.0, 0.0, 0.4) == pytest.approx(0.5)
     assert cascade.saturated[0]
-    assert cascade.step([0.0], [0.4], [0.0], [0.0], [-0.4])[0] == pytest.approx(0.0)
+    assert step(cascade, 0.0, 0.4, 0.0, 0.0, -0.4) == pytest.approx(0.0)
     assert not cascade.saturated[0]

@@ -71,11 +71,11 @@ def test_load_alone_moves_nothing(window: float) -> None:
 def test_moving_average_is_the_mean_of_its_window() -> None:
     """The mean over 0.1 s is that of the last 200 readings."""
     values = noisy(100.0, 1.0)
-    values[1000:] += 50.0
-    damper = Damper([DamperSettings('a', 'b', -1.0, mean_window=0.1, fade_time=DT)], DT)
+    values[1400:] += 50.0
+    damper = Damper([DamperSettings('a', 'b', -1.0, mean_window=0.1)], DT)
     speed = drive(damper, values)
-    expected = -(values[1100] - values[901:1101].mean())
-    assert speed[1100] == pytest.approx(expected, rel=1e-9)
+    expected = -(values[1500] - values[1301:1501].mean())
+    assert speed[1500] == pytest.approx(expected, rel=1e-9)
 
 
 def test_starts_without_a_bump() -> None:

@@ -117,5 +117,5 @@ def test_begins_at_the_speed_of_the_arm() -> None:
     envelope = Envelope(LIMITS, 0.0)
     envelope.begin([1.2])
     assert envelope.step(0.01, [0.0], [0.0]) == pytest.approx([1.1])
-    envelope.reset()
+    envelope.begin(0.0)
     assert envelope.command == pytest.approx([0.0])

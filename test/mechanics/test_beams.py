@@ -24,7 +24,7 @@ import pytest
 from tudor_dynamics.arm.description import arm_from_dict
 from tudor_dynamics.mechanics.mechanism import beam_properties, build_mechanism, rectangle_torsion
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.mechanics.run import BeamPlace, largest_rotation, modes, Probe
+from tudor_dynamics.mechanics.run import largest_rotation, modes, Probe
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
 
 E, LENGTH, SIDE, RHO = 7.0e10, 0.5, 0.008, 2700.0
@@ -100,7 +100,7 @@ def test_deflection_under_a_tip_load():
     """A small weight at the tip gives F L^3 / 3 EI, and the strain F (L - x) c / EI."""
     mass = 0.02
     arm, plant = cantilever(2, 9.81, mass, stretch=False)
-    probe = Probe(plant, [BeamPlace('hub', 0.1)], arm)
+    probe = Probe(plant, [('hub', 0.1)], arm)
     seen = probe.observe()
     own = RHO * SIDE**2 * 9.81
     force = mass * 9.81

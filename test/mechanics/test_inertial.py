@@ -35,8 +35,8 @@ def test_at_rest_it_points_upwards() -> None:
     assert sensors.names == ('motor', 'tip')
     felt = sensors.read(plant, Probe(plant).observe().acceleration)
     up = -plant.mechanism.gravity
-    for axes, force, turning in zip(felt.axes, felt.specific_force, felt.angular_velocity,
-                                    strict=True):
+    for axes, force, turning in zip(felt.sensor_axes, felt.sensor_acceleration,
+                                    felt.sensor_turning, strict=True):
         np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
         np.testing.assert_allclose(axes @ force, up, atol=1e-6)
         np.testing.assert_allclose(turning, 0.0, atol=1e-12)
@@ -60,8 +60,8 @@ def test_a_rigid_arm_that_turns() -> None:
     plant = Plant(build_mechanism(arm), 1e-3)
     plant.reset([0.7], [3.0])
     felt = InertialSensors(plant.mechanism).read(plant, Probe(plant).observe().acceleration)
-    np.testing.assert_allclose(felt.specific_force, [[-3.6, 0.0, 0.0]], atol=1e-9)
-    np.testing.assert_allclose(felt.angular_velocity, [[0.0, 0.0, 3.0]], atol=1e-12)
+    np.testing.assert_allclose(felt.sensor_acceleration, [[-3.6, 0.0, 0.0]], atol=1e-9)
+    np.testing.assert_allclose(felt.sensor_turning, [[0.0, 0.0, 3.0]], atol=1e-12)
 
 
 def test_it_feels_what_positions_show() -> None:

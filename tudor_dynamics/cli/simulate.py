@@ -31,12 +31,12 @@ from tudor_dynamics.cli.console import bar, new_table, print_json, print_table, 
 from tudor_dynamics.errors import TudorWarning, UsageError
 from tudor_dynamics.mechanics.mechanism import build_mechanism, left_out, Mechanism, with_motors
 from tudor_dynamics.mechanics.plant import Plant
-from tudor_dynamics.mechanics.plots import (
-    animate, check_target, pick_signal, plot_configuration, plot_signal, signal_names)
+from tudor_dynamics.mechanics.plots import check_target, plot_configuration, signal_names
 from tudor_dynamics.mechanics.run import (
     largest_rotation, modes, PlantRecord, Probe, run_plant, simulate_with_scipy, Steps)
 from tudor_dynamics.mechanics.settings import LARGEST_ROTATION
-from tudor_dynamics.mechanics.study import force_signal, motion_signal, save_run, torque_signal
+from tudor_dynamics.mechanics.study import (
+    force_signal, motion_signal, SimulatedRun, torque_signal)
 
 EXAMPLES = """\
 examples:
@@ -218,17 +218,17 @@ def run(args: argparse.Namespace) -> int:
             msg = (f'there is no signal {name!r}; there are '
                    f'{", ".join(signal_names(mechanism, arm.gauge_names))}')
             raise UsageError(msg)
-    result = _simulate(args, plant, probe, arm.active_joints)
+    result = SimulatedRun(
+        arm, mechanism, _simulate(args, plant, probe, arm.active_joints), plant)
     if folder is not None:
-        save_run(folder, result, arm, mechanism)
+        result.save(folder)
     if args.plot and folder is not None:
         for name in signals:
-            plot_signal(folder / file_name(name), result,
-                        pick_signal(result, mechanism, arm.gauge_names, name))
+            result.plot(name, folder / file_name(name), title=result.curves(name).title)
     if args.animate is not None:
-        animate(Path(args.animate), result, mechanism)
-    _report(args, result, mechanism, arm)
-    _warn_of(float(result.rotation.max()), arm)
+        result.animate(args.animate)
+    _report(args, result.run, mechanism, arm)
+    _warn_of(float(result.run.rotation.max()), arm)
     return 0
 
 

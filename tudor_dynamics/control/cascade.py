@@ -23,8 +23,8 @@ compiled loop.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -98,8 +98,7 @@ class Envelope:
     """
     Envelope of several joints, step by step.
 
-    lag [s]: from a command to its motion; cuts (joints,): what cut the last command of each joint,
-    see `envelope_law`.
+    lag [s]: from a command to its motion.
     """
 
     def __init__(self, limits: Limits, lag: float, stop: DriveStop | None = None) -> None:
@@ -115,12 +114,17 @@ class Envelope:
         self.state = np.zeros((joints, ENVELOPE_STATES))
         self.lag = lag
         self._take_lag()
-        self.reset()
+        self.begin(0.0)
 
     @property
     def command(self) -> FloatArray:
         """Last command [rad/s]."""
         return np.asarray(self.state[:, COMMAND].copy())
+
+    @property
+    def cuts(self) -> NDArray[np.intp]:
+        """Say what cut the last command of each joint, see `envelope_law`, (joints,)."""
+        return self.state[:, CUT].astype(np.intp)
 
     def _take_lag(self) -> None:
         self.rows[:, TIME] = max(settings.APPROACH_TIME * self.lag, self.lag + self._timeout)
@@ -129,11 +133,6 @@ class Envelope:
         """Restart at the speeds that the joints have: command (joints,) [rad/s]."""
         self.state[:] = 0.0
         self.state[:, COMMAND] = command
-        self.cuts = np.zeros(len(self.rows), dtype=np.intp)
-
-    def reset(self) -> None:
-        """Restart at standstill."""
-        self.begin(0.0)
 
     def step(self, dt: float, wanted: ArrayLike, q: ArrayLike) -> FloatArray:
         """
@@ -143,18 +142,12 @@ class Envelope:
         """
         self._take_lag()
         wanted, q = np.asarray(wanted, dtype=float), np.asarray(q, dtype=float)
-        result = np.array([envelope_law(self.rows[j], self.state[j], dt, float(wanted[j]),
-                                        float(q[j])) for j in range(len(self.rows))])
-        self.cuts = self.state[:, CUT].astype(np.intp)
-        return result
+        return np.array([envelope_law(self.rows[j], self.state[j], dt, float(wanted[j]),
+                                      float(q[j])) for j in range(len(self.rows))])
 
 
-# Cascade: columns of the gains of one joint.
-POSITION_GAIN = 0  # speed per position error [1/s]
-VELOCITY_GAIN = 1  # current per speed error [A s/rad]
-INTEGRAL_GAIN = 2  # current per integrated speed error [A/rad]
-CURRENT_LIMIT = 3  # [A]
-GAINS = 4
+# Cascade: columns of the gains of one joint, see `JointGains`.
+POSITION_GAIN, VELOCITY_GAIN, INTEGRAL_GAIN, CURRENT_LIMIT = range(4)
 # Columns of the state of one joint.
 INTEGRAL = 0  # share of the integrator in the current [A]
 SATURATED = 1  # 1 while the current is at its limit
@@ -195,9 +188,8 @@ def velocity_law(
     return bounded
 
 
-@dataclass(frozen=True)
-class JointGains:
-    """Gains of one joint."""
+class JointGains(NamedTuple):
+    """Gains of one joint, in the order of the columns."""
 
     # Speed per position error [1/s]; at most 0.3 times the first eigenfrequency in rad/s, or the
     # position loop undoes the damping.
@@ -205,11 +197,6 @@ class JointGains:
     velocity: float  # current per speed error [A s/rad]
     integral: float  # current per integrated speed error [A/rad]
     current_limit: float = math.inf  # largest current of the drive [A]
-
-    @property
-    def row(self) -> FloatArray:
-        """Gains in the order of the columns."""
-        return np.array([self.position, self.velocity, self.integral, self.current_limit])
 
 
 def motor_gains(motor: MotorSpec, damper: DamperSpec) -> JointGains:
@@ -252,43 +239,22 @@ def velocity_lag(damper: DamperSpec) -> float:
 
 
 class Cascade:
-    """Cascade of several joints, step by step: dt, lag [s]."""
+    """Gains, state and envelope of several joints, for the laws above: dt, lag [s]."""
 
     def __init__(self, gains: list[JointGains], dt: float, limits: Limits | None = None,
                  lag: float = 0.0, stop: DriveStop | None = None) -> None:
-        self.rows = np.array([item.row for item in gains]).reshape(-1, GAINS)
+        self.rows = np.array(gains).reshape(-1, 4)
         self.state = np.zeros((len(gains), STATES))
         self.envelope = Envelope(limits or unlimited(len(gains)), lag + 2.0 * dt, stop)
-        self.dt = dt
 
     def reset(self, current: ArrayLike = 0.0) -> None:
         """Restart with integrators that give a current [A]."""
         self.state[:] = 0.0
         self.state[:, INTEGRAL] = current
-        self.envelope.reset()
+        self.envelope.begin(0.0)
 
     @property
     def saturated(self) -> NDArray[np.bool_]:
         """Which joints had current, speed or position at a limit in the last step."""
-        cuts = self.envelope.state[:, CUT].astype(np.intp)
-        return np.asarray((self.state[:, SATURATED] > 0.0) | (cuts & SATURATING > 0))
-
-    def step(
-        self, q_ref: ArrayLike, dq_ref: ArrayLike, q: ArrayLike, dq: ArrayLike,
-        yielding: ArrayLike = 0.0, ahead: ArrayLike = 0.0,
-    ) -> FloatArray:
-        """
-        Give the currents for one step.
-
-        q_ref, dq_ref, q, dq (joints,) [rad, rad/s], yielding (joints,) [rad/s], ahead (joints,)
-        [A]; returns (joints,) [A].
-        """
-        count = len(self.rows)
-        q_ref, dq_ref, q, dq, yielding, ahead = (
-            np.broadcast_to(np.asarray(item, dtype=float), count)
-            for item in (q_ref, dq_ref, q, dq, yielding, ahead))
-        wanted = [position_law(self.rows[j], float(q_ref[j]), float(dq_ref[j]), float(q[j]),
-                               float(yielding[j])) for j in range(count)]
-        speed = self.envelope.step(self.dt, wanted, q)
-        return np.array([velocity_law(self.rows[j], self.state[j], self.dt, float(speed[j]),
-                                      float(dq[j]), float(ahead[j])) for j in range(count)])
+        return np.asarray((self.state[:, SATURATED] > 0.0)
+                          | (self.envelope.cuts & SATURATING > 0))

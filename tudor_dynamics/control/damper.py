@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 import math
@@ -186,15 +186,9 @@ class DamperSettings:
     mean_frequency: float = 0.1  # corner of the DC blocker [Hz]
     mean_window: float = 0.0  # length of the moving average that takes its place, 0 for none [s]
     speed_limit: float = math.inf  # bound of the yielding speed [rad/s]
-    # Without a change of the reading, and without a reading, until it counts as a fault [s].
-    dead_time: float = settings.DEAD_GAUGE_TIME
-    stale_time: float = settings.STALE_GAUGE_TIME
     # Fastest plausible change [unit/s] and largest plausible reading [unit].
     max_rate: float = math.inf
     max_strain: float = math.inf
-    # For fading in or out, and how long the gauge must have been well [s].
-    fade_time: float = settings.FADE_TIME
-    recovery: float = settings.RECOVERY_TIME
     # Corner of the DC blocker while the reference moves; the same by default [Hz].
     moving_frequency: float | None = None
     scale: float = 1.0  # unit of the gauge per m/m
@@ -203,8 +197,9 @@ class DamperSettings:
         """Give the settings in the order of the columns, for a step [s]."""
         return np.array([
             self.gain, 2.0 * math.pi * self.mean_frequency, np.rint(self.mean_window / dt),
-            self.speed_limit, max(self.dead_time, 5.0 * dt), max(self.stale_time, 3.0 * dt),
-            self.max_rate, self.max_strain, self.fade_time, self.recovery,
+            self.speed_limit, max(settings.DEAD_GAUGE_TIME, 5.0 * dt),
+            max(settings.STALE_GAUGE_TIME, 3.0 * dt), self.max_rate, self.max_strain,
+            settings.FADE_TIME, settings.RECOVERY_TIME,
             2.0 * math.pi * (self.moving_frequency or self.mean_frequency)])
 
 
@@ -367,7 +362,7 @@ def decay_time(response: StepResponse, noise: float = 0.0) -> float:
     return float((t * energy).sum() / total) if total > 0.0 else float(t[-1])
 
 
-def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
+def grows(strain: ArrayLike, dt: float) -> bool:
     """
     Say whether a running response grows: the reason to stop a test at once.
 
@@ -377,24 +372,21 @@ def grows(strain: ArrayLike, dt: float, *, factor: float = 1.5) -> bool:
     half = int(round(0.5 / dt))
     if values.size < 2 * half:
         return False
-    return bool(np.ptp(values[-half:]) > factor * np.ptp(values[:half]))
+    return bool(np.ptp(values[-half:]) > settings.SIGN_GROWTH * np.ptp(values[:half]))
 
 
 def check_sign(
     joint: str, measure: Measure, *, step: float = settings.SIGN_STEP,
-    shares: Sequence[float] = settings.SIGN_SHARES, rest: StepResponse | None = None,
+    rest: StepResponse | None = None,
 ) -> SignResult:
     """Test the sign of one joint's damper: step [rad]."""
-    if not shares:
-        msg = 'no share of the gain to test with; give at least one'
-        raise SignalError(msg)
     noise = float(np.var(ringing(rest))) if rest is not None else 0.0
     plain = measure(joint, step, 0.0)
     peak = float(np.abs(ringing(plain)).max())
     if peak == 0.0 or peak < 5.0 * math.sqrt(noise):
         text = 'the link hardly rang; take a larger step, or one that ends sooner'
         return SignResult(joint, Sign.UNCLEAR, 0.0, 0.0, f'{joint}: {text}')
-    for share in shares:
+    for share in settings.SIGN_SHARES:
         result = _compare(joint, plain, measure(joint, -step, share), noise)
         if result.sign is not Sign.UNCLEAR:
             break

@@ -62,7 +62,6 @@ class TipSensing:
         for joint in arm.spec.joints:
             self._q[self._place(joint.name)] = joint.hold
         self._columns = [self._place(name) for name in arm.active_joints]
-        self._rates = arm.velocity_index
         self._at = [(self._model.getJointId(gauge.joint), gauge_point(gauge),
                      joint_axis(self._model, gauge.joint) if gauge.axis is None
                      else unit_vector(gauge.axis)) for gauge in gauges]
@@ -80,11 +79,12 @@ class TipSensing:
         self._levels: deque[tuple[float, FloatArray]] = deque()
         self._kept = 0.0
         self._same, self._before = np.zeros(count), np.full(count, np.nan)
+        self._odd = 0.0
         self.fault = ''
 
-    def look(self, q: FloatArray) -> tuple[float, FloatArray]:
+    def look(self, q: FloatArray) -> FloatArray:
         """
-        Give where the tip is along the direction, and its speed by joint speed.
+        Give the speed of the tip along the direction by joint speed.
 
         q (joints,) [rad]; returns (joints,).
         """
@@ -93,8 +93,7 @@ class TipSensing:
             self._model, self._data, self._q, self._tip,
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         pin.updateFramePlacements(self._model, self._data)
-        place = self._data.oMf[self._tip].translation
-        return float(self.normal @ place), self.normal @ jacobian[:3, self._columns]
+        return np.asarray(self.normal @ jacobian[:3, self._columns])
 
     def shares(self) -> FloatArray:
         """Give what a unit force adds to each reading, where `look` was last [1/N]."""
@@ -123,6 +122,7 @@ class TipSensing:
         shares = self.shares() if share is None else share[self._used]
         weights = shares / self._noise**2
         if free:
+            self._odd = 0.0
             follow = min(dt / settings.FORCE_FOLLOWED, 1.0)
             self._level = self._level + follow * (values - self._level)
             self._levels.append((dt, self._level))
@@ -144,11 +144,7 @@ class TipSensing:
             if self._odd > settings.FORCE_STUCK:
                 self.fault = (f'gauge {self.names[wrong]} reads what no force at the tip '
                               'explains with the others')
-        else:
-            self._odd = 0.0
         return force
-
-    _odd = 0.0
 
     def _watch(self, dt: float, values: FloatArray) -> None:
         """Say which gauge is missing or does not change any more."""
@@ -259,8 +255,7 @@ class ForceController:
             return
         self.phase, self.cause = Phase.HELD, cause
         self._brake = MotionPlanner(self._planned, self._q)
-        self._brake.move(self._q, self._dq)
-        self._brake.brake()
+        self._brake.brake(self._q, self._dq)
 
     def step(
         self, dt: float, q: FloatArray, strain: FloatArray, share: FloatArray | None = None,
@@ -279,21 +274,35 @@ class ForceController:
             self._brake = None
             if self.phase is Phase.IDLE:
                 self.cause = 'waits for a force'
-            return self._q.copy(), self._dq.copy()
-        if self.phase in (Phase.IDLE, Phase.HELD):
-            return self._rest(dt)
-        _, slope = self.sensing.look(self._q)
+        elif self.phase in (Phase.IDLE, Phase.HELD) or not self._press(
+                self._q, dt, strain, share):
+            self._rest(dt)
+        return self._q.copy(), self._dq.copy()
+
+    def _press(
+        self, place: FloatArray, dt: float, strain: FloatArray, share: FloatArray | None,
+    ) -> bool:
+        """Move the tip along the normal from a place [rad]; False where the arm has to brake."""
+        slope = self.sensing.look(place)
         free = self.phase is not Phase.HOLD and not (
             self.phase is Phase.RETREAT and self._touched > 0.0)
         self.force = self.sensing.step(dt, strain, share, free=free)
         if self.sensing.fault:
             self.stop(self.sensing.fault)
-            return self._rest(dt)
+            return False
         speed = self._speed(dt)
         if self._brake is not None:
-            return self._rest(dt)
+            return False
         self._way -= speed * dt
-        return self._move(dt, speed, slope)
+        size = float(slope @ slope)
+        dq = slope * (speed / size) if size > 1e-6 else np.zeros_like(slope)
+        self._dq = dq / float(np.max(np.abs(dq) / self._planned.velocity, initial=1.0))
+        new = place + dt * self._dq
+        if size <= 1e-6 or self.limits.outside(new).any():
+            self.stop('the way along the normal leaves the limits of the joints')
+            return False
+        self._q = new
+        return True
 
     def _speed(self, dt: float) -> float:
         """Give the speed of the tip along the normal; negative is towards the surface [m/s]."""
@@ -332,27 +341,10 @@ class ForceController:
         speed = chosen.integral * (self._smooth - self._target) + chosen.proportional * rate
         return float(np.clip(speed, -chosen.speed, chosen.speed))
 
-    def _move(
-        self, dt: float, speed: float, slope: FloatArray,
-    ) -> tuple[FloatArray, FloatArray]:
-        assert self._q is not None
-        size = float(slope @ slope)
-        dq = slope * (speed / size) if size > 1e-6 else np.zeros_like(slope)
-        share = float(np.max(np.abs(dq) / self._planned.velocity, initial=1.0))
-        self._dq = dq / share
-        place = self._q + dt * self._dq
-        inside = np.clip(place, self.limits.lower, self.limits.upper)
-        if size <= 1e-6 or np.any(inside != place):
-            self.stop('the way along the normal leaves the limits of the joints')
-            return self._rest(dt)
-        self._q = place
-        return self._q.copy(), self._dq.copy()
-
-    def _rest(self, dt: float) -> tuple[FloatArray, FloatArray]:
-        assert self._q is not None
+    def _rest(self, dt: float) -> None:
+        """Brake, or stand."""
         if self._brake is not None:
             self._brake.step(dt)
             self._q, self._dq = self._brake.q.copy(), self._brake.dq.copy()
         else:
-            self._dq = np.zeros_like(self._q)
-        return self._q.copy(), self._dq.copy()
+            self._dq = np.zeros_like(self._dq)

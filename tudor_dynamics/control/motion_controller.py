@@ -96,11 +96,9 @@ class ReferenceGate:
         """
         if self.age(now) > timeout:
             return f'no reference for {1e3 * timeout:.0f} ms'
-        away = np.abs(self.place(now, timeout) - q)
-        if np.any(away > settings.FOLLOWING_TIME * self._planned):
-            j = int(np.argmax(away / self._planned))
-            return f'{self._joints[j]} is {away[j]:.3g} away from its reference'
-        return ''
+        joint, away, late = self._farthest(now, timeout, q)
+        return (f'{joint} is {away:.3g} away from its reference'
+                if late > settings.FOLLOWING_TIME else '')
 
     def obstacle(self, now: float, timeout: float, q: FloatArray, held: FloatArray) -> str:
         """
@@ -110,15 +108,19 @@ class ReferenceGate:
         """
         if self.age(now) > timeout:
             return self.refusal or 'no reference comes'
-        away = np.abs(self.place(now, timeout) - q)
-        if np.any(away > settings.NEAR_TIME * self._planned):
-            j = int(np.argmax(away / self._planned))
-            return (f'the reference is {away[j]:.3g} away from {self._joints[j]}: it has to '
-                    'begin at the arm')
+        joint, away, late = self._farthest(now, timeout, q)
+        if late > settings.NEAR_TIME:
+            return f'the reference is {away:.3g} away from {joint}: it has to begin at the arm'
         resting = settings.RESTING_SPEED * self._planned
         if np.any(np.abs(self.dq) > resting):
             return 'the reference moves already: it has to begin at rest'
         return 'the arm brakes' if np.any(np.abs(held) > resting) else ''
+
+    def _farthest(self, now: float, timeout: float, q: FloatArray) -> tuple[str, float, float]:
+        """Give the joint farthest from its reference, how far, and that at planned speed [s]."""
+        away = np.abs(self.place(now, timeout) - q)
+        j = int(np.argmax(away / self._planned))
+        return self._joints[j], float(away[j]), float(away[j] / self._planned[j])
 
     def _impossible(self, q: FloatArray, dq: FloatArray) -> str:
         if not (np.isfinite(q).all() and np.isfinite(dq).all()):
@@ -144,19 +146,13 @@ class EncoderWatch:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self._speed = limits.velocity
-        n = len(self._speed)
-        self._last: FloatArray | None = None
-        self._same = np.zeros(n, dtype=np.intp)
-        self.owed = np.zeros(n)
-        self._stood, self._jumped = np.zeros(n), np.zeros(n)
+        self.reset()
 
     def reset(self) -> None:
         """Take the next reading for a first one."""
-        self._last = None
-        self._same[:] = 0
-        self.owed[:] = 0.0
-        self._stood[:] = 0.0
-        self._jumped[:] = 0.0
+        self._last: FloatArray | None = None
+        self._same = np.zeros(len(self._speed), dtype=np.intp)
+        self.owed, self._stood, self._jumped = np.zeros((3, len(self._speed)))
 
     def step(self, dt: float, q: FloatArray, commanded: FloatArray) -> list[tuple[int, str]]:
         """
@@ -376,8 +372,7 @@ class MotionController:
         self._unknown = self._blind = False
         self._gave = now
         self.envelope.begin(np.clip(dq, -self.limits.velocity, self.limits.velocity))
-        self._hold.move(q, self.envelope.command)
-        self._hold.brake()
+        self._hold.brake(q, self.envelope.command)
 
     def _choose(self, now: float, q: FloatArray) -> None:
         """Follow, or hold, by what the reference is now."""
@@ -404,14 +399,12 @@ class MotionController:
             if self._q is not None:  # what the arm is away is not made up for after a stop
                 near = settings.NEAR_TIME * self.planned.velocity
                 place = np.clip(place, self._q - near, self._q + near)
-            self._hold.move(place, reference.dq)
-            self._hold.brake()
+            self._hold.brake(place, reference.dq)
         if self.state is not State.FAULT:
             self.state, self.cause = State.HOLDING, cause
 
     def _fault(self, cause: str) -> None:
-        self._hold.move(self._hold.q, self.envelope.command)
-        self._hold.brake()
+        self._hold.brake(self._hold.q, self.envelope.command)
         self.state, self.cause = State.FAULT, cause
 
     def _command(

@@ -52,7 +52,6 @@ class ReactingReference:
         q: FloatArray,
         reaction: str = 'retreat',
         retreat_time: float = 1.0,
-        comply_speed: float = 0.5,
         shaping: Shaping | None = None,
     ) -> None:
         if reaction not in REACTIONS:
@@ -61,16 +60,12 @@ class ReactingReference:
         self.limits = limits
         self.reaction = reaction
         self.retreat_time = retreat_time
-        self.comply_speed = comply_speed
         self._planner = ShapedPlanner(
             MotionLimits(limits.velocity, limits.acceleration), q, shaping or Shaping())
         self._path: deque[tuple[float, FloatArray]] = deque()
-        self._length = 0.0
-        self._back = 0.0
-        self._since = 0.0
+        self._length = self._back = self._since = 0.0
         self.yielding = np.zeros(len(q))
-        self._stopped = False
-        self.reacting = False
+        self._stopped = self.reacting = False
 
     @property
     def q(self) -> FloatArray:
@@ -126,7 +121,7 @@ class ReactingReference:
             return
         self._since += dt
         if self.reaction == 'comply':
-            bound = self.comply_speed * self.limits.velocity
+            bound = settings.COMPLY_SPEED * self.limits.velocity
             speed = np.clip(self.yielding, -bound, bound)
             place = np.clip(self.q + dt * speed, np.minimum(self.limits.lower, self.q),
                             np.maximum(self.limits.upper, self.q))
@@ -331,14 +326,11 @@ class ReferenceSource:
             self._stretches += 1
             targets = aprbs(self._range, settings.TARGETS_SECONDS, seed)
             self._goals = sorted(
-                ((self._elapsed + float(t), self._only(j, float(v)))
-                 for j in range(len(targets.times))
-                 for t, v in zip(targets.times[j], targets.values[j], strict=True)),
+                ((self._elapsed + float(t), np.where(only, v, np.nan))
+                 for only, times, values in zip(
+                     np.eye(len(targets.times), dtype=bool), targets.times, targets.values,
+                     strict=True)
+                 for t, v in zip(times, values, strict=True)),
                 key=lambda item: -item[0])
         while self._goals and self._goals[-1][0] <= self._elapsed:
             motion.go(self._goals.pop()[1])
-
-    def _only(self, joint: int, value: float) -> FloatArray:
-        target = np.full(len(self._limits.velocity), np.nan)
-        target[joint] = value
-        return target

@@ -293,22 +293,21 @@ def _number(value: float) -> str:
 
 def load_schedule(path: str | Path, arm: Arm | None = None) -> Schedule:
     """Read a schedule that ``tudor tune`` wrote; check that it is of an arm, if one is given."""
-    remedy = 'write one with `tudor tune`'
     try:
         content: Any = load_yaml(read_bounded(Path(path), MAX_BYTES).decode())
         found = ScheduleFile.model_validate(content)
     except OSError as err:
-        raise ScheduleError(f'the schedule cannot be read ({err.strerror})', place=path,
-                            remedy=remedy) from None
+        cause = f'the schedule cannot be read ({err.strerror})'
     except ValidationError as err:
-        raise ScheduleError(f'no schedule: {validation_message(err)}', place=path,
-                            remedy=remedy) from None
+        cause = f'no schedule: {validation_message(err)}'
     except ValueError as err:
-        raise ScheduleError(f'no schedule: {err}', place=path, remedy=remedy) from None
-    schedule = Schedule(found, str(path))
-    if arm is not None:
-        schedule.check_arm(arm)
-    return schedule
+        cause = f'no schedule: {err}'
+    else:
+        schedule = Schedule(found, str(path))
+        if arm is not None:
+            schedule.check_arm(arm)
+        return schedule
+    raise ScheduleError(cause, place=path, remedy='write one with `tudor tune`')
 
 
 # -- Gains and expected load that follow payload and pose; nothing of it while the payload is

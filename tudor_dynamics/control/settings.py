@@ -15,189 +15,226 @@
 """
 Tuned numbers of the control of joints: what each means, its unit, and where it is from.
 
-Kernels use some of them: `tudor_dynamics.compiled` has this file in its checksum. Measured on the
-reference arm of `config/tudor.yaml` unless another source stands there.
+Kernels use some of them: `tudor_dynamics.compiled` has this file in its checksum. What a bench or
+a test measures was measured on the reference arm of `config/tudor.yaml`; where a value was chosen
+first and a bench only shows that it does, the comment says "held by".
 """
 
 from __future__ import annotations
 
 import math
 
-# -- Motion envelope (bench/recorded_limits.py, test/control/test_envelope.py)
+# -- Motion envelope
 
+# Part of the speed limit that is commanded: the rest is for what drive and load make of it
+# (extremes over many seeds: bench/recorded_limits.py).
 COMMANDED_SPEED = 0.93
-"""Part of the speed limit that is commanded: the rest is for what drive and load make of it."""
+# A position limit is kept off by what the speed limit goes in this time, for readings that are
+# rounded and joints that stick and slip [s]: 0.24 deg at 120 deg/s (bench/recorded_limits.py).
 POSITION_MARGIN = 0.002
-"""A position limit is kept off by what the speed limit goes in this time, for readings that are
-rounded and joints that stick and slip [s]: 0.24 deg at 120 deg/s."""
+# Part of the acceleration limit with which the arm stops before a position limit: the rest is for
+# what drive and load make of a command; source: none known, held by bench/motion_sequences.py.
 BRAKING_SHARE = 0.6
-"""Part of the acceleration limit with which the arm stops before a position limit: the rest is for
-what drive and load make of a command."""
+# Time of the approach over the lag: a place that is approached by v = way / T through a lag is not
+# overshot from T = e lag on (second-order system, critical damping).
 APPROACH_TIME = math.e
-"""Time of the approach over the lag: a place that is approached by v = way / T through a lag is
-not overshot from T = e lag on (second-order system, critical damping)."""
 
 # -- Cascade
 
+# Corner of the integrator over the bandwidth: costs atan(0.2) = 11 deg of phase there.
 INTEGRAL_SHARE = 0.2
-"""Corner of the integrator over the bandwidth: costs atan(0.2) = 11 deg of phase there."""
 
-# -- Damper (docs/tuning_the_damper.md, bench/damper_trade_off.py)
+# -- Damper (docs/tuning_the_damper.md)
 
+# Part of the planned speed at which a reference counts as moving in full; source: none known.
 MOVING_REFERENCE = 0.1
-"""Part of the planned speed at which a reference counts as moving in full; source: none known."""
+# Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz; source: none known.
 PLAUSIBLE_RATE = 0.2
-"""Fastest plausible change of strain [1/s]: 2000 um/m at 16 Hz."""
+# Largest plausible strain: beyond the yield point of spring steel.
 PLAUSIBLE_STRAIN = 5e-3
-"""Largest plausible strain: beyond the yield point of spring steel."""
+# Without a change of the reading, until a gauge counts as a fault [s]; how far a joint moves until
+# then is measured in test/control/test_damper.py and test/mechanics/test_fault_table.py.
 DEAD_GAUGE_TIME = 0.05
-"""Without a change of the reading, until a gauge counts as a fault [s]
-(test/mechanics/test_fault_table.py)."""
+# Without a reading, until a gauge counts as a fault [s]; measured as DEAD_GAUGE_TIME.
 STALE_GAUGE_TIME = 0.05
-"""Without a reading, until a gauge counts as a fault [s] (test/mechanics/test_fault_table.py)."""
+# In which a gauge's share fades in or out [s]; measured with DEAD_GAUGE_TIME: below half a degree
+# together.
 FADE_TIME = 0.1
-"""In which a gauge's share fades in or out [s]; source: none known."""
+# For which a gauge must have been well before its share comes back [s]; source: none known.
 RECOVERY_TIME = 0.5
-"""For which a gauge must have been well before its share comes back [s]; source: none known."""
 
-# -- Test of the damper's sign (test/control/test_sign_test.py)
+# -- Test of the damper's sign
 
+# Step that the test asks for [rad]: it rings well above the noise, measured in
+# test/mechanics/test_closed_loop.py.
 SIGN_STEP = math.radians(3.0)
-"""Step that the test asks for [rad]."""
+# Parts of the damper's gain; the next one where the last was unclear.
 SIGN_SHARES = (0.25, 0.5, 1.0)
-"""Parts of the damper's gain; the next one where the last was unclear."""
+# With the right sign the decay lasts at most this part of the time without the damper; source:
+# none known.
 SIGN_DECAY = 0.9
-"""With the right sign the decay lasts at most this part of the time without the damper."""
+# A response whose last half second is so many times larger than its first one grows; source: none
+# known.
+SIGN_GROWTH = 1.5
+# Slow motion of the joint does not count as ringing [Hz]: well below the first mode, measured as
+# 1.7 to 3.3 Hz (bench/damping_study.py).
 SIGN_HIGH_PASS = 0.7
-"""Slow motion of the joint does not count as ringing [Hz]: well below the first mode at 1.6 Hz."""
 
-# -- Encoders that cannot be believed (test/control/test_encoder_watch.py, bench/soak.py)
+# -- Encoders that cannot be believed (found and never falsely: bench/motion_sequences.py)
 
+# A reading that stands still is frozen where the joint should have gone on for so long at its
+# speed limit [s]: 1.8 deg at 120 deg/s; source: none known, held by bench/motion_sequences.py.
 FROZEN_TIME = 0.015
-"""A reading that stands still is frozen where the joint should have gone on for so long at its
-speed limit [s]: 1.8 deg at 120 deg/s."""
+# Readings that must be the same: slow joints give the same count twice.
 FROZEN_SAMPLES = 3
-"""Readings that must be the same: slow joints give the same count twice."""
+# A reading may change by so many times the speed limit...; source: none known, held by
+# bench/motion_sequences.py.
 JUMP_SPEED = 3.0
-"""A reading may change by so many times the speed limit..."""
+# ... and in addition by what the speed limit makes of this time [s]; as JUMP_SPEED, held by
+# bench/motion_sequences.py.
 JUMP_TIME = 0.02
-"""... and in addition by what the speed limit makes of this time [s]."""
+# Farther beyond a position limit than the speed limit goes in this time is no pose [s]; source:
+# none known.
 RANGE_TIME = 0.2
-"""Farther beyond a position limit than the speed limit goes in this time is no pose [s]."""
 
-# -- A damper that excites (test/control/test_loop_gains.py, bench/motion_sequences.py)
+# -- A damper that excites
 
+# Time over which the size of an oscillation is taken [s]: most of a period at the lowest first
+# frequencies, measured by bench/damping_study.py.
 RINGING_WINDOW = 0.4
-"""Time over which the size of an oscillation is taken: most of a period at 2 Hz [s]."""
+# Time after the reference came to rest that is not judged [s]; links settle in 0.5 s, measured by
+# bench/damping_study.py.
 RINGING_SETTLING = 0.6
-"""Time after the reference came to rest that is not judged [s]."""
+# Part of the speed limit below which an oscillation is of no concern: 4.5 deg/s at 120 deg/s;
+# source: none known.
 RINGING_LOUD = 0.04
-"""Part of the speed limit below which an oscillation is of no concern: 4.5 deg/s at 120 deg/s."""
+# Windows in a row without decay; source: none known.
 RINGING_LASTS = 4
-"""Windows in a row without decay."""
+# An oscillation decays if it is smaller than this part of itself two windows before; source: none
+# known.
 RINGING_DECAY = 0.85
-"""An oscillation decays if it is smaller than this part of itself two windows before."""
+# An oscillation that is so much larger than a window before, twice in a row, grows; source: none
+# known.
 RINGING_GROWTH = 1.3
-"""An oscillation that is so much larger than a window before, twice in a row, grows."""
+# Part of the speed limit that nothing but an oscillation adds to a reference for long; source:
+# none known, held by bench/motion_sequences.py.
 WILD_COMMAND = 0.5
-"""Part of the speed limit that nothing but an oscillation adds to a reference for long."""
+# Part of a window in which commands are cut, or wild, that no damping needs; source: none known,
+# held by bench/motion_sequences.py.
 WILD_SHARE = 0.3
-"""Part of a window in which commands are cut, or wild, that no damping needs."""
+# Such windows in a row; source: none known.
 WILD_WINDOWS = 2
-"""Such windows in a row."""
 
-# -- Taking over an arm that somebody else has moved (test/control/test_takeover.py)
+# -- Taking over an arm that somebody else has moved
 
+# Time for which an arm is observed first, in addition to the delay of the loop [s]: drives without
+# commands brake after as long (docs/operation.md).
 TAKEOVER_TIME = 0.1
-"""Time for which an arm is observed first, in addition to the delay of the loop [s]: drives
-without commands brake after as long."""
+# Part of the planned acceleration from which on an arm brakes; source: none known, held by
+# bench/motion_sequences.py.
 TAKEOVER_BRAKING = 0.1
-"""Part of the planned acceleration from which on an arm brakes."""
 
-# -- Following of a reference (test/control/test_following.py, docs/operation.md)
+# -- Following of a reference (docs/operation.md)
 
+# A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg; source:
+# none known.
 NEAR_TIME = 0.07
-"""A reference is near the arm within what the planned speed goes in this time [s]: 4.9 deg."""
+# Following error at which the arm stops, as such a time [s]: 21 deg; source: none known, no false
+# stop in bench/soak.py.
 FOLLOWING_TIME = 0.3
-"""Following error at which the arm stops, as such a time [s]: 21 deg."""
+# Part of the planned speed below which a reference rests; source: none known.
 RESTING_SPEED = 0.05
-"""Part of the planned speed below which a reference rests."""
+# Period at which `MotionController.watch` wants to be called [s]: ten times in a timeout.
 WATCH_PERIOD = 0.01
-"""Period at which `MotionController.watch` wants to be called [s]."""
+# Without a command for so long beyond the timeout, drives have stopped by themselves [s]: their
+# own timeout (docs/operation.md).
 ASLEEP_TIME = 0.1
-"""Without a command for so long beyond the timeout, drives have stopped by themselves [s]."""
 
-# -- Measured delay of the loop (test/control/test_loop_gains.py)
+# -- Measured delay of the loop
 
+# Longest delay that is looked for [s]: three times the longest of bench/damper_delay.py.
 DELAY_LONGEST = 0.25
-"""Longest delay that is looked for [s]."""
+# Between two delays that are tried [s]; a parabola goes between them.
 DELAY_STEP = 0.002
-"""Between two delays that are tried [s]."""
+# Time of motion after which an error counts 1/e [s]; source: none known.
 DELAY_MEMORY = 2.0
-"""Time of motion after which an error counts 1/e [s]."""
+# Time of motion needed before a delay is estimated [s]; source: none known.
 DELAY_MOTION = 0.2
-"""Time of motion needed before a delay is estimated [s]."""
+# At the best delay, commands leave at most this part of the motion's energy unexplained; source:
+# none known.
 DELAY_CLEAR = 0.35
-"""At the best delay, commands leave at most this part of the motion's energy unexplained."""
+# Part of the speed limit above which a joint moves; source: none known.
 DELAY_MOVING = 0.02
-"""Part of the speed limit above which a joint moves."""
 
-# -- What the delay leaves of gains (bench/damper_delay.py)
+# -- What the delay leaves of gains
 
+# Power with which the damper's share falls with the delay: below the border of stability that
+# bench/damper_delay.py measures.
 DELAY_SLOPE = 1.5
-"""Power with which the damper's share falls with the delay."""
+# Multiples of the full delay between which the rest fades to none (bench/damper_delay.py).
 DELAY_FADES, DELAY_GONE = 4.0, 5.0
-"""Multiples of the full delay between which the rest fades to none."""
+# Position gain times delay: 14 deg of phase at the corner of the position loop; commands decay for
+# delays of 0 to 80 ms (bench/damper_delay.py --moves).
 DELAY_PHASE = 0.25
-"""Position gain times delay: 14 deg of phase at the corner of the position loop."""
+# In which the damper's share comes up or goes away [s]; source: none known.
 SHARE_RAMP_TIME = 0.5
-"""In which the damper's share comes up or goes away [s]; source: none known."""
+# Delay of the loop that is assumed until it was measured [s]; source: none known.
 UNKNOWN_DELAY = 0.03
-"""Delay of the loop that is assumed until it was measured [s]; source: none known."""
+# The same where the way to a limit is judged [s]: the longest for which drives go on without
+# commands.
 CAREFUL_DELAY = 0.1
-"""The same where the way to a limit is judged [s]; source: none known."""
+# A shorter period is learned so many times sooner than a longer one; the error it leaves with lost
+# samples is measured in test/control/test_following.py.
 PERIOD_QUICK = 10.0
-"""A shorter period is learned so many times sooner than a longer one (test_following.py)."""
 
-# -- Gains that follow a schedule (test/mechanics/test_adaptive_damping.py)
+# -- Gains that follow a schedule (damping and overshoot: test/mechanics/test_adaptive_damping.py)
 
+# In which scheduled gains take the place of fixed ones, or the other way round [s]; source: none
+# known.
 SCHEDULE_BLEND_TIME = 1.0
-"""In which scheduled gains take the place of fixed ones, or the other way round [s]."""
+# Time constant with which the payload in use follows the one that was reported [s]; source: none
+# known, the motion that it leaves is measured in test/mechanics/test_adaptive_damping.py.
 PAYLOAD_TIME = 0.3
-"""Time constant with which the payload in use follows the one that was reported [s]."""
+# The mean's corner is so much higher while the payload in use changes by much [Hz]; as
+# PAYLOAD_TIME, measured there.
 MEAN_HURRY = 0.5
-"""The mean's corner is so much higher while the payload in use changes by much [Hz]."""
+# Part of the schedule's range of payloads that is much; source: none known.
 PAYLOAD_MUCH = 0.1
-"""Part of the schedule's range of payloads."""
+# A payload may be so far beyond the grid: a part of its range, and a mass [kg]; source: none
+# known.
 PAYLOAD_MARGIN, PAYLOAD_MARGIN_MASS = 0.1, 0.02
-"""A payload may be so far beyond the grid: a part of its range, and a mass [kg]."""
+# Time constant of the reference's acceleration [s]; source: none known.
 ACCELERATION_TIME = 0.02
-"""Time constant of the reference's acceleration [s]."""
 
-# -- References (test/control/test_reference_source.py, test/control/test_reaction.py)
+# -- References
 
+# Part of the planned speed at which a joint complies at most; source: none known.
+COMPLY_SPEED = 0.5
+# Time in which a retreat comes to speed [s]; source: none known.
 RETREAT_RAMP = 0.15
-"""Time in which a retreat comes to speed [s]."""
+# Length of random targets before others begin [s].
 TARGETS_SECONDS = 600.0
-"""Length of random targets before they begin again [s]."""
+# A pause is not made up for beyond this [s]: the timeout of the controller.
 LARGEST_PERIOD = 0.1
-"""A pause is not made up for beyond this [s]."""
+# A resting reference that the arm is not near for so long begins again at the arm [s]; source:
+# none known.
 LOST_TIME = 0.5
-"""A resting reference that the arm is not near for so long begins again at the arm [s]."""
 
-# -- Force at the tip (docs/force_control.md, test/control/test_force_controller.py)
+# -- Force at the tip (docs/force_control.md; steps and contact: `python -m papers force`)
 
+# Time over which readings without contact are followed [s]; source: none known.
 FORCE_FOLLOWED = 0.5
-"""Time over which readings without contact are followed [s]."""
+# So long before contact is detected it may have begun [s]: at 0.02 m/s on 100 N/m, the softest
+# floor measured by `python -m papers force`, 0.4 N take 0.2 s.
 FORCE_BACK = 0.3
-"""So long before contact is detected it may have begun [s]."""
+# A reading that does not change for so long is that of a dead gauge [s]; source: none known.
 FORCE_STUCK = 0.3
-"""A reading that does not change for so long is that of a dead gauge [s]."""
+# Standard deviations, of noise and of force, that gauges may differ by from one force; source:
+# none known.
 FORCE_APART = 8.0
-"""Standard deviations, of noise and of force, that gauges may differ by from one force."""
+# Part of its share of the force that a gauge may be off by; source: none known.
 FORCE_SHARE = 0.6
-"""Part of its share of the force that a gauge may be off by."""
+# Time constant of the force that is fed back [s]; source: none known.
 FORCE_SMOOTH = 0.02
-"""Time constant of the force that is fed back [s]."""
+# Part of the wanted force below which contact counts as lost; source: none known.
 FORCE_SOFT = 0.15
-"""Part of the wanted force below which contact counts as lost."""

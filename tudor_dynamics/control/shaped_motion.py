@@ -240,12 +240,11 @@ class ShapedPlanner(MotionPlanner):
         self._clear()
         super().move(q, dq)
 
-    def brake(self) -> None:
-        """Come to rest by one pulse of the planned acceleration a joint, from this moment on."""
-        self.move(self.q, self.dq)
+    def brake(self, q: ArrayLike | None = None, dq: ArrayLike | None = None) -> None:
+        """Come to rest without shaping; see ``MotionPlanner``."""
         kind, self._shaping.kind = self._shaping.kind, 'none'
         try:
-            super().brake()
+            super().brake(q, dq)
         finally:
             self._shaping.kind = kind
 

@@ -40,7 +40,8 @@ from tudor_dynamics.mechanics import chain as at, settings
 from tudor_dynamics.mechanics.closed_loop import CHUNK, ClosedLoop, LoopRecord
 from tudor_dynamics.mechanics.hardware import (
     Imperfections, Push, push_forces, push_table, with_payload)
-from tudor_dynamics.mechanics.mechanism import Mechanism
+from tudor_dynamics.mechanics.mechanism import beam_axes, Mechanism
+from tudor_dynamics.mechanics.run import FIRST_STAMP
 from tudor_dynamics.parallel import Count, in_processes
 from tudor_dynamics.signals.excitation import aprbs_motion, fourier_motion, joint_range
 from tudor_dynamics.signals.motion_profile import motion_limits, Reference, states
@@ -205,8 +206,7 @@ def push_wrenches(
         q[model.joints[model.getJointId(name)].idx_q] = value
     for push, values in zip(pushes, forces, strict=True):
         floats = mechanism.body_float[mechanism.body_of[push.joint]]
-        along = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)[:, 0]
-        place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * along
+        place = floats[at.BODY_PLACE:at.BODY_PLACE + 3] + push.distance * beam_axes(floats)[:, 0]
         index, frame = model.getJointId(push.joint), link_frame(model, push.joint)
         for row in np.flatnonzero(np.any(values != 0.0, axis=1)):
             q[columns] = signals.q_true[row]
@@ -275,10 +275,6 @@ def played_motion(arm: Arm, trajectory: Trajectory, dt: float) -> Reference:
 
 # -- Recordings of the simulated arm: stimuli, pushes, and the bags that they become
 
-START = 1_000_000_000
-"""Stamp of t = 0 [ns]: a stamp of zero would mean "not set" in ROS."""
-
-
 @dataclass(frozen=True)
 class StimulusSpec:
     """
@@ -334,7 +330,7 @@ class StimulusResult:
     samples: int  # messages of each topic
     pushes: tuple[Push, ...]  # pushes, the truth about `/applied_wrench`
     damper: dict[str, dict[str, float]]  # how long the damper of each joint was in which state [s]
-    notes: tuple[str, ...]  # what is odd, one sentence each
+    notes: tuple[str, ...]  # what to know of it, one sentence each
 
     def content(self) -> dict[str, Any]:
         """Give it as plain values for YAML and JSON."""
@@ -374,7 +370,7 @@ def record_stimulus(
         if progress is not None:
             progress(len(reference.q[part]))
     signals = LoopRecord.joined(parts)
-    stamp = START + np.round(signals.t * 1e9).astype(np.int64)
+    stamp = FIRST_STAMP + np.round(signals.t * 1e9).astype(np.int64)
     series = [
         *recording_series(_recording(arm, signals, stamp), arm, namespace='/'),
         joint_signals('/joint_reference', stamp, arm.active_joints, signals.q_ref,

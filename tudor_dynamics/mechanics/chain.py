@@ -72,7 +72,6 @@ FLOATS = 40
 HUB = 0  # inertia on the diagonal [kg m^2 or kg]
 STIFFNESS = 1  # spring to ground or of the joint [N m/rad or N/m]
 DAMPING = 2  # viscous [N m s/rad or N s/m]
-COORDINATE_FLOATS = 3
 
 # moving[body, ...]: what the forward pass leaves for the backward pass
 TO_PARENT = 0  # 9: axes of the body in the parent's

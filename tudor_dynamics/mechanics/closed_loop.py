@@ -330,10 +330,8 @@ class ClosedLoop:
     @property
     def described(self) -> FloatArray:
         """Angles of the active joints where the description lets them start [rad]."""
-        spec = self.arm.spec
-        hold = {joint.name: joint.hold for joint in spec.joints}
-        return np.array([spec.simulation.initial.get(name, hold[name])
-                         for name in self.arm.active_joints])
+        mechanism = self.plant.mechanism
+        return mechanism.initial[mechanism.q_index[self._joints]]
 
     @property
     def t(self) -> float:
@@ -443,25 +441,22 @@ class ClosedLoop:
         """
         self._plant.floor[:] = floor_row(floor, self.plant.mechanism)
 
-    def set_force(self, force: ArrayLike, point: int | None = None) -> None:
+    def set_force(self, force: ArrayLike) -> None:
         """
-        Let a constant force act until it is changed.
+        Let a constant force act at the tip until it is changed.
 
         Parameters
         ----------
         force : array of shape (3,) or (6,)
             Force, or force and moment, in the base frame [N, N m].
-        point : int, optional
-            Node, see ``Mechanism.point``; the tip by default.
 
         """
         values = np.asarray(force, dtype=float)
         if values.shape not in ((3,), (6,)) or not np.isfinite(values).all():
             msg = f'a force has 3 or, with a moment, 6 finite components, found {values.tolist()}'
             raise SimulationError(msg)
-        row = self.plant.mechanism.tip if point is None else point
-        self._plant.external[row] = 0.0
-        self._plant.external[row, :values.size] = values
+        tip = self._plant.external[self.plant.mechanism.tip]
+        tip[:], tip[:values.size] = 0.0, values
         self._loaded = bool(np.any(self._plant.external))
 
     def set_gauge_fault(self, gauge: str, fault: str) -> None:
@@ -552,8 +547,7 @@ class ClosedLoop:
         first = -(-begun // every)
         t = (first + np.arange(rows)) * every * self.dt
         cuts = np.cumsum([joints, joints, joints, gauges, joints, joints])
-        parts = [np.asarray(part) for part in np.split(out, cuts, axis=1)]
-        return LoopRecord(np.asarray(t, dtype=np.float64), *parts)
+        return LoopRecord(np.asarray(t, dtype=np.float64), *np.split(out, cuts, axis=1))
 
 
 @dataclass(frozen=True, eq=False)

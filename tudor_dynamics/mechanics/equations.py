@@ -77,6 +77,13 @@ def hermite_slope(c: Four, length: float) -> Four:
 
 
 @compiled
+def shape_function(j: int) -> Four:
+    """Give the coefficients of the cubic function j alone."""
+    return (1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0, 1.0 if j == 2 else 0.0,
+            1.0 if j == 3 else 0.0)
+
+
+@compiled
 def node_values(v: NDArray, first: int, node: int) -> tuple[float, ...]:
     """Read the six values of a node; the clamped node 0 has none."""
     if node == 0:
@@ -444,7 +451,7 @@ def section_loads(
 @compiled
 def put_force(chain: Chain, body: int, distance: float, force: Vector) -> None:
     """
-    Add a force to the wrenches of the nodes beside its place.
+    Add a force to the wrenches of the nodes around its place.
 
     distance [m]; force: in the base frame [N].
     """

@@ -21,21 +21,19 @@ from functools import cached_property
 import math
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
 from tudor_dynamics.arm.description import Arm
 from tudor_dynamics.arm.kinematics import gauge_point, joint_axis, unit_vector
 from tudor_dynamics.arm.schema import (
-    BeamSpec, GaugeSpec, InertiaPart, LinkSpec, MaterialSpec, MotorSpec, SectionSpec)
+    BeamSpec, GaugeSpec, InertiaPart, LinkSpec, SectionSpec)
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain
-from tudor_dynamics.mechanics.mass import Composite
+from tudor_dynamics.mechanics.matrices import Composite
 from tudor_dynamics.typing import FloatArray, IntArray
 
-
-# -- Cross-section and material of a beam as the numbers that its elements need
 
 @dataclass(frozen=True)
 class BeamProperties:
@@ -76,14 +74,6 @@ def rectangle_torsion(height: float, width: float) -> float:
     return long * short**3 / 3.0 * (1.0 - 192.0 / math.pi**5 * short / long * total)
 
 
-def shear_modulus(material: MaterialSpec) -> float:
-    """Give G, from the Poisson ratio where that was given [Pa]."""
-    if material.G is not None:
-        return material.G
-    assert material.nu is not None  # the schema has one of the two
-    return material.E / (2.0 * (1.0 + material.nu))
-
-
 def _geometry(section: SectionSpec) -> tuple[float, float, float, float, float, float]:
     if section.shape == 'rectangle':
         assert section.height is not None and section.width is not None
@@ -105,11 +95,14 @@ def beam_properties(beam: BeamSpec) -> BeamProperties:
     """Give the numbers of a beam."""
     area, second_y, second_z, torsion, surface_y, surface_z = _geometry(beam.section)
     torsion = beam.section.J or torsion
-    material = beam.material
+    material, shear = beam.material, beam.material.G
+    if shear is None:
+        assert material.nu is not None  # the schema has one of the two
+        shear = material.E / (2.0 * (1.0 + material.nu))
     return BeamProperties(
         density=material.rho * area, polar=material.rho * (second_y + second_z),
         EA=material.E * area, EIy=material.E * second_y, EIz=material.E * second_z,
-        GJ=shear_modulus(material) * torsion,
+        GJ=shear * torsion,
         surface_y=beam.section.surface or surface_y, surface_z=surface_z)
 
 
@@ -136,15 +129,13 @@ def with_motors(arm: Arm) -> Arm:
     return Arm(spec, arm.full_model, arm.source, arm.urdf)
 
 
-def _left_out(motor: MotorSpec) -> list[str]:
-    parts = {'Coulomb friction': any(motor.coulomb) or motor.load_friction > 0.0,
-             'backlash': motor.backlash > 0.0, 'current limit': motor.current_limit is not None}
-    return [name for name, there in parts.items() if there]
-
-
 def left_out(arm: Arm) -> dict[str, list[str]]:
     """Name what ``with_motors`` leaves out of each joint's drive, where there is anything."""
-    found = {motor.joint: _left_out(motor) for motor in arm.spec.motors}
+    found = {motor.joint: [name for name, there in (
+        ('Coulomb friction', any(motor.coulomb) or motor.load_friction > 0.0),
+        ('backlash', motor.backlash > 0.0),
+        ('current limit', motor.current_limit is not None)) if there]
+        for motor in arm.spec.motors}
     return {joint: parts for joint, parts in found.items() if parts}
 
 
@@ -174,6 +165,20 @@ def _body_frame(beam: BeamSpec, end: FloatArray, axis: FloatArray, where: str) -
     return np.column_stack([x, y, np.cross(x, y)])
 
 
+def beam_axes(floats: FloatArray) -> FloatArray:
+    """Give the axes of a body in the moved joint frame, as columns: a row of ``body_float``."""
+    return np.asarray(floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3))
+
+
+def _put_inertia(
+    floats: FloatArray, mass: float, center: ArrayLike, components: ArrayLike,
+) -> None:
+    """Write mass, centre and moments of inertia (xx yy zz xy xz yz) of a rigid body."""
+    floats[at.MASS] = mass
+    floats[at.CENTER:at.CENTER + 3] = center
+    floats[at.INERTIA:at.INERTIA + 6] = components
+
+
 class Builder:
     """Collects bodies and coordinates in the order of the chain."""
 
@@ -183,7 +188,7 @@ class Builder:
         self.links = {link.joint: link for link in arm.spec.links}
         self.ints: list[IntArray] = []
         self.floats: list[FloatArray] = []
-        self.coordinates: list[FloatArray] = []
+        self.coordinates: list[tuple[float, float, float]] = []
         self.initial: list[float] = []
         self.points = 0
         self.body_of: dict[str, int] = {}
@@ -191,16 +196,19 @@ class Builder:
         self.q_index: list[int] = []
 
     def _coordinate(self, hub: float, stiffness: float, damping: float, start: float) -> int:
-        self.coordinates.append(np.array([hub, stiffness, damping]))
+        self.coordinates.append((hub, stiffness, damping))
         self.initial.append(start)
         return len(self.coordinates) - 1
 
-    def _blank(self, parent: int, node: int) -> tuple[IntArray, FloatArray]:
+    def _blank(self, parent: int, place: pin.SE3) -> tuple[IntArray, FloatArray]:
+        """Give the rows of a body that is welded to a parent at a placement in its joint frame."""
+        node, rotation, origin = self.attach(parent, place)
         ints = np.full(at.INTS, -1, dtype=np.int64)
         ints[[at.FLEXIBLE, at.JOINT, at.ELEMENTS]] = 0, at.WELD, 0
         ints[at.PARENT], ints[at.NODE], ints[at.POINT] = parent, node, self.points
         floats = np.zeros(at.FLOATS)
-        floats[at.JOINT_ROTATION:at.JOINT_ROTATION + 9] = np.eye(3).ravel()
+        floats[at.JOINT_ROTATION:at.JOINT_ROTATION + 9] = rotation.ravel()
+        floats[at.JOINT_PLACE:at.JOINT_PLACE + 3] = origin
         floats[at.BODY_ROTATION:at.BODY_ROTATION + 9] = np.eye(3).ravel()
         return ints, floats
 
@@ -214,10 +222,8 @@ class Builder:
         """Node of a parent that carries something, and its placement from that node."""
         if parent < 0 or self.ints[parent][at.FLEXIBLE] == 0:
             return 0, place.rotation, place.translation
-        floats = self.floats[parent]
-        axes = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
-        origin = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
-        local = axes.T @ (place.translation - origin)
+        floats, axes = self.floats[parent], beam_axes(self.floats[parent])
+        local = axes.T @ (place.translation - floats[at.BODY_PLACE:at.BODY_PLACE + 3])
         length = floats[at.LENGTH]
         node = int(np.clip(np.rint(local[0] / length), 0, self.ints[parent][at.ELEMENTS]))
         local[0] -= node * length
@@ -225,18 +231,13 @@ class Builder:
 
     def rigid_part(self, parent: int, place: pin.SE3, part: InertiaPart | None) -> int:
         """
-        Fix a rigid part to a link, at a placement in the link's joint frame.
+        Fix a rigid part to a link.
 
         place: its placement in the link's joint frame [m]; part: none for a mere point.
         """
-        node, rotation, origin = self.attach(parent, place)
-        ints, floats = self._blank(parent, node)
-        floats[at.JOINT_ROTATION:at.JOINT_ROTATION + 9] = rotation.ravel()
-        floats[at.JOINT_PLACE:at.JOINT_PLACE + 3] = origin
+        ints, floats = self._blank(parent, place)
         if part is not None:
-            floats[at.MASS] = part.mass
-            floats[at.CENTER:at.CENTER + 3] = part.center
-            floats[at.INERTIA:at.INERTIA + 6] = part.components
+            _put_inertia(floats, part.mass, part.center, part.components)
         return self._append(ints, floats)
 
     def link(self, index: int) -> None:
@@ -251,10 +252,7 @@ class Builder:
         spec = spec or LinkSpec(joint=name)
         parent_joint = int(model.parents[index])
         parent = self.body_of[model.names[parent_joint]] if parent_joint else -1
-        node, rotation, place = self.attach(parent, model.jointPlacements[index])
-        ints, floats = self._blank(parent, node)
-        floats[at.JOINT_ROTATION:at.JOINT_ROTATION + 9] = rotation.ravel()
-        floats[at.JOINT_PLACE:at.JOINT_PLACE + 3] = place
+        ints, floats = self._blank(parent, model.jointPlacements[index])
         axis = joint_axis(model, name)
         floats[at.AXIS:at.AXIS + 3] = axis
         prismatic = 'P' in model.joints[index].shortname().removeprefix('JointModel')[:1]
@@ -269,29 +267,18 @@ class Builder:
         if spec.flexible is not None:
             self._beam(index, spec.flexible, axis, ints, floats)
         elif spec.rigid is not None:
-            floats[at.MASS] = spec.rigid.mass
-            floats[at.CENTER:at.CENTER + 3] = spec.rigid.center
-            floats[at.INERTIA:at.INERTIA + 6] = spec.rigid.components
+            _put_inertia(floats, spec.rigid.mass, spec.rigid.center, spec.rigid.components)
         else:
             inertia = model.inertias[index]
-            tensor = inertia.inertia
-            floats[at.MASS] = inertia.mass
-            floats[at.CENTER:at.CENTER + 3] = inertia.lever
-            floats[at.INERTIA:at.INERTIA + 6] = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+            _put_inertia(floats, inertia.mass, inertia.lever,
+                         inertia.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
         body = self._append(ints, floats)
         self.body_of[name] = body
-        if spec.flexible is not None:
-            for part in spec.flexible.lumped:
-                self._lumped(body, part.node, part)
-
-    def _lumped(self, body: int, node: int | str, part: InertiaPart) -> None:
-        floats = self.floats[body]
-        axes = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
-        number = {'base': 0, 'tip': int(self.ints[body][at.ELEMENTS])}.get(str(node))
-        number = int(node) if number is None else number
-        place = (floats[at.BODY_PLACE:at.BODY_PLACE + 3]
-                 + axes[:, 0] * number * floats[at.LENGTH])
-        self.rigid_part(body, pin.SE3(np.eye(3), place), part)
+        for part in spec.flexible.lumped if spec.flexible is not None else ():
+            node = {'base': 0, 'tip': int(ints[at.ELEMENTS])}.get(str(part.node), part.node)
+            place = (floats[at.BODY_PLACE:at.BODY_PLACE + 3]
+                     + beam_axes(floats)[:, 0] * int(node) * floats[at.LENGTH])
+            self.rigid_part(body, pin.SE3(np.eye(3), place), part)
 
     def _end(self, index: int, beam: BeamSpec, where: str) -> FloatArray:
         start = np.asarray(beam.start, dtype=float)
@@ -499,7 +486,7 @@ def place_gauge(mechanism: Mechanism, arm: Arm, gauge: GaugeSpec) -> GaugePlace:
         raise SimulationError(msg)
     body = mechanism.body_of[gauge.joint]
     floats = mechanism.body_float[body]
-    frame = floats[at.BODY_ROTATION:at.BODY_ROTATION + 9].reshape(3, 3)
+    frame = beam_axes(floats)
     start = floats[at.BODY_PLACE:at.BODY_PLACE + 3]
     distance = float(frame[:, 0] @ (gauge_point(gauge) - start))
     axis = floats[at.AXIS:at.AXIS + 3] if gauge.axis is None else unit_vector(gauge.axis)

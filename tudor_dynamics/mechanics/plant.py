@@ -16,130 +16,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tudor_dynamics.compiled import compiled
 from tudor_dynamics.errors import check_type, SimulationError
 from tudor_dynamics.mechanics import chain as at, integrator as gen, settings
-from tudor_dynamics.mechanics.chain import Chain, forward, rotation_at, vector_at
-from tudor_dynamics.mechanics.equations import (
-    along, hermite_mass, hermite_slope, hermite_stiffness, inner, inverse_dynamics, node_values)
+from tudor_dynamics.mechanics.chain import forward
+from tudor_dynamics.mechanics.equations import inverse_dynamics
 from tudor_dynamics.mechanics.integrator import (
     Joints, PlantTables, report, reported_places, step_and_report)
-from tudor_dynamics.mechanics.mass import mass_matrix, own_rigid, times_inertia, unit
+from tudor_dynamics.mechanics.matrices import (
+    add_stretch, mass_matrix, stiffness_matrix, stretch_energy)
 from tudor_dynamics.mechanics.mechanism import Mechanism
-from tudor_dynamics.mechanics.small_algebra import add, dot, times, turn
-from tudor_dynamics.mechanics.stiffness import add_stretch, stiffness_matrix
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Energy of a mechanism, and the forward pass that it needs
-
-@compiled
-def energy(
-    z: NDArray, dz: NDArray, gravity: NDArray, chain: Chain,
-) -> tuple[float, float, float]:
-    """Give kinetic, elastic and gravitational energy [J]: z, dz (n,), gravity (3,) [m/s^2]."""
-    body_int, body_float, coordinate = chain.body_int, chain.body_float, chain.coordinate
-    kinetic, elastic, weight = 0.0, 0.0, 0.0
-    for i in range(z.shape[0]):
-        kinetic += 0.5 * coordinate[i, at.HUB] * dz[i] * dz[i]
-        elastic += 0.5 * coordinate[i, at.STIFFNESS] * z[i] * z[i]
-    own = np.zeros(10)
-    for b in range(body_int.shape[0]):
-        ints, floats, here = body_int[b], body_float[b], chain.moving[b]
-        world, origin = rotation_at(here, at.WORLD), vector_at(here, at.ORIGIN)
-        v, w = vector_at(here, at.VELOCITY), vector_at(here, at.OMEGA)
-        if ints[at.FLEXIBLE] == 0:
-            own[:] = 0.0
-            own_rigid(floats, own)
-            push, moment = times_inertia(own, v, w)
-            kinetic += 0.5 * (dot(v, push) + dot(w, moment))
-            place = add(times(own[0], origin), turn(world, (own[1], own[2], own[3])))
-            weight -= dot(vector_at(gravity, 0), place)
-            continue
-        first, length, density = ints[at.FIRST], floats[at.LENGTH], floats[at.DENSITY]
-        polar = floats[at.POLAR] * length
-        for e in range(ints[at.ELEMENTS]):
-            u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
-            v1, v2 = node_values(dz, first, e), node_values(dz, first, e + 1)
-            x = along(e * length + u1[0], (e + 1) * length + u2[0], length)
-            y = (u1[1], u1[5], u2[1], u2[5])
-            s = (u1[2], -u1[4], u2[2], -u2[4])
-            dx, dy = along(v1[0], v2[0], length), (v1[1], v1[5], v2[1], v2[5])
-            ds = (v1[2], -v1[4], v2[2], -v2[4])
-            one = (1.0, 0.0, 1.0, 0.0)
-            total = (0.0, 0.0, 0.0)
-            for axis in range(3):
-                if axis == 0:
-                    a0, row, own_rate, field = v[0], (0.0, -w[2], w[1]), dx, x
-                elif axis == 1:
-                    a0, row, own_rate, field = v[1], (w[2], 0.0, -w[0]), dy, y
-                else:
-                    a0, row, own_rate, field = v[2], (-w[1], w[0], 0.0), ds, s
-                p = (a0 * one[0] + row[0] * x[0] + row[1] * y[0] + row[2] * s[0] + own_rate[0],
-                     row[0] * x[1] + row[1] * y[1] + row[2] * s[1] + own_rate[1],
-                     a0 + row[0] * x[2] + row[1] * y[2] + row[2] * s[2] + own_rate[2],
-                     row[0] * x[3] + row[1] * y[3] + row[2] * s[3] + own_rate[3])
-                kinetic += 0.5 * inner(p, hermite_mass(p, length, density))
-                h = hermite_mass(field, length, density)
-                total = add(total, times(h[0] + h[2], unit(axis)))
-            t1, t2 = w[0] + v1[3], w[0] + v2[3]
-            kinetic += polar * (t1 * t1 + t1 * t2 + t2 * t2) / 6.0
-            stretch = u2[0] - u1[0] + floats[at.STRETCH] * 0.5 * (
-                inner(y, hermite_slope(y, length)) + inner(s, hermite_slope(s, length)))
-            elastic += 0.5 * (
-                floats[at.EA] / length * stretch**2
-                + floats[at.GJ] / length * (u2[3] - u1[3]) ** 2
-                + inner(y, hermite_stiffness(y, length, floats[at.EIZ]))
-                + inner(s, hermite_stiffness(s, length, floats[at.EIY])))
-            place = add(times(density * length, origin), turn(world, total))
-            weight -= dot(vector_at(gravity, 0), place)
-    return kinetic, elastic, weight
-
-
-# -- What is handed to a plant: taken as it is, or refused in one line
-
-def put(
-    vector: FloatArray, places: NDArray[np.intp], values: ArrayLike, name: str,
-    joints: Sequence[str],
-) -> None:
-    """
-    Put a value of each joint where it belongs.
-
-    places (joints,), values (joints,) [unit of the vector]; writes vector (n,).
-    """
-    try:
-        vector[places] = values
-    except (TypeError, ValueError):
-        msg = (f'{name} is {repr(values)[:60]}; expected {places.size} numbers, for the '
-               f'joints {list(joints)}')
-        raise SimulationError(msg) from None
-
-
-def put_force(wrench: FloatArray, force: FloatArray, tip: int) -> None:
-    """
-    Put an external force where it acts.
-
-    force (3,) [N, N m]; writes wrench (points, 6) [N, N m].
-    """
-    if force.shape == wrench.shape:
-        wrench[:] = force
-    elif force.shape in ((3,), (6,)):
-        wrench[:] = 0.0
-        wrench[tip, :force.size] = force
-    else:
-        msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
-               f'or {wrench.shape} for all points')
-        raise SimulationError(msg)
-
-
-# -- What a plant reports after a step, and after one that failed
 
 DrivenBy = Literal['torque', 'motion', 'hold']
 
@@ -158,8 +51,7 @@ class PlantState:
     effort: FloatArray
 
 
-@dataclass(frozen=True)
-class Energy:
+class Energy(NamedTuple):
     """Kinetic, elastic and gravitational energy [J]."""
 
     kinetic: float  # energy of the motion [J]
@@ -172,92 +64,12 @@ class Energy:
         return self.kinetic + self.elastic + self.gravity
 
 
-@dataclass(frozen=True)
-class Counts:
+class Counts(NamedTuple):
     """Newton iterations and factorisations since the last reset."""
 
     iterations: int  # Newton iterations since the last reset
     factorisations: int  # factorisations since the last reset
 
-
-def failure_message(
-    status: int, name: str, t: float, dt: float, energy: float, loose: list[str],
-) -> str:
-    """Put a failure into one line: t, dt [s], energy [J]."""
-    if status == gen.BAD_INPUT:
-        return f'{name}: a torque, force or motion at t = {t:.6g} s is not finite; check the input'
-    if status == gen.SINGULAR:
-        return (f'{name}: the mass matrix is singular: a joint or node moves nothing (joints free '
-                f'to move: {loose}); give every moving link a mass, or a hub_inertia')
-    if status == gen.TOO_BENT:
-        return (f'{name}: at t = {t:.6g} s a link is bent by more than {settings.MAX_ROTATION} '
-                f'rad, where a linear beam means nothing; energy before: {energy:.6g} J; check '
-                'torques and sections')
-    return (f'{name}: the run diverged at t = {t:.6g} s, energy before: {energy:.6g} J; take a '
-            f'smaller step than {dt:g} s or check torques and masses')
-
-
-# -- Static equilibrium of a mechanism, and whether a step can follow its links
-
-Imbalance = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
-
-
-def find_equilibrium(
-    mechanism: Mechanism, z: FloatArray, stiffness: FloatArray, imbalance: Imbalance,
-) -> None:
-    """
-    Bend the links as they rest under weight and forces, joints where they are.
-
-    Newton with the elastic tangent stiffness, which gravity hardly changes.
-
-    z (n,) [rad, m], stiffness (n, n).
-    """
-    elastic = mechanism.elastic
-    if not elastic.any():
-        return
-    pick = np.ix_(elastic, elastic)
-    zero = np.zeros_like(z)
-    for _ in range(100):
-        tangent = np.tril(stiffness)
-        add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, tangent)
-        tangent = tangent + np.tril(tangent, -1).T
-        missing = imbalance(z, zero, zero)[elastic]
-        change = np.linalg.solve(tangent[pick], missing)
-        # Shorter first steps where a beam bends far: the normal force overshoots.
-        largest = float(np.abs(change).max())
-        if not np.isfinite(largest) or np.abs(z[elastic]).max() > 1e3:
-            break
-        z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
-        if largest < 1e-11:
-            return
-    msg = (f'{mechanism.name}: no static equilibrium was found, the links are too weak for their '
-           'weight; check sections and material, or set simulation.start: undeformed')
-    raise SimulationError(msg)
-
-
-def check_step(
-    mechanism: Mechanism, stiffness: FloatArray, mass: FloatArray, dt: float,
-) -> None:
-    """
-    Refuse a step that cannot follow the slowest vibration of the links, joints held.
-
-    stiffness, mass (n, n), dt [s].
-    """
-    free = np.flatnonzero(mechanism.elastic)
-    if free.size == 0:
-        return
-    pick = np.ix_(free, free)
-    flexibility = np.linalg.solve(stiffness[pick], mass[pick])
-    slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
-    # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
-    if dt * slowest > 1.0 / 8.0 and dt > 2e-3:
-        msg = (f'{mechanism.name}: a step of {dt:g} s is too large, the slowest '
-               f'vibration of the links has {slowest:.3g} Hz; take at most '
-               f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
-        raise SimulationError(msg)
-
-
-# -- A mechanism that is advanced step by step: the plant of a control loop
 
 __all__ = ['Counts', 'DrivenBy', 'Energy', 'Plant', 'PlantState']
 
@@ -322,7 +134,7 @@ class Plant:
         self.state = PlantState(0.0, *self._joints.state)  # rows are views
         self.dt = dt
         self.reset()
-        check_step(mechanism, self.stiffness, self.mass_matrix(), dt)
+        self._check_step()
 
     def parameters_changed(self) -> None:
         """Take over changed tables of the mechanism: stiffness, damping, masses."""
@@ -354,10 +166,17 @@ class Plant:
 
     def energy(self) -> Energy:
         """Give the energy of the present state [J]."""
-        tables = self.tables
-        z, dz = tables.vectors[gen.Z], tables.vectors[gen.DZ]
-        forward(z, dz, tables.vectors[gen.DDZ], tables.chain, 0.0)
-        return Energy(*energy(z, dz, self.mechanism.gravity, tables.chain))
+        mechanism, chain, z, dz = self.mechanism, self.tables.chain, self.coordinates, self.rates
+        kinetic = 0.5 * dz @ self.mass_matrix() @ dz
+        elastic = 0.5 * z @ self.stiffness @ z + stretch_energy(
+            z, mechanism.body_int, mechanism.body_float)
+        gravity = 0.0
+        for b in np.flatnonzero(mechanism.body_int[:, at.PARENT] < 0):
+            mass, *moment = self.tables.composite.inertias[b, :4]  # of all that the body carries
+            here = chain.moving[b]
+            gravity -= float(mechanism.gravity @ (
+                mass * here[at.ORIGIN:][:3] + here[at.WORLD:][:9].reshape(3, 3) @ moment))
+        return Energy(float(kinetic), float(elastic), gravity)
 
     def mass_matrix(self) -> FloatArray:
         """Give the mass matrix over all coordinates at the present state."""
@@ -366,6 +185,13 @@ class Plant:
         forward(z, z * 0.0, z * 0.0, chain, 0.0)
         mass_matrix(z, chain, self.tables.composite, result)
         return result
+
+    def bent_stiffness(self) -> FloatArray:
+        """Give the tangent stiffness over all coordinates at the present state, (n, n)."""
+        bent = self.stiffness.copy()
+        add_stretch(self.coordinates, self.mechanism.body_int, self.mechanism.body_float, 1.0, 0.0,
+                    bent)
+        return np.tril(bent) + np.tril(bent, -1).T
 
     def imbalance(
         self, z: FloatArray, dz: FloatArray, ddz: FloatArray, *, elastic: bool = True,
@@ -428,19 +254,18 @@ class Plant:
             self.tables.prescribed[index] = drive != 'torque'
         self.parameters_changed()
         if external_force is not None:
-            self._set_force(np.asarray(external_force, dtype=float))
+            self._set_force(external_force)
         if equilibrium is None:
             equilibrium = self.mechanism.start == 'equilibrium'
         if equilibrium:
-            find_equilibrium(self.mechanism, self.coordinates, self.stiffness, self.imbalance)
+            self._find_equilibrium()
         if dq is not None:
             self._put(self.tables.vectors[gen.DZ], dq, 'dq')
         self.tables.motion[0, self._q] = self.tables.vectors[gen.Z, self._q]
         self.tables.settings[[gen.FACTORED, gen.PEAK, gen.ITERATIONS, gen.FACTORS]] = 0.0
         self.tables.settings[[gen.CONTRACTION, gen.ORDER]] = 0.5, 1.0
         self._time_steps, self._t0 = 0, 0.0
-        self._start_accelerations()
-        self._read_state()
+        self._start()
         return self.state
 
     def drive(self, joint: str, kind: DrivenBy) -> None:
@@ -505,12 +330,14 @@ class Plant:
         if torque is not None:
             self._put(tables.torque, torque, 'torque')
         if external_force is not None:
-            self._set_force(np.asarray(external_force, dtype=float))
+            self._set_force(external_force)
         elif self.loaded:
             tables.chain.wrench[:] = 0.0
             self.loaded = False
         if motion is not None:
-            self._set_motion(motion)
+            follows = [number for number, kind in enumerate(self._drives) if kind == 'motion']
+            for row, values in zip(tables.motion, motion, strict=True):
+                row[self._q[follows]] = np.asarray(values, dtype=float)[follows]
         status = step_and_report(self.loaded, self._places)
         if status != gen.OK:
             self._fail(status)
@@ -550,8 +377,7 @@ class Plant:
 
         """
         self.tables.torque[self._q] = torque
-        self._start_accelerations()
-        self._read_state()
+        self._start()
 
     def set_state(self, t: float, z: FloatArray, dz: FloatArray, torque: FloatArray) -> None:
         """
@@ -570,8 +396,7 @@ class Plant:
         self.tables.vectors[gen.Z], self.tables.vectors[gen.DZ] = z, dz
         self.tables.torque[self._q] = torque
         self._t0, self._time_steps = t, 0
-        self._start_accelerations()
-        self._read_state()
+        self._start()
 
     def counts(self) -> Counts:
         """Give the iterations and factorisations since the last reset."""
@@ -622,29 +447,93 @@ class Plant:
         tables.vectors[gen.ACC] = tables.vectors[gen.OLD_DDZ] = tables.vectors[gen.DDZ]
 
     def _put(self, vector: FloatArray, values: ArrayLike, name: str) -> None:
-        put(vector, self._q, values, name, self.mechanism.joints)
+        """Write a value of each joint at its coordinate."""
+        try:
+            vector[self._q] = values
+        except (TypeError, ValueError):
+            msg = (f'{name} is {repr(values)[:60]}; expected {self._q.size} numbers, for the '
+                   f'joints {list(self.mechanism.joints)}')
+            raise SimulationError(msg) from None
 
-    def _set_force(self, force: FloatArray) -> None:
-        wrench = self.tables.chain.wrench
-        put_force(wrench, force, self.mechanism.tip)
+    def _set_force(self, given: ArrayLike) -> None:
+        """Take an external force [N, N m] at the tip, or forces at all points."""
+        wrench, force = self.tables.chain.wrench, np.asarray(given, dtype=float)
+        if force.shape not in ((3,), (6,), wrench.shape):
+            msg = (f'external_force has shape {force.shape}; expected (3,) or (6,) at the tip, '
+                   f'or {wrench.shape} for all points')
+            raise SimulationError(msg)
+        if force.ndim == 1:
+            wrench[:] = 0.0
+            wrench[self.mechanism.tip, :force.size] = force
+        else:
+            wrench[:] = force
         if not np.isfinite(wrench).all():
             self._fail(gen.BAD_INPUT)
         self.loaded = True
 
-    def _set_motion(self, motion: tuple[ArrayLike, ArrayLike, ArrayLike]) -> None:
-        for row, values in enumerate(motion):
-            given = np.asarray(values, dtype=float)
-            for number, drive in enumerate(self._drives):
-                if drive == 'motion':
-                    self.tables.motion[row, self._q[number]] = given[number]
-
-    def _read_state(self) -> None:
+    def _start(self) -> None:
+        """Solve for the accelerations of the present state, and report it."""
+        self._start_accelerations()
         self.state.t = self._t0 + self._time_steps * self.dt
         report(self.tables, self._joints)
 
+    def _find_equilibrium(self) -> None:
+        """
+        Bend the links as they rest under weight and forces, joints where they are.
+
+        Newton with the elastic tangent stiffness, which gravity hardly changes.
+        """
+        mechanism, z = self.mechanism, self.coordinates
+        elastic = mechanism.elastic
+        if not elastic.any():
+            return
+        pick, zero = np.ix_(elastic, elastic), np.zeros_like(z)
+        for _ in range(100):
+            missing = self.imbalance(z, zero, zero)[elastic]
+            change = np.linalg.solve(self.bent_stiffness()[pick], missing)
+            # Shorter first steps where a beam bends far: the normal force overshoots.
+            largest = float(np.abs(change).max())
+            if not np.isfinite(largest) or np.abs(z[elastic]).max() > 1e3:
+                break
+            z[elastic] -= change * min(1.0, 0.2 / max(largest, 1e-300))
+            if largest < 1e-11:
+                return
+        msg = (f'{mechanism.name}: no static equilibrium was found, the links are too weak for '
+               'their weight; check sections and material, or set simulation.start: undeformed')
+        raise SimulationError(msg)
+
+    def _check_step(self) -> None:
+        """Refuse a step that cannot follow the slowest vibration of the links, joints held."""
+        free = np.flatnonzero(self.mechanism.elastic)
+        if free.size == 0:
+            return
+        pick = np.ix_(free, free)
+        flexibility = np.linalg.solve(self.stiffness[pick], self.mass_matrix()[pick])
+        slowest = 1.0 / np.sqrt(np.abs(np.linalg.eigvals(flexibility)).max()) / (2.0 * np.pi)
+        # Links so stiff that 2 ms do not follow them are meant as rigid: they stay damped.
+        if self.dt * slowest > 1.0 / 8.0 and self.dt > 2e-3:
+            msg = (f'{self.mechanism.name}: a step of {self.dt:g} s is too large, the slowest '
+                   f'vibration of the links has {slowest:.3g} Hz; take at most '
+                   f'{1.0 / (8.0 * slowest):.2g} s, better {1.0 / (100.0 * slowest):.1g} s')
+            raise SimulationError(msg)
+
     def _fail(self, status: int) -> NoReturn:
-        loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
-                 if not self.tables.prescribed[index]]
-        t = self._t0 + (self._time_steps + 1) * self.dt
-        raise SimulationError(failure_message(
-            status, self.mechanism.name, t, self.dt, self.energy().total, loose))
+        """Put a failure into one line."""
+        name, t = self.mechanism.name, self._t0 + (self._time_steps + 1) * self.dt
+        if status == gen.BAD_INPUT:
+            msg = (f'{name}: a torque, force or motion at t = {t:.6g} s is not finite; check the '
+                   'input')
+        elif status == gen.SINGULAR:
+            loose = [joint for joint, index in zip(self.mechanism.joints, self._q, strict=True)
+                     if not self.tables.prescribed[index]]
+            msg = (f'{name}: the mass matrix is singular: a joint or node moves nothing (joints '
+                   f'free to move: {loose}); give every moving link a mass, or a hub_inertia')
+        elif status == gen.TOO_BENT:
+            msg = (f'{name}: at t = {t:.6g} s a link is bent by more than '
+                   f'{settings.MAX_ROTATION} rad, where a linear beam means nothing; energy '
+                   f'before: {self.energy().total:.6g} J; check torques and sections')
+        else:
+            msg = (f'{name}: the run diverged at t = {t:.6g} s, energy before: '
+                   f'{self.energy().total:.6g} J; take a smaller step than {self.dt:g} s or check '
+                   'torques and masses')
+        raise SimulationError(msg)

@@ -42,6 +42,8 @@ COLOURS = ('#1f5fa8', '#c8502d', '#3a8a4f', '#7a52a0')
 STYLES = ('-', (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 """Lines that can be told apart in grey, too."""
 AXES = ('x', 'y', 'z')
+HIGHEST = 150.0
+"""Frequency up to which spectra are drawn [Hz]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,18 +114,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     write_whole(path, stream.getvalue())
 
 
-def plot_signal(
-    path: Path, run: PlantRecord, signal: Curves, *, title: str | None = None,
-    highest: float = 150.0,
-) -> None:
-    """Draw a signal into a picture."""
-    save_figure(draw_signal(run, signal, title=title, highest=highest), path)
-
-
-def draw_signal(
-    run: PlantRecord, signal: Curves, *, title: str | None = None, highest: float = 150.0,
-) -> Figure:
-    """Draw a signal over time and over frequency: highest [Hz]."""
+def draw_signal(run: PlantRecord, signal: Curves, *, title: str | None = None) -> Figure:
+    """Draw a signal over time and over frequency."""
     figure = Figure(figsize=(9.0, 5.4), layout='constrained')
     upper, lower = figure.subplots(2, 1)
     frequency, amplitude = spectrum(signal.values, float(run.t[1] - run.t[0]))
@@ -137,7 +129,7 @@ def draw_signal(
               xlim=(0, run.t[-1]))
     top = max(float(amplitude[1:].max()), 1e-12)
     lower.set(xlabel='f [Hz]', ylabel=f'amplitude [{signal.unit}]', ylim=(top * 1e-5, 2.0 * top),
-              xlim=(0, min(highest, frequency[-1])))
+              xlim=(0, min(HIGHEST, frequency[-1])))
     for axes in (upper, lower):
         axes.grid(alpha=0.3)
     upper.legend(loc='upper right', frameon=False, ncols=4, handlelength=3.0)
@@ -218,11 +210,10 @@ def check_target(path: Path) -> None:
         raise SimulationError(msg)
 
 
-def animate(path: Path, run: PlantRecord, mechanism: Mechanism, *, rate: float = 25.0) -> None:
-    """Draw a run as a moving picture in real time: rate [Hz]."""
+def animate(path: Path, run: PlantRecord, mechanism: Mechanism) -> None:
+    """Draw a run as a moving picture in real time, with 25 frames a second at most."""
     check_target(path)
-    seconds = float(run.t[-1] - run.t[0])
-    rate = min(rate, MAX_FRAMES / max(seconds, 1e-6))
+    rate = min(25.0, MAX_FRAMES / max(float(run.t[-1] - run.t[0]), 1e-6))
     frames = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1], 1.0 / rate)))
     figure = Figure(figsize=(5.2, 4.8))
     axes = figure.add_subplot(projection='3d')

@@ -184,26 +184,30 @@ class Rig:
         while self._inward and self._inward[0][0] <= self.t + 1e-9:
             _, arrived = self._inward.popleft()
             self._hear(arrived)
-        if self.source is not None and 'source' not in self.frozen:
-            reference = self.source.step(self.t, 1.0 / self.rate)
-            if reference is not None and not self._lost():
-                if self.controller is not None and 'controller' not in self.frozen:
-                    self.controller.reference.add(self.t, *reference)
+        controller, source = self._awake()
+        reference = None if source is None else source.step(self.t, 1.0 / self.rate)
+        if reference is not None and not self._lost() and controller is not None:
+            controller.reference.add(self.t, *reference)
         self._watch()
         while self._outward and self._outward[0][0] <= self.t + 1e-9:
             _, command = self._outward.popleft()
             self.process.command(command)
         self.t += 1.0 / self.rate
 
+    def _awake(self) -> tuple[MotionController | None, ReferenceSource | None]:
+        """Give controller and source, None where it is dead or frozen."""
+        return (None if 'controller' in self.frozen else self.controller,
+                None if 'source' in self.frozen else self.source)
+
     def _lost(self) -> bool:
         return self.loss > 0.0 and bool(self._random.random() < self.loss)
 
     def _hear(self, sample: Sample) -> None:
+        controller, source = self._awake()
         finite = bool(np.isfinite(sample.q).all())
-        if self.source is not None and 'source' not in self.frozen and finite:
-            self.source.measured(self.t, sample.q)
-        controller = self.controller
-        if controller is None or 'controller' in self.frozen or not (finite and self.active):
+        if source is not None and finite:
+            source.measured(self.t, sample.q)
+        if controller is None or not (finite and self.active):
             return
         stamp, self._stamp = self._stamp, sample.t
         dt = sample.t - stamp if stamp is not None else 0.0
@@ -214,9 +218,10 @@ class Rig:
         if self.t < self._due - 1e-9:
             return
         self._due = self.t + WATCH_PERIOD
-        if self.controller is not None and 'controller' not in self.frozen:
-            self._command(self.controller.watch(self.t) if self.active
-                          else self.controller.stand_still(self.t))
+        controller, _ = self._awake()
+        if controller is not None:
+            self._command(controller.watch(self.t) if self.active
+                          else controller.stand_still(self.t))
 
     def _command(self, command: FloatArray | None) -> None:
         if command is None:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields
 import io
 import math
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.small_algebra import (
     add, exponential, left_jacobian, product, sub, turn, turn_back)
-from tudor_dynamics.mechanics.stiffness import add_stretch
 from tudor_dynamics.typing import FloatArray
 
 
@@ -67,33 +66,24 @@ class Observation:
     gauge_moment: FloatArray
 
 
-@dataclass(frozen=True)
-class BeamPlace:
-    """A place along a beam: joint before it and distance from the beam's start [m]."""
-
-    joint: str  # joint before the beam
-    distance: float  # distance from the beam's start [m]
-
-
 class Probe:
     """
     Nodal motion, internal loads and strains of a plant.
 
+    sections: joint before a beam and distance from its start [m], the middle of each by default;
     bodies, places (places,) [m], gains (gauges, 3); writes loads (places, LOADS) [N, N m].
     """
 
-    def __init__(self, plant: Plant, sections: list[BeamPlace] | None = None,
+    def __init__(self, plant: Plant, sections: Sequence[tuple[str, float]] | None = None,
                  arm: Arm | None = None) -> None:
         self.plant = plant
         mechanism = plant.mechanism
-        self.sections = [BeamPlace(joint, 0.5 * mechanism.length(joint))
-                         for joint in mechanism.beams] if sections is None else list(sections)
-        self.gauge_names = tuple(g.name for g in arm.gauges) if arm is not None else ()
-        self._count = len(self.sections)
-        places = [(s.joint, s.distance) for s in self.sections]
-        self.gains = np.zeros((len(self.gauge_names), 3))
+        places = [(joint, 0.5 * mechanism.length(joint))
+                  for joint in mechanism.beams] if sections is None else list(sections)
+        count, gauges = len(places), arm.gauges if arm is not None else ()
+        self.gains = np.zeros((len(gauges), 3))
         if arm is not None:
-            places += [self._gauge(arm, number) for number in range(len(arm.gauges))]
+            places += [self._gauge(arm, number) for number in range(len(gauges))]
         for joint, distance in places:
             self._check(joint, distance)
         self.bodies = np.array([mechanism.body_of[joint] for joint, _ in places], dtype=np.int64)
@@ -101,16 +91,15 @@ class Probe:
         self.loads = np.zeros((len(places), LOADS))
         self._points = np.zeros((3, mechanism.points, 3))
         self._force = np.zeros(mechanism.size)
-        self._gauge_loads = self.loads[self._count:]
+        self._gauge_loads = self.loads[count:]
         # plain numbers: those of numpy take longer than the mechanics
         self._gauge_gains = [
             (per_moment, per_rate, int(axis), math.copysign(1.0, per_moment))
             for per_moment, per_rate, axis in self.gains.tolist()]
         position, velocity, acceleration = self._points
         self.observation = Observation(
-            position, velocity, acceleration, self.loads[:self._count, :3],
-            self.loads[:self._count, 3:6], np.zeros((len(mechanism.joints), 6)),
-            np.zeros(len(self.gauge_names)), np.zeros(len(self.gauge_names)))
+            position, velocity, acceleration, self.loads[:count, :3], self.loads[:count, 3:6],
+            np.zeros((len(mechanism.joints), 6)), np.zeros(len(gauges)), np.zeros(len(gauges)))
 
     def observe(self) -> Observation:
         """Look at the present state of the plant."""
@@ -192,12 +181,12 @@ class InertialReadings:
     They are those of the beam's end, x along the beam; of the tip frame where no beam ends there.
     """
 
-    axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
+    sensor_axes: FloatArray  # of each sensor in the base frame, as columns, (sensors, 3, 3)
     # Turning of each sensor, as a gyroscope reads it, (sensors, 3) [rad/s].
-    angular_velocity: FloatArray
+    sensor_turning: FloatArray
     # Acceleration less gravity, as an accelerometer reads it: at rest it points upwards,
     # (sensors, 3) [m/s^2].
-    specific_force: FloatArray
+    sensor_acceleration: FloatArray
 
 
 def _tip(mechanism: Mechanism) -> int:
@@ -232,8 +221,8 @@ class InertialSensors:
         found = self._readings
         read_inertial(
             plant.coordinates, plant.rates, plant.mechanism.gravity, plant.tables.chain,
-            self._bodies, self._nodes, acceleration, found.axes.reshape(len(self.names), 9),
-            found.angular_velocity, found.specific_force)
+            self._bodies, self._nodes, acceleration, found.sensor_axes.reshape(-1, 9),
+            found.sensor_turning, found.sensor_acceleration)
         return found
 
 
@@ -258,25 +247,25 @@ class Modes:
                 zip(self.frequency, self.damping, strict=True), start=1))])
 
 
+def _differences(
+    plant: Plant, step: float, force: Callable[[FloatArray], FloatArray],
+) -> FloatArray:
+    """Give the derivatives of a force by each coordinate, or its rate, (n, n)."""
+    return np.array([(force(step * unit) - force(-step * unit)) / (2.0 * step)
+                     for unit in np.eye(plant.mechanism.size)])
+
+
 def stiffness_about_state(plant: Plant) -> FloatArray:
     """
     Give the tangent stiffness over all coordinates, gravity and stretch included.
 
     Returns (n, n).
     """
-    mechanism = plant.mechanism
-    z, zero = plant.coordinates.copy(), np.zeros(mechanism.size)
-    elastic = np.tril(plant.stiffness)
-    add_stretch(z, mechanism.body_int, mechanism.body_float, 1.0, 0.0, elastic)
+    z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
     # Differences for gravity alone: those of the stiffness would drown in its large numbers.
-    step, columns = 1e-6, []
-    for i in range(z.size):
-        change = np.zeros_like(z)
-        change[i] = step
-        columns.append((plant.imbalance(z + change, zero, zero, elastic=False)
-                        - plant.imbalance(z - change, zero, zero, elastic=False)) / (2.0 * step))
-    weight = np.array(columns)
-    return np.asarray(elastic + np.tril(elastic, -1).T + 0.5 * (weight + weight.T))
+    weight = _differences(
+        plant, 1e-6, lambda change: plant.imbalance(z + change, zero, zero, elastic=False))
+    return plant.bent_stiffness() + 0.5 * (weight + weight.T)
 
 
 def damping_about_state(plant: Plant) -> FloatArray:
@@ -286,12 +275,8 @@ def damping_about_state(plant: Plant) -> FloatArray:
     Returns (n, n).
     """
     z, zero = plant.coordinates.copy(), np.zeros(plant.mechanism.size)
-    columns = []
-    for i in range(z.size):
-        rate = np.zeros_like(z)
-        rate[i] = 1.0  # what is quadratic in the rates cancels
-        columns.append(0.5 * (plant.imbalance(z, rate, zero) - plant.imbalance(z, -rate, zero)))
-    return np.array(columns).T
+    # what is quadratic in the rates cancels
+    return _differences(plant, 1.0, lambda rate: plant.imbalance(z, rate, zero)).T
 
 
 def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -> Modes:
@@ -357,6 +342,8 @@ def modes(plant: Plant | Arm, count: int = 8, free_joints: Sequence[str] = ()) -
 
 # -- Whole runs: drive a plant through given torques and keep what it shows
 
+FIRST_STAMP = 1_000_000_000
+"""Stamp of t = 0 in bags [ns]: a stamp of zero would mean "not set" in ROS."""
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 Integrator = Literal['generalised-alpha', 'radau', 'bdf']
 
@@ -434,38 +421,26 @@ def largest_rotation(plant: Plant) -> float:
     return float(np.linalg.norm(turned, axis=1).max(initial=0.0))
 
 
-def _empty(
-    plant: Plant, probe: Probe, sensors: InertialSensors, samples: int,
-) -> PlantRecord:
-    shapes: dict[str, tuple[int, ...]] = {'t': (), 'energy': (3,), 'rotation': ()}
-    shapes |= dict.fromkeys(('q', 'dq', 'ddq', 'effort'), (len(plant.mechanism.joints),))
-    shapes |= dict.fromkeys(('position', 'velocity', 'acceleration'),
-                            (plant.mechanism.points, 3))
-    shapes['reaction'] = (len(plant.mechanism.joints), 6)
-    shapes |= dict.fromkeys(('force', 'moment'), (len(probe.sections), 3))
-    shapes |= dict.fromkeys(('strain', 'gauge_moment'), (len(probe.gauge_names),))
-    shapes['sensor_axes'] = (len(sensors.names), 3, 3)
-    shapes |= dict.fromkeys(('sensor_turning', 'sensor_acceleration'), (len(sensors.names), 3))
-    return PlantRecord(**{name: np.zeros((samples, *shape)) for name, shape in shapes.items()})
+class _Recorder:
+    """Writes what a plant shows into the rows of a run."""
 
+    def __init__(self, plant: Plant, probe: Probe, samples: int) -> None:
+        self._plant, self._probe = plant, probe
+        self._sensors = InertialSensors(plant.mechanism)
+        self.run = PlantRecord(**{name: np.zeros((samples, *np.shape(value)))
+                                  for name, value in self._look().items()})
 
-def _record(
-    run: PlantRecord, row: int, plant: Plant, probe: Probe, sensors: InertialSensors,
-) -> None:
-    state, seen = plant.state, probe.observe()
-    felt, energy = sensors.read(plant, seen.acceleration), plant.energy()
-    run.t[row] = state.t
-    run.q[row], run.dq[row], run.ddq[row] = state.q, state.dq, state.ddq
-    run.effort[row] = state.effort
-    run.position[row], run.velocity[row] = seen.position, seen.velocity
-    run.acceleration[row] = seen.acceleration
-    run.force[row], run.moment[row] = seen.force, seen.moment
-    run.reaction[row] = seen.reaction
-    run.strain[row], run.gauge_moment[row] = seen.strain, seen.gauge_moment
-    run.energy[row] = energy.kinetic, energy.elastic, energy.gravity
-    run.rotation[row] = largest_rotation(plant)
-    run.sensor_axes[row], run.sensor_turning[row] = felt.axes, felt.angular_velocity
-    run.sensor_acceleration[row] = felt.specific_force
+    def _look(self) -> dict[str, Any]:
+        """Give all that is recorded of the present state, by the fields of `PlantRecord`."""
+        seen = self._probe.observe()
+        felt = self._sensors.read(self._plant, seen.acceleration)
+        return {**vars(self._plant.state), **vars(seen), **vars(felt),
+                'energy': self._plant.energy(), 'rotation': largest_rotation(self._plant)}
+
+    def write(self, row: int) -> None:
+        """Write the present state into a row."""
+        for name, value in self._look().items():
+            getattr(self.run, name)[row] = value
 
 
 def run_plant(
@@ -479,35 +454,32 @@ def run_plant(
     torque (steps + 1, joints) [N m or N], motion (steps + 1, joints), force (steps + 1, 3) [N].
     """
     steps = torque.shape[0] - 1
-    sensors = InertialSensors(plant.mechanism)
-    run = _empty(plant, probe, sensors, steps // every + 1)
-    _record(run, 0, plant, probe, sensors)
-    told = 0
+    recorder = _Recorder(plant, probe, steps // every + 1)
+    recorder.write(0)
+    reported = 0
     for k in range(1, steps + 1):
         plant.step(torque[k], None if force is None else force[k],
                    None if motion is None else (motion[0][k], motion[1][k], motion[2][k]))
         if k % every == 0:
-            _record(run, k // every, plant, probe, sensors)
-        if progress is not None and (k - told >= 200 or k == steps):
-            progress(k - told)
-            told = k
-    return run
+            recorder.write(k // every)
+        if progress is not None and (k - reported >= 200 or k == steps):
+            progress(k - reported)
+            reported = k
+    return recorder.run
 
 
 def simulate_with_scipy(
     plant: Plant, probe: Probe, torque: FloatArray, *, every: int = 1,
-    method: Integrator = 'radau', rtol: float = 1e-6,
-    progress: Callable[[int], None] | None = None,
+    method: Integrator = 'radau', progress: Callable[[int], None] | None = None,
 ) -> PlantRecord:
     """Do the same with a solver of scipy, as a check of the integrator: slow, error controlled."""
     names: dict[str, str] = {'radau': 'Radau', 'bdf': 'BDF'}
-    n, dt = plant.mechanism.size, plant.dt
+    n, dt, rtol = plant.mechanism.size, plant.dt, 1e-6
     steps = torque.shape[0] - 1
     times = np.arange(steps + 1) * dt
     free = ~plant.prescribed
     z, dz = plant.coordinates.copy(), plant.rates.copy()
     count = int(free.sum())
-    q_index = plant.mechanism.q_index
 
     def unpack(y: FloatArray) -> tuple[FloatArray, FloatArray]:
         place, rate = z.copy(), np.zeros(n)
@@ -521,7 +493,7 @@ def simulate_with_scipy(
         now = (1.0 - share) * torque[k] + share * torque[k + 1]
         return np.concatenate([y[count:], plant.solve_accelerations(place, rate, now)[free]])
 
-    scale = np.where(np.isin(np.flatnonzero(free), q_index), 1.0, 0.01)
+    scale = np.where(np.isin(np.flatnonzero(free), plant.mechanism.q_index), 1.0, 0.01)
     atol = rtol * np.concatenate([scale, 10.0 * scale])
     wanted = times[::every]
     result = solve_ivp(right_side, (0.0, times[-1]), np.concatenate([z[free], dz[free]]),
@@ -531,12 +503,11 @@ def simulate_with_scipy(
         reached = result.t[-1] if result.t.size else 0.0
         msg = f'{method} gave up at t = {reached:g} s: {result.message}'
         raise SimulationError(msg)
-    sensors = InertialSensors(plant.mechanism)
-    run = _empty(plant, probe, sensors, wanted.size)
+    recorder = _Recorder(plant, probe, wanted.size)
     for row, t in enumerate(wanted):
         place, rate = unpack(result.y[:, row])
         plant.set_state(float(t), place, rate, torque[row * every])
-        _record(run, row, plant, probe, sensors)
+        recorder.write(row)
         if progress is not None:
             progress(every if row else 0)
-    return run
+    return recorder.run

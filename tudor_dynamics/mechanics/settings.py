@@ -22,39 +22,42 @@ from __future__ import annotations
 
 # -- Beams and the integrator
 
+# Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]
+# (bench/small_displacements.py).
 LARGEST_ROTATION = 0.3
-"""Elastic rotation up to which a beam bends as it should: a cantilever by 4 % too much [rad]
-(bench/small_displacements.py)."""
+# Elastic rotation at which a run ends [rad]: deflections are 35 % too large at 1 rad
+# (bench/small_displacements.py).
 MAX_ROTATION = 1.2
-"""Elastic rotation at which a run ends [rad]: far beyond what a linear beam can mean."""
+# Newton iterations of a step; 2 to 4 are usual (bench/simulate_speed.py).
 MAX_ITERATIONS = 40
-"""Newton iterations of a step; 2 to 4 are usual (bench/simulate_speed.py)."""
+# Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance in the
+# closed loop, also at rest; source: none known.
 REST_ACCELERATION = 1e4
-"""Size of accelerations (squared, weighted by mass) that sets the integrator's tolerance in the
-closed loop, also at rest; source: none known."""
+# Spectral radius at the highest frequencies, and tolerance of Newton's iteration, in the closed
+# loop; source: none known, iterations of a step: measured in test/mechanics/test_prediction.py.
 LOOP_DAMPING, LOOP_TOLERANCE = 0.8, 1e-5
-"""Spectral radius at the highest frequencies, and tolerance of Newton's iteration, in the closed
-loop (bench/convergence.py)."""
 
 # -- Drives
 
+# Angle of the fastest allowed oscillation of the rotor on its gear per step [rad]: the semi-
+# implicit step is stable below 2.
 RIGID_GEAR = 0.5
-"""Angle of the fastest allowed oscillation of the rotor on its gear per step [rad]: the
-semi-implicit step is stable below 2."""
+# Damping of a rigid gear over sqrt(stiffness inertia): a tenth of critical damping; source: none
+# known.
 RIGID_GEAR_DAMPING = 0.2
-"""Damping of a rigid gear over sqrt(stiffness inertia): a tenth of critical damping."""
 
 # -- Recordings: random pushes and changes of load (docs/simulation.md)
 
+# Smallest and largest mass that is picked up [kg]: the payloads of the paper's experiments.
 LOADS = (0.1, 0.4)
-"""Smallest and largest mass that is picked up [kg]: the payloads of the paper's experiments."""
+# Not before models and filters have settled [s]; source: none known.
 FIRST_CHANGE = 6.0
-"""Not before models and filters have settled [s]."""
+# Long enough to identify one load before the next [s]; source: none known.
 BETWEEN_CHANGES = 6.0
-"""Long enough to identify one load before the next [s]."""
+# Smallest and largest force [N] and duration [s] of a push: from within the 2 to 6 N at which
+# detection is measured to twice as much (docs/validation.md).
 PUSH_FORCE, PUSH_TIME = (3.0, 12.0), (0.1, 1.0)
-"""Smallest and largest force [N] and duration [s] of a push (docs/contact.md)."""
+# The same of a push that is held: the forces at which detection is measured (docs/validation.md).
 HELD_FORCE, HELD_TIME = (2.0, 6.0), (1.5, 4.0)
-"""The same of a push that is held."""
+# Not before the arm moves, after the rest of 1.5 s that an excitation begins with [s].
 FIRST_PUSH = 3.0
-"""Not before the arm moves [s]."""

@@ -36,24 +36,20 @@ from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, with_
 from tudor_dynamics.mechanics.plant import Plant
 from tudor_dynamics.mechanics.plots import (
     Curves, draw_signal, pick_signal, save_figure, signal_names, spectrum)
-from tudor_dynamics.mechanics.run import InertialSensors, PlantRecord, Probe, run_plant, Steps
+from tudor_dynamics.mechanics.run import (
+    FIRST_STAMP, InertialSensors, PlantRecord, Probe, run_plant, Steps)
 from tudor_dynamics.typing import FloatArray
 
-
-# -- Inputs of a run: torques, forces and motion as expressions in t or tables, checked first
 
 MAX_EXPRESSION = 2000
 MAX_TABLE_BYTES = 50_000_000
 
 
-def _ramp(x: FloatArray, width: float = 1.0) -> FloatArray:
-    return np.clip(x / width, 0.0, 1.0)
-
-
 FUNCTIONS: dict[str, Callable[..., FloatArray]] = {
     'sin': np.sin, 'cos': np.cos, 'tan': np.tan, 'exp': np.exp, 'sqrt': np.sqrt, 'abs': np.abs,
     'sign': np.sign, 'log': np.log, 'tanh': np.tanh, 'min': np.minimum, 'max': np.maximum,
-    'step': lambda x: np.where(np.asarray(x) >= 0.0, 1.0, 0.0), 'ramp': _ramp,
+    'step': lambda x: np.where(np.asarray(x) >= 0.0, 1.0, 0.0),
+    'ramp': lambda x, width=1.0: np.clip(x / width, 0.0, 1.0),
 }
 OPERATORS: dict[type, Callable[..., FloatArray]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
@@ -61,6 +57,8 @@ OPERATORS: dict[type, Callable[..., FloatArray]] = {
     ast.Lt: np.less, ast.LtE: np.less_equal, ast.Gt: np.greater, ast.GtE: np.greater_equal,
 }
 DIRECTIONS = ('x', 'y', 'z')
+Drive = ArrayLike | Callable[[float], float]
+"""What drives a joint: a constant, an expression, values, or a function of the time."""
 CONSTANTS = {'pi': np.pi, 'e': np.e}
 
 
@@ -156,51 +154,52 @@ def read_table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, dict[str
     return data[:, 0], {name: data[:, 1 + i] for i, name in enumerate(columns[1:])}
 
 
+def named_inputs(
+    words: Sequence[str], t: FloatArray, names: tuple[str, ...], in_tables: tuple[str, ...],
+    other: str,
+) -> dict[str, Drive]:
+    """
+    Take NAME=EXPRESSION and tables from the command line; what is neither gets a name as well.
+
+    t (samples,) [s].
+    """
+    found: dict[str, Drive] = {}
+    for word in words:
+        name, _, text = word.partition('=')
+        if text and name.strip() in names and not text.startswith('='):
+            found[name.strip()] = text
+        elif word.lower().endswith('.csv') or Path(word).is_file():
+            times, columns = read_table(Path(word), in_tables)
+            found |= {column: np.interp(t, times, values) for column, values in columns.items()}
+        else:
+            found[other] = word
+    return found
+
+
 def torque_signal(
-    words: list[str], t: FloatArray, joints: tuple[str, ...], active: tuple[str, ...],
+    words: Sequence[str], t: FloatArray, joints: tuple[str, ...], active: tuple[str, ...],
 ) -> FloatArray:
     """
     Give the torques of a run from what the command line says.
 
     t (samples,) [s]; returns (samples, joints) [N m or N], zero where nothing was said.
     """
-    result = np.zeros((t.size, len(joints)))
-    for word in words:
-        if not _put_named(result, word, t, joints, active):
-            result[:, joints.index(active[0])] = evaluate_expression(word, t)
-    return result
+    found = named_inputs(words, t, joints, active, active[0])
+    return sampled_columns('torque', found, t, joints, joints)
 
 
-def _put_named(
-    result: FloatArray, word: str, t: FloatArray, names: tuple[str, ...],
-    in_tables: tuple[str, ...],
-) -> bool:
-    """Take NAME=EXPRESSION or a table into the columns it names; False for anything else."""
-    name, _, text = word.partition('=')
-    if text and name.strip() in names and not text.startswith('='):
-        result[:, names.index(name.strip())] = evaluate_expression(text, t)
-        return True
-    if word.lower().endswith('.csv') or Path(word).is_file():
-        times, columns = read_table(Path(word), in_tables)
-        for column, values in columns.items():
-            result[:, names.index(column)] = np.interp(t, times, values)
-        return True
-    return False
-
-
-def force_signal(words: list[str], t: FloatArray) -> FloatArray:
+def force_signal(words: Sequence[str], t: FloatArray) -> FloatArray:
     """
     Give the force at the tip from what the command line says.
 
     t (samples,) [s]; returns (samples, 3) [N], zero where nothing was said.
     """
-    result = np.zeros((t.size, len(DIRECTIONS)))
-    for word in words:
-        if not _put_named(result, word, t, DIRECTIONS, DIRECTIONS):
-            msg = (f'{word!r} is no force: give x=EXPRESSION, y=... or z=... [N, base frame], or '
-                   'a CSV file with columns t, x, y, z')
-            raise SimulationError(msg)
-    return result
+    found = named_inputs(words, t, DIRECTIONS, DIRECTIONS, '')
+    if '' in found:
+        msg = (f'{found[""]!r} is no force: give x=EXPRESSION, y=... or z=... [N, base frame], or '
+               'a CSV file with columns t, x, y, z')
+        raise SimulationError(msg)
+    return sampled_columns('force', found, t, DIRECTIONS, DIRECTIONS)
 
 
 def motion_signal(
@@ -222,12 +221,6 @@ def motion_signal(
         for order in range(3):
             result[order][:, joints.index(joint)] = spline(t, nu=order)
     return (result[0], result[1], result[2]), list(columns)
-
-
-# -- Torques and forces as a program gives them, numbers, text, functions or arrays, over steps
-
-Drive = ArrayLike | Callable[[float], float]
-"""What drives a joint: a constant, an expression, values, or a function of the time."""
 
 
 def sampled(value: Drive, t: FloatArray, name: str) -> FloatArray:
@@ -273,16 +266,10 @@ def sampled_columns(
     return result
 
 
-# -- A run as files: one ``.npz`` with everything, and a rosbag2 as the real arm would record it
-
-START_NS = 1_000_000_000
-"""Stamp of the first message: 1 s, as 0 means no stamp to many tools [ns]."""
-
-
 def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals]:
     """Lay a run out on the topics of joint states, strains and accelerations."""
     refuse_interfaces(arm, 'a bag that is written here')
-    stamp = START_NS + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
+    stamp = FIRST_STAMP + np.rint((run.t - run.t[0]) * 1e9).astype(np.int64)
     series = [joint_signals(
         '/' + arm.spec.joint_topic.lstrip('/'), stamp, mechanism.joints, run.q, run.dq,
         run.effort)]
@@ -302,19 +289,6 @@ def run_series(run: PlantRecord, arm: Arm, mechanism: Mechanism) -> list[Signals
             frame=f'{name}_imu', msgtype=IMU))
     return series
 
-
-def save_run(
-    folder: Path, run: PlantRecord, arm: Arm, mechanism: Mechanism, *, bag: bool = True,
-) -> None:
-    """Write ``run.npz`` and ``bag/`` into a folder."""
-    run.save(folder / 'run.npz', joints=np.array(mechanism.joints),
-             gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
-             tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
-    if bag:
-        write_bag(folder / 'bag', run_series(run, arm, mechanism))
-
-
-# -- An arm driven by torques from its description, in one call: the simulator as a library
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
@@ -489,8 +463,14 @@ class SimulatedRun:
             If the bag exists already.
 
         """
-        Path(folder).mkdir(parents=True, exist_ok=True)
-        save_run(Path(folder), self.run, self.arm, self.mechanism, bag=bag)
+        path, arm, mechanism = Path(folder), self.arm, self.mechanism
+        path.mkdir(parents=True, exist_ok=True)
+        self.run.save(
+            path / 'run.npz', joints=np.array(mechanism.joints),
+            gauges=np.array(arm.gauge_names, dtype=str), beams=np.array(list(mechanism.beams)),
+            tip=np.array(mechanism.tip), sensors=np.array(InertialSensors(mechanism).names))
+        if bag:
+            write_bag(path / 'bag', run_series(self.run, arm, mechanism))
 
 
 def simulate(

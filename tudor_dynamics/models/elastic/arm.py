@@ -29,8 +29,8 @@ from tudor_dynamics.errors import SimulationError
 from tudor_dynamics.lanes import in_lanes, LANES, side_by_side, with_lanes
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.equations import LOADS
+from tudor_dynamics.mechanics.matrices import stiffness_matrix
 from tudor_dynamics.mechanics.mechanism import build_mechanism, Mechanism, place_gauge
-from tudor_dynamics.mechanics.stiffness import stiffness_matrix
 from tudor_dynamics.models.elastic import kernel, observer
 from tudor_dynamics.models.elastic.kernel import (
     DAMPING, Driven, Drives, Equations, Gauges, Gears, Linearised, look, MATRICES, move, sense,

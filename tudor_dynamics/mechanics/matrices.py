@@ -12,20 +12,25 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Mass matrix of a mechanism by composite bodies, from the tips inwards."""
+"""Mass, stiffness and damping matrices of a mechanism."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
 from tudor_dynamics.compiled import compiled
 from tudor_dynamics.mechanics import chain as at
 from tudor_dynamics.mechanics.chain import Chain, put_vector, rotation_at, vector_at
-from tudor_dynamics.mechanics.equations import along, hermite_mass, inner, node_values
+from tudor_dynamics.mechanics.equations import (
+    along, Four, hermite_mass, hermite_slope, hermite_stiffness, inner, node_values,
+    shape_function)
 from tudor_dynamics.mechanics.small_algebra import add, cross, dot, sub, times, turn, Vector
 
+
+# -- Mass matrix by composite bodies, from the tips inwards
 
 class Composite(NamedTuple):
     """Working memory of the mass matrix."""
@@ -115,9 +120,7 @@ def own_beam(
                 matrix[k + 3, m + 3] += polar / 6.0
             for slope in range(2):
                 j = 2 * side + slope
-                h = hermite_mass((1.0 if j == 0 else 0.0, 1.0 if j == 1 else 0.0,
-                                  1.0 if j == 2 else 0.0, 1.0 if j == 3 else 0.0),
-                                 length, density)
+                h = hermite_mass(shape_function(j), length, density)
                 sign = -1.0 if slope == 1 else 1.0
                 row_y, row_z = k + 1 + 4 * slope, k + 2 + 2 * slope
                 put_basis(columns[row_y], x, y, s, 1, h)
@@ -150,7 +153,7 @@ def own_rigid(floats: NDArray, inertia: NDArray) -> None:
 def turned_inertia(frame: tuple, inertia: NDArray, turned: NDArray) -> None:
     """Give the inertia of a composite body in the axes of its carrier, same origin."""
     turned[0] = inertia[0]
-    put_vector(turned, 1, turn(frame, (inertia[1], inertia[2], inertia[3])))
+    put_vector(turned, 1, turn(frame, vector_at(inertia, 1)))
     xx, yy, zz, xy, xz, yz = (inertia[4], inertia[5], inertia[6], inertia[7], inertia[8],
                               inertia[9])
     a = turn(frame, (xx, xy, xz))
@@ -166,7 +169,7 @@ def turned_inertia(frame: tuple, inertia: NDArray, turned: NDArray) -> None:
 @compiled
 def shifted_inertia(inertia: NDArray, place: Vector, target: NDArray) -> None:
     """Add a composite body that stands at ``place`` to another one."""
-    mass, s = inertia[0], (inertia[1], inertia[2], inertia[3])
+    mass, s = inertia[0], vector_at(inertia, 1)
     cross_term = 2.0 * dot(place, s) + mass * dot(place, place)
     target[0] += mass
     for i in range(3):
@@ -286,3 +289,123 @@ def mass_matrix(z: NDArray, chain: Chain, composite: Composite, matrix: NDArray)
                     columns[elastic + j, i] += push[i]
                     columns[elastic + j, 3 + i] += outer[i]
         shifted_inertia(turned, place, inertias[parent])
+
+
+# -- Elastic stiffness, straight and bent, and the damping that goes with it
+
+@compiled
+def add_column(
+    matrix: NDArray, first: int, e: int, j: int, scale: float, y: Four, z: Four,
+) -> None:
+    """Add what function j of element e makes of its bending along y and z; node 0 is clamped."""
+    if e + j // 2 == 0:
+        return
+    column, slope = first + 6 * (e + j // 2 - 1), j % 2
+    for i in range(4):
+        if e + i // 2 > 0:
+            row, rise = first + 6 * (e + i // 2 - 1), i % 2
+            sign = 1.0 if rise == slope else -1.0
+            matrix[row + 1 + 4 * rise, column + 1 + 4 * slope] += scale * y[i]
+            matrix[row + 2 + 2 * rise, column + 2 + 2 * slope] += sign * scale * z[i]
+
+
+@compiled
+def stiffness_matrix(
+    body_int: NDArray, body_float: NDArray, coordinate: NDArray, stiffness: NDArray,
+    damping: NDArray,
+) -> None:
+    """
+    Give the elastic stiffness and the damping by stiffness and joints.
+
+    Writes stiffness, damping (n, n).
+    """
+    stiffness[:] = 0.0
+    damping[:] = 0.0
+    for i in range(coordinate.shape[0]):
+        stiffness[i, i] = coordinate[i, at.STIFFNESS]
+        damping[i, i] = coordinate[i, at.DAMPING]
+    for b in range(body_int.shape[0]):
+        ints, floats = body_int[b], body_float[b]
+        if ints[at.FLEXIBLE] == 0:
+            continue
+        length, beta = floats[at.LENGTH], floats[at.BETA]
+        for e in range(ints[at.ELEMENTS]):
+            for j in range(4):
+                c = shape_function(j)
+                ky = hermite_stiffness(c, length, floats[at.EIZ])
+                kz = hermite_stiffness(c, length, floats[at.EIY])
+                add_column(stiffness, ints[at.FIRST], e, j, 1.0, ky, kz)
+                add_column(damping, ints[at.FIRST], e, j, beta, ky, kz)
+            for offset, value in ((0, floats[at.EA] / length), (3, floats[at.GJ] / length)):
+                k2 = ints[at.FIRST] + 6 * e + offset
+                k1 = k2 - 6
+                stiffness[k2, k2] += value
+                damping[k2, k2] += beta * value
+                if e > 0:
+                    for r, s, part in ((k1, k1, value), (k1, k2, -value), (k2, k1, -value)):
+                        stiffness[r, s] += part
+                        damping[r, s] += beta * part
+
+
+@compiled
+def add_stretch(
+    z: NDArray, body_int: NDArray, body_float: NDArray, gain: float, rate_gain: float,
+    matrix: NDArray,
+) -> None:
+    """
+    Add the tangent stiffness of bending that shortens a beam; only the lower triangle is right.
+
+    z (n,) [rad, m], matrix (n, n).
+    """
+    rows = np.empty(10, dtype=np.int64)
+    g = np.empty(10)
+    for b in range(body_int.shape[0]):
+        ints, floats = body_int[b], body_float[b]
+        if ints[at.FLEXIBLE] == 0 or floats[at.STRETCH] == 0.0:
+            continue
+        first, length = ints[at.FIRST], floats[at.LENGTH]
+        for e in range(ints[at.ELEMENTS]):
+            u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
+            y, s = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
+            gy, gz = hermite_slope(y, length), hermite_slope(s, length)
+            normal = floats[at.EA] / length * (
+                u2[0] - u1[0] + 0.5 * (inner(y, gy) + inner(s, gz)))
+            for side in range(2):
+                k = first + 6 * (e + side - 1) if e + side > 0 else -10
+                o = 5 * side
+                rows[o], rows[o + 1], rows[o + 2], rows[o + 3], rows[o + 4] = (
+                    k, k + 1, k + 5, k + 2, k + 4)
+                g[o] = 1.0 if side == 1 else -1.0
+                g[o + 1], g[o + 2] = gy[2 * side], gy[2 * side + 1]
+                g[o + 3], g[o + 4] = gz[2 * side], -gz[2 * side + 1]
+            stiff = (gain + rate_gain * floats[at.BETA]) * floats[at.EA] / length
+            for i in range(10):
+                if rows[i] < 0:
+                    continue
+                for j in range(10):
+                    if 0 <= rows[j] <= rows[i]:
+                        value = stiff * g[i] * g[j]
+                        if i % 5 == 0 and j % 5 == 0:
+                            value = 0.0  # the linear part is in the stiffness matrix
+                        matrix[rows[i], rows[j]] += value
+            for j in range(4):
+                h = hermite_slope(shape_function(j), length)
+                add_column(matrix, first, e, j, gain * normal, h, h)
+
+
+@compiled
+def stretch_energy(z: NDArray, body_int: NDArray, body_float: NDArray) -> float:
+    """Give the elastic energy [J] of the shortening by bending, beyond that of straight beams."""
+    total = 0.0
+    for b in range(body_int.shape[0]):
+        ints, floats = body_int[b], body_float[b]
+        if ints[at.FLEXIBLE] == 1 and floats[at.STRETCH] > 0.0:
+            first, length = ints[at.FIRST], floats[at.LENGTH]
+            for e in range(ints[at.ELEMENTS]):
+                u1, u2 = node_values(z, first, e), node_values(z, first, e + 1)
+                y, s = (u1[1], u1[5], u2[1], u2[5]), (u1[2], -u1[4], u2[2], -u2[4])
+                shorter = 0.5 * (inner(y, hermite_slope(y, length))
+                                 + inner(s, hermite_slope(s, length)))
+                total += 0.5 * floats[at.EA] / length * shorter * (
+                    2.0 * (u2[0] - u1[0]) + shorter)
+    return total
